@@ -1,0 +1,77 @@
+"""Differences between dolfinx releases, found by feature and not by version number.
+
+dolfinx renamed its gmsh module (``dolfinx.io.gmshio`` became ``dolfinx.io.gmsh``) and swapped the
+order of the arguments of ``create_mesh``.  The rest of the package goes through this module and
+does not know which release is installed.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import basix
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+
+__all__ = ["create_mesh", "gmsh_cell_permutation"]
+
+
+def _gmsh_reader() -> Any:
+    """The module of dolfinx that reads gmsh models."""
+    try:
+        return importlib.import_module("dolfinx.io.gmsh")
+    except ModuleNotFoundError as missing:
+        if missing.name != "dolfinx.io.gmsh":  # present, but gmsh itself is not installed
+            raise
+        return importlib.import_module("dolfinx.io.gmshio")
+
+
+def gmsh_cell_permutation(cell: str, nodes: int) -> npt.NDArray[np.intp]:
+    """Node order of a gmsh cell.
+
+    Parameters
+    ----------
+    cell
+        Cell name, for example ``"tetrahedron"``.
+    nodes
+        Nodes per cell (10 for a second-order tetrahedron).
+
+    Returns
+    -------
+    ndarray of int, (nodes,)
+        ``p`` such that ``cells_dolfinx = cells_gmsh[:, p]``.
+    """
+    permutation = _gmsh_reader().cell_perm_array(dmesh.to_type(cell), nodes)
+    return np.asarray(permutation, dtype=np.intp)
+
+
+def create_mesh(
+    cells: npt.NDArray[np.int64], x: npt.NDArray[np.float64], cell: str, order: int
+) -> dmesh.Mesh:
+    """A mesh on this process alone.
+
+    Parameters
+    ----------
+    cells
+        Nodes of each cell in dolfinx order, (cells, nodes per cell).
+    x
+        Coordinates, (nodes, gdim); every node belongs to some cell.
+    cell
+        Cell name.
+    order
+        Order of the geometry (1 straight, 2 curved).
+    """
+    element = basix.ufl.element(
+        "Lagrange",
+        cell,
+        order,
+        lagrange_variant=basix.LagrangeVariant.equispaced,
+        shape=(x.shape[1],),
+    )
+    # keywords: the order of e and x changed between releases
+    return dmesh.create_mesh(comm=MPI.COMM_SELF, cells=cells, e=ufl.Mesh(element), x=x)

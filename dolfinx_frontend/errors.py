@@ -1,0 +1,44 @@
+"""Exceptions and warnings of the frontend.  Every message names the thing, the value and the mend."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["SceneError", "SceneWarning", "unknown_name"]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be modelled as it was described."""
+
+
+class SceneWarning(UserWarning):
+    """A scene that can be modelled, but probably not as it was meant."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") -> SceneError:
+    """Error for a name that does not exist, with the nearest ones that do.
+
+    Parameters
+    ----------
+    kind
+        What the name should be the name of, e.g. ``"part"``.
+    name
+        The name that was given.
+    known
+        The names that exist.
+    where
+        Where it was given, e.g. ``"interface 'joint'"``.
+
+    Returns
+    -------
+    SceneError
+        To be raised by the caller.
+    """
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    hint = "did you mean " + " or ".join(repr(n) for n in near) + "?" if near else ""
+    shown = ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
+    prefix = f"{where}: " if where else ""
+    listing = f"known: {shown}" if names else f"there is no {kind} yet"
+    return SceneError(f"{prefix}unknown {kind} {name!r}; {hint + ' ' if hint else ''}({listing})")

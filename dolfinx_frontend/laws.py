@@ -1,0 +1,353 @@
+"""Interface laws of a scene: frozen records, no numerics.
+
+Notation, for all laws: n is the unit normal out of side 1; f_i the force per area that the interface
+exerts on side i; w_i the displacement of side i; j = w_2 - w_1 the jump.  One-sided interfaces have
+the ground as side 2, so that j = -w_1.  The local frame of a point is (n, t1[, t2]).  Units are the
+user's own consistent set, e.g. N and mm; then stiffness per area is N/mm^3 and pressure MPa.
+
+A *value* of a law is a number, an array with one row per interface point, a callable of the points
+``x (m, d) -> (m,)`` or ``(m, d)``, or an opaque parameter (random, swept) with a ``mean``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, Self, TypeAlias, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.errors import SceneError
+
+__all__ = [
+    "Array",
+    "Displacement",
+    "Elastic",
+    "Law",
+    "Parameter",
+    "Perfect",
+    "Pressure",
+    "Symmetry",
+    "Traction",
+    "Value",
+    "evaluate",
+    "is_plain",
+    "number",
+]
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+@runtime_checkable
+class Parameter(Protocol):
+    """A value that is not known yet (random or swept); deterministic solvers take its mean."""
+
+    @property
+    def mean(self) -> float:
+        """Nominal value."""
+
+
+Value: TypeAlias = (
+    float | Sequence[float] | Array | Callable[[Array], npt.ArrayLike] | Parameter
+)
+
+
+def is_plain(value: object) -> bool:
+    """Whether a value is a number or an array of numbers."""
+    if isinstance(value, (int, float, np.number, np.ndarray)):
+        return True
+    return isinstance(value, (list, tuple)) and all(is_plain(v) for v in value)
+
+
+def number(value: object) -> float | None:
+    """The value as a float if it is a single plain number, otherwise None."""
+    if isinstance(value, (int, float, np.number)):
+        return float(value)
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        return float(value)
+    return None
+
+
+def evaluate(
+    value: Any,
+    points: Array,
+    components: int,
+    what: str,
+    scalar: str = "all",
+    arrays: bool = True,
+) -> Array:
+    """Values of a law at points.
+
+    Parameters
+    ----------
+    value
+        Number, array (m,), (m, components) or (components,), callable or parameter with a mean.
+        An array of ``components > 1`` numbers is one vector for all points, even if m is the same.
+    points
+        (m, d), length.
+    components
+        Number of components wanted.
+    what
+        What the value is, for messages, e.g. ``"interface 'joint', parameter 'normal'"``.
+    scalar
+        What a single number (per point) means if ``components > 1``: ``"first"`` sets the first
+        component, ``"all"`` sets all of them, ``"zero"`` allows nothing but 0.
+    arrays
+        False if the points are not the interface points, so that a value per interface point
+        cannot be used.
+
+    Returns
+    -------
+    Array
+        (m, components).
+
+    Raises
+    ------
+    SceneError
+        Wrong shape, wrong type, or a number that is not finite.
+    """
+    m = len(points)
+    origin = "gave"
+    if not is_plain(value):
+        if callable(value):
+            value = value(points)
+            origin = "returned"
+        elif isinstance(value, Parameter):
+            value = value.mean
+        else:
+            raise SceneError(
+                f"{what}: a value of type {type(value).__name__} is not understood; give a number, "
+                "an array, a callable of the points (m, d), or a parameter with a mean"
+            )
+    try:
+        data = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as err:
+        raise SceneError(f"{what}: {value!r} is not a number or an array of numbers") from err
+    if not np.all(np.isfinite(data)):
+        raise SceneError(f"{what}: contains NaN or infinity; give finite numbers")
+    if components == 1:
+        if data.ndim == 0:
+            return np.full((m, 1), float(data))
+        if data.shape in ((m,), (m, 1)) and (arrays or origin == "returned"):
+            return data.reshape(m, 1).copy()
+    else:
+        if data.shape == (components,):
+            return np.tile(data, (m, 1))
+        if data.shape == (m, components) and (arrays or origin == "returned"):
+            return data.copy()
+        per_point = data.ndim == 0 or (
+            data.shape == (m,) and (arrays or origin == "returned")
+        )
+        if per_point and (scalar != "zero" or not np.any(data)):
+            out = np.zeros((m, components))
+            out[:, slice(0, 1) if scalar == "first" else slice(None)] = (
+                data if data.ndim == 0 else data[:, None]
+            )
+            return out
+    wanted = "a number" if components == 1 or scalar != "zero" else f"{components} components"
+    if arrays or origin == "returned":
+        wanted += f" or {m} rows (one an interface point)" + (
+            f" of {components}" if components > 1 else ""
+        )
+    else:
+        wanted += " or a callable of the points (it is needed at nodes, not at interface points)"
+    shown = f"shape {data.shape}" if data.ndim else f"the number {float(data):g}"
+    raise SceneError(f"{what}: wrong shape: {origin} {shown}, wanted {wanted}")
+
+
+@dataclass(frozen=True)
+class Law:
+    """Base of all laws."""
+
+    sides: ClassVar[tuple[int, ...]] = (1, 2)
+    """Numbers of sides with which the law makes sense."""
+
+    def parameters(self) -> dict[str, Any]:
+        """Values that may vary or be overridden, by name; those that are None are absent."""
+        return {}
+
+    def with_(self, **changes: Any) -> Self:
+        """Copy of the law with other values.
+
+        Raises
+        ------
+        SceneError
+            Unknown parameter or inadmissible value.
+        """
+        known = [f.name for f in dataclasses.fields(self)]
+        for key in changes:
+            if key not in known:
+                raise SceneError(
+                    f"{type(self).__name__} has no parameter {key!r}; it has {', '.join(known)}"
+                )
+        return dataclasses.replace(self, **changes)
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        """Which local components (n, t1[, t2]) the law can hold against a rigid motion."""
+        return (True,) * dim
+
+    def _check(self, name: str, value: Any, minimum: float | None = None, mend: str = "") -> None:
+        """Reject plain numbers that are not finite or lie below a minimum."""
+        if not is_plain(value):
+            if callable(value) or isinstance(value, Parameter):
+                return
+            raise SceneError(
+                f"{type(self).__name__}: {name} = {value!r} is not a number, an array, a callable "
+                "or a parameter with a mean"
+            )
+        data = np.asarray(value, dtype=np.float64)
+        end = f"; {mend}" if mend else ""
+        if not np.all(np.isfinite(data)):
+            raise SceneError(
+                f"{type(self).__name__}: {name} = {value!r} is not finite{end or '; give numbers'}"
+            )
+        if minimum is not None and data.size and data.min() < minimum:
+            raise SceneError(
+                f"{type(self).__name__}: {name} = {data.min():g} is negative{end}"
+            )
+
+
+@dataclass(frozen=True)
+class Perfect(Law):
+    """Glue: j = Delta, f_2 = -f_1.
+
+    Parameters
+    ----------
+    jump
+        Delta, length: a number is the component along n, d components are in the local frame.
+    """
+
+    jump: Any = 0.0
+    sides: ClassVar[tuple[int, ...]] = (2,)
+
+    def __post_init__(self) -> None:
+        self._check("jump", self.jump)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"jump": self.jump}
+
+
+@dataclass(frozen=True)
+class Elastic(Law):
+    """Springs between the sides: f_1 = kappa (j - Delta) = -f_2; one-sided: springs to the ground.
+
+    kappa is diagonal in the local frame: ``normal`` along n, ``tangential`` along the others.  A bolt
+    that was shortened by 0.2 mm has jump = -0.2.
+
+    Parameters
+    ----------
+    normal, tangential
+        Stiffness per area, force / length^3, >= 0 (of the whole interface, force / length, if
+        ``total``).  None leaves the direction free.
+    jump
+        Delta, length: a number is the component along n, d components are in the local frame.
+    total
+        Whether the stiffness is that of the whole interface as it is modelled (a half bolt has half
+        the stiffness).
+    """
+
+    normal: Any = None
+    tangential: Any = None
+    jump: Any = 0.0
+    total: bool = False
+
+    def __post_init__(self) -> None:
+        if self.normal is None and self.tangential is None:
+            raise SceneError("Elastic: neither normal nor tangential stiffness is given; give one")
+        for name in ("normal", "tangential"):
+            value = getattr(self, name)
+            if value is not None:
+                mend = "stiffness is >= 0 and finite (Perfect() is the infinitely stiff one)"
+                self._check(name, value, 0.0, mend)
+        self._check("jump", self.jump)
+
+    def parameters(self) -> dict[str, Any]:
+        values = {"normal": self.normal, "tangential": self.tangential, "jump": self.jump}
+        return {k: v for k, v in values.items() if v is not None}
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        def some(value: Any) -> bool:
+            return value is not None and not (is_plain(value) and not np.any(np.asarray(value)))
+
+        return (some(self.normal),) + (some(self.tangential),) * (dim - 1)
+
+
+@dataclass(frozen=True)
+class Displacement(Law):
+    """Prescribed displacement of a face: w_1 = value in the named global components.
+
+    Parameters
+    ----------
+    value
+        Length.  A vector of d global components (those that are not named are ignored), a callable
+        x (m, d) -> (m, d), or a number for all named components.
+    components
+        Global axes (0 = x) that are prescribed; None: all.
+    """
+
+    value: Any = 0.0
+    components: tuple[int, ...] | None = None
+    sides: ClassVar[tuple[int, ...]] = (1,)
+
+    def __post_init__(self) -> None:
+        self._check("value", self.value)
+        if self.components is not None:
+            components = tuple(int(c) for c in np.atleast_1d(np.asarray(self.components)))
+            if not components or len(set(components)) < len(components) or min(components) < 0:
+                raise SceneError(
+                    f"Displacement: components = {self.components!r}; name different axes, 0 = x"
+                )
+            object.__setattr__(self, "components", components)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"value": self.value}
+
+    def axes(self, dim: int) -> tuple[int, ...]:
+        """The prescribed global components in `dim` dimensions."""
+        return tuple(range(dim)) if self.components is None else self.components
+
+
+@dataclass(frozen=True)
+class Symmetry(Law):
+    """Frictionless symmetry plane: w_1 . n = 0, no tangential force."""
+
+    sides: ClassVar[tuple[int, ...]] = (1,)
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        return (True,) + (False,) * (dim - 1)
+
+
+@dataclass(frozen=True)
+class Pressure(Law):
+    """Pressure on a face: f_1 = -p n, force / area."""
+
+    p: Any = 0.0
+    sides: ClassVar[tuple[int, ...]] = (1,)
+
+    def __post_init__(self) -> None:
+        self._check("p", self.p)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"p": self.p}
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        return (False,) * dim
+
+
+@dataclass(frozen=True)
+class Traction(Law):
+    """Force per area on a face: f_1 = t, a vector of d global components or x (m, d) -> (m, d)."""
+
+    t: Any = 0.0
+    sides: ClassVar[tuple[int, ...]] = (1,)
+
+    def __post_init__(self) -> None:
+        self._check("t", self.t)
+
+    def parameters(self) -> dict[str, Any]:
+        return {"t": self.t}
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        return (False,) * dim

@@ -1,0 +1,246 @@
+"""The plan: what of a scene is modelled, and how, decided before anything is factorised.
+
+A scene pays only for what it contains: interfaces that are linear and fixed are assembled across, and the
+iteration runs on the others. Every decision carries its reason and can be overridden.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+
+from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.laws import Elastic, Law, Perfect, is_plain
+from latin_core import Options
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.assembly import Problem
+
+__all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
+
+Method = Literal["auto", "direct", "accelerated", "latin"]
+
+_PLAIN_FACTOR = 2.0
+_ACCELERATED_FACTOR = 3.0
+
+
+class Decision(NamedTuple):
+    """One line of the plan."""
+
+    what: str
+    choice: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Search direction k of every interface, force / length^3: a parameter of the method, not of the model.
+
+    Attributes
+    ----------
+    factor
+        k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one (measured).
+        Elastic interfaces softer than that take twice their own stiffness.
+    length
+        L; None: the size of the scene, (sum of volumes)^(1/d).
+    given
+        Interface name -> k, a number or one value a point; goes before the factor.
+    """
+
+    factor: float | None = None
+    length: float | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, value in (("factor", self.factor), ("length", self.length)):
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise SceneError(f"search direction: {name} is {value}: it must be positive")
+        for name, value in self.given.items():
+            data = np.asarray(value, dtype=float)
+            if not (np.all(np.isfinite(data)) and np.all(data > 0.0)):
+                raise SceneError(
+                    f"search direction of interface {name!r} must be positive and finite, got {value!r}"
+                )
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be done with a problem.
+
+    Attributes
+    ----------
+    method
+        ``"direct"`` (no iteration), ``"accelerated"`` or ``"latin"`` (the plain iteration of 2004).
+    active
+        Interfaces that the iteration runs on, in the scene's order.
+    eliminated
+        Interface -> how it is assembled into the bodies.
+    columns
+        Columns of every field: 1 when nothing is random and nothing has a history.
+    direction, options
+        Search direction and settings of the iteration.
+    decisions
+        All of it with reasons; ``print(plan)`` shows them.
+    """
+
+    method: Literal["direct", "accelerated", "latin"]
+    active: tuple[str, ...]
+    eliminated: dict[str, str]
+    columns: int
+    direction: Direction
+    options: Options
+    decisions: tuple[Decision, ...]
+
+    def __str__(self) -> str:
+        width = max(len(d.what) for d in self.decisions)
+        lines = ["Plan"]
+        for d in self.decisions:
+            lines.append(f"  {d.what:<{width}}  {d.choice}")
+            lines.append(f"  {'':<{width}}    because {d.reason}")
+        return "\n".join(lines)
+
+
+def _how(name: str, law: Law, matching: bool) -> str | None:
+    """How a linear, fixed interface is assembled into the bodies; None if it cannot be."""
+    if isinstance(law, Perfect):
+        zero = is_plain(law.jump) and not np.any(np.asarray(law.jump))
+        return "nodes glued" if matching and zero else None
+    if isinstance(law, Elastic):
+        return "springs assembled"
+    return {
+        "Displacement": "unknowns removed",
+        "Symmetry": "unknowns removed",
+        "Pressure": "load assembled",
+        "Traction": "load assembled",
+    }.get(type(law).__name__)
+
+
+def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
+    for name in given:
+        if name not in problem.interfaces:
+            raise unknown_name("interface", name, problem.interfaces, where)
+    return set(given)
+
+
+def make_plan(
+    problem: Problem,
+    method: Method = "auto",
+    active: Sequence[str] | Literal["all"] | None = None,
+    vary: Iterable[str] = (),
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+) -> Plan:
+    """Decide what is modelled.
+
+    Parameters
+    ----------
+    problem
+        The assembled problem.
+    method
+        ``"latin"``: the paper's iteration, every interface kept, no acceleration.
+        ``"accelerated"``: elastic two-sided interfaces kept. ``"direct"``: nothing kept.
+        ``"auto"``: only what varies is kept, so that a fixed linear scene is solved directly.
+    active
+        Interfaces to keep in any case, or ``"all"``.
+    vary
+        Interfaces whose law varies (swept or random parameters): they stay active.
+    direction
+        Search direction; a number is its factor.
+    options
+        Settings of the iteration.
+
+    Raises
+    ------
+    SceneError
+        Unknown method or interface, or an interface that cannot be modelled as asked.
+    """
+    if method not in ("auto", "direct", "accelerated", "latin"):
+        raise SceneError(
+            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
+        )
+    reasons: dict[str, str] = {}
+    for name in _names(problem, vary, "plan"):
+        reasons[name] = "its law varies"
+    if active == "all" or (active is None and method == "latin"):
+        for name in problem.interfaces:
+            reasons.setdefault(name, "asked for" if active == "all" else "the paper keeps them all")
+    elif active is not None:
+        for name in _names(problem, active, "plan"):
+            reasons.setdefault(name, "asked for")
+    elif method == "accelerated":
+        for name, interface in problem.interfaces.items():
+            if isinstance(interface.law, Elastic) and len(interface.sides) == 2:
+                reasons.setdefault(name, "elastic, between two parts")
+
+    eliminated: dict[str, str] = {}
+    for name, interface in problem.interfaces.items():
+        law = interface.law
+        if isinstance(law, Perfect) and interface.matching is None:
+            raise SceneError(
+                f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
+                "these do not: mesh both parts together, or use Elastic with a stiffness well above "
+                "modulus / length"
+            )
+        if name in reasons:
+            continue
+        how = _how(name, law, interface.matching is not None)
+        if how is None:
+            reasons[name] = "its jump cannot be glued"
+        else:
+            eliminated[name] = how
+    kept = tuple(name for name in problem.interfaces if name in reasons)
+    if method == "direct" and kept:
+        raise SceneError(
+            f"method 'direct' cannot be used: {', '.join(kept)} must stay active "
+            f"({reasons[kept[0]]}); use 'auto'"
+        )
+
+    options = options or (Options.plain() if method == "latin" else Options())
+    if not isinstance(direction, Direction):
+        direction = Direction(factor=direction)
+    _names(problem, direction.given, "search direction")
+    chosen: Literal["direct", "accelerated", "latin"]
+    if not kept:
+        chosen = "direct"
+        reason = "no interface is active: one solve gives the answer"
+    elif options.acceleration == 0 or method == "latin":
+        chosen = "latin"
+        options = options.with_(acceleration=0)
+        reason = "asked for"
+    else:
+        chosen = "accelerated"
+        reason = "Anderson needs 4 to 8 times fewer iterations than the plain one"
+    if direction.factor is None:
+        factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
+        direction = Direction(factor, direction.length, direction.given)
+
+    decisions = [
+        Decision(
+            "active interfaces",
+            ", ".join(kept) or "none",
+            "; ".join(sorted({reasons[name] for name in kept})) or "all are linear and fixed",
+        ),
+    ]
+    by_how: dict[str, list[str]] = {}
+    for name, how in eliminated.items():
+        by_how.setdefault(how, []).append(name)
+    for how, names in by_how.items():
+        decisions.append(Decision(how, ", ".join(names), "linear and fixed"))
+    decisions.append(Decision("columns", "1", "nothing is random and no law has a history"))
+    decisions.append(Decision("iteration", chosen, reason))
+    if kept:
+        decisions.append(
+            Decision(
+                "search direction",
+                f"k = {direction.factor:g} E/L, at most 2 kappa where elastic"
+                + (f", given for {', '.join(direction.given)}" if direction.given else ""),
+                "the answer does not depend on it, the number of iterations does",
+            )
+        )
+        decisions.append(
+            Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
+        )
+    return Plan(chosen, kept, eliminated, 1, direction, options, tuple(decisions))

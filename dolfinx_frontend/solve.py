@@ -1,0 +1,191 @@
+"""Solve one planned problem and read its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_frontend import bridge
+from dolfinx_frontend.assembly import Problem, stiffnesses
+from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.laws import Elastic
+from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
+from latin_core import Iteration, Options, State, Summary, _core
+
+__all__ = ["Result", "solve"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass
+class Result:
+    """Answer of one solve.
+
+    Attributes
+    ----------
+    problem, plan
+        What was solved, and how.
+    summary
+        Status, iterations, estimated error, seconds.
+    state
+        Interface data and traces: a later solve may start from them.
+    seconds
+        Phase -> wall time: ``setup`` (reduction, factorisation, condensation), ``solve``.
+    """
+
+    problem: Problem
+    plan: Plan
+    summary: Summary
+    state: State
+    seconds: dict[str, float]
+    core: _core.Problem = field(repr=False)
+    _displacements: dict[str, Array] | None = field(default=None, repr=False)
+
+    @property
+    def status(self) -> str:
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"`` or ``"diverged"``."""
+        return self.summary.status
+
+    @property
+    def converged(self) -> bool:
+        """Whether the tolerance was reached."""
+        return self.summary.status == "converged"
+
+    @property
+    def iterations(self) -> int:
+        """Global stages."""
+        return self.summary.iterations
+
+    @property
+    def error(self) -> float:
+        """Estimated relative error, in strain energy and in displacement of the interfaces."""
+        return self.summary.error
+
+    @property
+    def displacements(self) -> dict[str, Array]:
+        """Substructure -> (n,) unknowns; interior fields are recovered when first asked for."""
+        if self._displacements is None:
+            fields = self.core.displacements(self.state, np.ones((1, 1)))
+            self._displacements = {name: fields[name][:, 0] for name in self.problem.substructures}
+        return self._displacements
+
+    def displacement(self, substructure: str) -> fem.Function:
+        """Displacement of a substructure as a dolfinx function (length)."""
+        if substructure not in self.problem.substructures:
+            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
+        function = fem.Function(self.problem.substructures[substructure].V, name="displacement")
+        function.x.array[:] = self.displacements[substructure]
+        return function
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1 (m, components), length, in the local frame."""
+        return self._local(interface)[1]
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, (m, components), in the local frame: column 0 is normal."""
+        return self._local(interface)[0]
+
+    def _local(self, name: str) -> tuple[Array, Array]:
+        if name not in self.problem.interfaces:
+            raise unknown_name("interface", name, self.problem.interfaces, "result")
+        interface = self.problem.interfaces[name]
+        points = interface.num_points
+        if name in self.plan.active:
+            force, jump = self.core.local_fields(name, self.state)
+            return force.reshape(points, -1), jump.reshape(points, -1)
+        fields = bridge.law_fields(interface)
+        if fields.kind == "perfect":
+            raise SceneError(
+                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is not "
+                f"an unknown: solve with active=[{name!r}] to have it"
+            )
+        jump = sum(
+            (
+                sign * (interface.local_trace(i) @ self.displacements[side.substructure])
+                for i, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False))
+            ),
+            start=np.zeros(interface.dim * points),
+        ).reshape(points, -1)[:, : fields.components]
+        if not isinstance(interface.law, Elastic):
+            return fields.parameters["force"].reshape(points, -1), jump
+        stiffness = stiffnesses(interface, interface.law)[:, : fields.components]
+        imposed = fields.parameters["jump"].reshape(points, -1)
+        return stiffness * (jump - imposed), jump
+
+    def __repr__(self) -> str:
+        return (
+            f"Result({self.status}, {self.iterations} iterations, estimated error {self.error:.1e}, "
+            f"{sum(self.seconds.values()):.2f} s)"
+        )
+
+
+def solve(
+    problem: Problem,
+    method: Method = "auto",
+    *,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    start: Result | State | None = None,
+    callback: Callable[[Iteration], None] | None = None,
+) -> Result:
+    """Solve a problem.
+
+    Parameters
+    ----------
+    problem
+        From :func:`dolfinx_frontend.assemble`.
+    method, active, direction, options
+        As :func:`dolfinx_frontend.make_plan` takes them; or
+    plan
+        a plan made before.
+    start
+        Start from the interface state of an earlier result of the same plan.
+    callback
+        Called after every iteration; it may raise to end the run.
+
+    Returns
+    -------
+    Result
+        Its ``status`` says whether the tolerance was reached; nothing is raised if it was not.
+
+    Raises
+    ------
+    SceneError
+        A plan that cannot be carried out.
+    KeyboardInterrupt
+        Within one iteration of Ctrl-C.
+    """
+    plan = plan or make_plan(problem, method, active, (), direction, options)
+    began = perf_counter()
+    core = bridge.build(problem, plan)
+    built = perf_counter()
+    states = [start.state if isinstance(start, Result) else start] if start is not None else []
+    summary, state = core.solve(
+        options=plan.options.kernel(),
+        amplitudes=np.ones((1, plan.columns)),
+        start=states,
+        callback=callback,
+    )
+    seconds = {"setup": built - began, "solve": perf_counter() - built}
+    return Result(problem, plan, summary, state, seconds, core)
+
+
+def phase_seconds(result: Result) -> dict[str, Any]:
+    """Where the time went: assemble, factorise, condense (over all bodies), global, local, other."""
+    costs = result.core.costs
+    return {
+        "assemble": sum(c["assemble_s"] for c in costs),
+        "factorise": sum(c["factorise_s"] for c in costs),
+        "condense": sum(c["condense_s"] for c in costs),
+        "global": result.summary.global_s,
+        "local": result.summary.local_s,
+        "other": result.summary.other_s,
+    }

@@ -1,0 +1,296 @@
+#include <pybind11/eigen.h>
+#include <pybind11/functional.h>
+#include <pybind11/stl.h>
+
+#include <optional>
+
+#include "latin/latin/sweep.hpp"
+#include "latin/petsc/factor.hpp"
+#include "latin/petsc/handle.hpp"
+#include "petsc4py_caster.hpp"
+
+namespace py = pybind11;
+using namespace py::literals;
+
+namespace {
+
+/// Signals are answered at every iteration, with or without a callback of the user.
+latin::Callback guarded(const py::object& callback) {
+  return [callback](const latin::Iteration& iteration) {
+    const py::gil_scoped_acquire gil;
+    if (PyErr_CheckSignals() != 0) {
+      throw py::error_already_set();
+    }
+    if (!callback.is_none()) {
+      callback(iteration);
+    }
+  };
+}
+
+void bind_descriptions(py::module_& m) {
+  py::class_<latin::Member>(m, "Member", "One substructure of a body: u = Z q + u0")
+      .def(py::init([](std::string name, Mat stiffness, std::optional<latin::SparseRows> prolongation,
+                       latin::Matrix load, std::optional<latin::Matrix> offset) {
+             latin::SparseRows sparse = latin::petsc::to_sparse(stiffness, name);
+             return latin::Member{std::move(name), std::move(sparse),
+                                  prolongation ? std::move(*prolongation) : latin::SparseRows{},
+                                  std::move(load), offset ? std::move(*offset) : latin::Matrix{}};
+           }),
+           py::kw_only(), "name"_a, "stiffness"_a, "prolongation"_a.none(true), "load"_a,
+           "offset"_a.none(true));
+
+  py::class_<latin::Spring>(m, "Spring", "A deterministic elastic interface assembled into a body")
+      .def(py::init([](std::string name, std::vector<latin::Index> members,
+                       const std::vector<py::object>& traces, const latin::Matrix& frames,
+                       latin::Vector stiffness, latin::Vector jump) {
+             std::vector<latin::SparseRows> local;
+             for (const auto& trace : traces) {
+               Mat matrix = latin_bindings::borrow_mat(trace);
+               if (matrix == nullptr) {
+                 throw py::type_error("spring '" + name + "': traces must be petsc4py matrices");
+               }
+               local.push_back(
+                   latin::to_local_frame(latin::petsc::to_sparse(matrix, name), frames, name));
+             }
+             return latin::Spring{std::move(name), std::move(members), std::move(local),
+                                  std::move(stiffness), std::move(jump)};
+           }),
+           py::kw_only(), "name"_a, "members"_a, "traces"_a, "frames"_a, "stiffness"_a, "jump"_a);
+
+  py::class_<latin::BodyDescription>(m, "Body", "Substructures glued together")
+      .def(py::init([](std::string name, latin::Index size, std::vector<latin::Member> members,
+                       std::vector<latin::Spring> springs) {
+             return latin::BodyDescription{std::move(name), size, std::move(members),
+                                           std::move(springs)};
+           }),
+           py::kw_only(), "name"_a, "size"_a, "members"_a, "springs"_a);
+
+  py::class_<latin::SideDescription>(m, "Side", "One side of an active interface")
+      .def(py::init([](std::string member, Mat trace, latin::Vector direction, double scale) {
+             latin::SparseRows sparse = latin::petsc::to_sparse(trace, "trace of " + member);
+             return latin::SideDescription{std::move(member), std::move(sparse), std::move(direction),
+                                           scale};
+           }),
+           py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a);
+
+  py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
+      .def(py::init([](std::string name, std::string law, latin::Vector weights, latin::Matrix frames,
+                       std::vector<latin::SideDescription> sides) {
+             return latin::InterfaceDescription{std::move(name), std::move(law), std::move(weights),
+                                                std::move(frames), std::move(sides)};
+           }),
+           py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a);
+}
+
+void bind_iteration(py::module_& m) {
+  py::class_<latin::Iteration>(m, "Iteration", "One iteration as a callback sees it")
+      .def_readonly("number", &latin::Iteration::number)
+      .def_readonly("error", &latin::Iteration::error)
+      .def_readonly("indicator", &latin::Iteration::indicator)
+      .def_readonly("residual", &latin::Iteration::residual)
+      .def_readonly("seconds", &latin::Iteration::seconds);
+
+  py::class_<latin::Summary>(m, "Summary", "How an iteration went")
+      .def_property_readonly("status", [](const latin::Summary& s) { return to_string(s.status); })
+      .def_readonly("iterations", &latin::Summary::iterations)
+      .def_readonly("error", &latin::Summary::error)
+      .def_readonly("indicator", &latin::Summary::indicator)
+      .def_readonly("energy", &latin::Summary::energy)
+      .def_readonly("global_s", &latin::Summary::global_s)
+      .def_readonly("local_s", &latin::Summary::local_s)
+      .def_readonly("other_s", &latin::Summary::other_s)
+      .def_readonly("restarts", &latin::Summary::restarts)
+      .def_readonly("history", &latin::Summary::history);
+
+  py::class_<latin::State>(m, "State", "Interface data s and traces w, (rows, columns) each")
+      .def(py::init([](latin::Matrix data, latin::Matrix traces) {
+             return latin::State{std::move(data), std::move(traces)};
+           }),
+           "data"_a, "traces"_a)
+      .def_readonly("data", &latin::State::data)
+      .def_readonly("traces", &latin::State::traces);
+
+  py::class_<latin::SweptParameter>(m, "SweptParameter", "A law parameter with one value a point")
+      .def(py::init([](std::string interface, std::string parameter, latin::Matrix pattern,
+                       latin::Vector values) {
+             return latin::SweptParameter{std::move(interface), std::move(parameter),
+                                          std::move(pattern), std::move(values)};
+           }),
+           py::kw_only(), "interface"_a, "parameter"_a, "pattern"_a, "values"_a);
+
+  py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
+      .def(py::init([](double rtol, latin::Index max_iterations, latin::Index acceleration,
+                       double relaxation, latin::Index stagnation_window, latin::Index snapshots) {
+             return latin::Options{rtol,       max_iterations,    acceleration,
+                                   relaxation, stagnation_window, snapshots};
+           }),
+           py::kw_only(), "rtol"_a, "max_iterations"_a, "acceleration"_a, "relaxation"_a,
+           "stagnation_window"_a, "snapshots"_a);
+}
+
+py::dict cost_of(const latin::Body& body) {
+  const latin::BodyCost& cost = body.cost();
+  return py::dict("body"_a = body.name(), "unknowns"_a = body.size(), "active"_a = body.active(),
+                  "rows"_a = body.rows(), "condensed"_a = body.condensed(),
+                  "backend"_a = body.backend(), "assemble_s"_a = cost.assemble_s,
+                  "factorise_s"_a = cost.factorise_s, "condense_s"_a = cost.condense_s,
+                  "factor_numbers"_a = cost.factor_numbers, "dense_numbers"_a = cost.dense_numbers);
+}
+
+latin::OperatorOptions operator_options(const std::string& kind, const std::string& backend,
+                                        double memory_limit) {
+  latin::OperatorOptions options;
+  options.memory_limit = memory_limit;
+  if (kind == "condensed") {
+    options.kind = latin::OperatorKind::condensed;
+  } else if (kind == "factored") {
+    options.kind = latin::OperatorKind::factored;
+  } else if (kind != "automatic") {
+    throw py::value_error("operator '" + kind + "': use 'automatic', 'condensed' or 'factored'");
+  }
+  if (backend == "cholmod") {
+    options.backend = latin::petsc::FactorBackend::cholmod;
+  } else if (backend == "mumps") {
+    options.backend = latin::petsc::FactorBackend::mumps;
+  } else if (backend != "automatic") {
+    throw py::value_error("backend '" + backend + "': use 'automatic' or one of " +
+                          latin::petsc::available_backends());
+  }
+  return options;
+}
+
+void bind_problem(py::module_& m) {
+  py::class_<latin::Problem>(m, "Problem", "Factorised bodies and active interfaces")
+      .def(py::init([](std::vector<latin::BodyDescription> bodies,
+                       std::vector<latin::InterfaceDescription> interfaces, const std::string& kind,
+                       const std::string& backend, double memory_limit) {
+             const auto options = operator_options(kind, backend, memory_limit);
+             const py::gil_scoped_release release;
+             return std::make_unique<latin::Problem>(std::move(bodies), std::move(interfaces), options);
+           }),
+           py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a)
+      .def_property_readonly("rows", &latin::Problem::rows)
+      .def_property_readonly("loads", &latin::Problem::loads)
+      .def_property_readonly("unknowns", &latin::Problem::unknowns)
+      .def_property_readonly("active_unknowns", &latin::Problem::active_unknowns)
+      .def_property_readonly("weights", &latin::Problem::weights)
+      .def_property_readonly("directions", &latin::Problem::directions)
+      .def_property_readonly("costs",
+                             [](const latin::Problem& p) {
+                               py::list costs;
+                               for (const auto& body : p.bodies()) {
+                                 costs.append(cost_of(body));
+                               }
+                               return costs;
+                             })
+      .def("set_parameter", &latin::Problem::set_parameter, "interface"_a, "parameter"_a, "values"_a)
+      .def("parameter", &latin::Problem::parameter, "interface"_a, "parameter"_a)
+      .def(
+          "set_columns",
+          [](latin::Problem& p, const std::string& interface, const py::list& groups) {
+            std::vector<latin::LawColumns> columns;
+            for (const auto& each : groups) {
+              const auto group = py::cast<py::dict>(each);
+              latin::LawColumns entry;
+              entry.begin = py::cast<latin::Index>(group["begin"]);
+              entry.end = py::cast<latin::Index>(group["end"]);
+              entry.transform.forward = py::cast<latin::Matrix>(group["forward"]);
+              entry.transform.backward = py::cast<latin::Matrix>(group["backward"]);
+              for (const auto& [name, values] : py::cast<py::dict>(group["parameters"])) {
+                entry.parameters.emplace_back(py::cast<std::string>(name),
+                                              latin::ParameterField(py::cast<latin::Matrix>(values)));
+              }
+              columns.push_back(std::move(entry));
+            }
+            p.set_columns(interface, std::move(columns));
+          },
+          "interface"_a, "groups"_a)
+      .def(
+          "global_stage",
+          [](const latin::Problem& p, const latin::Matrix& data, const latin::Matrix& amplitudes) {
+            latin::Matrix traces(data.rows(), data.cols());
+            p.global_stage(data, amplitudes, traces);
+            return traces;
+          },
+          "data"_a, "amplitudes"_a)
+      .def(
+          "local_stage",
+          [](const latin::Problem& p, const latin::Matrix& data, const latin::Matrix& traces) {
+            latin::Matrix residual(data.rows(), data.cols());
+            p.local_stage(data, traces, residual);
+            return residual;
+          },
+          "data"_a, "traces"_a)
+      .def(
+          "local_fields",
+          [](const latin::Problem& p, const std::string& interface, const latin::State& state) {
+            auto fields = p.local_fields(p.find_interface(interface), state.data, state.traces);
+            return py::make_tuple(std::move(fields.force), std::move(fields.jump));
+          },
+          "interface"_a, "state"_a)
+      .def(
+          "first_rows",
+          [](const latin::Problem& p, const std::string& interface) {
+            const std::size_t i = p.find_interface(interface);
+            std::vector<latin::Index> rows;
+            for (std::size_t s = 0; s < p.sides(i); ++s) {
+              rows.push_back(p.first_row(i, s));
+            }
+            return rows;
+          },
+          "interface"_a)
+      .def(
+          "displacements",
+          [](const latin::Problem& p, const latin::State& state, const latin::Matrix& amplitudes) {
+            py::dict fields;
+            for (auto& [name, values] : p.displacements(state.data, amplitudes)) {
+              fields[py::str(name)] = std::move(values);
+            }
+            return fields;
+          },
+          "state"_a, "amplitudes"_a)
+      .def(
+          "solve",
+          [](const latin::Problem& p, const latin::Options& options, const latin::Matrix& amplitudes,
+             const std::vector<const latin::State*>& start, const py::object& callback) {
+            latin::State state;
+            latin::Summary summary;
+            const auto guard = guarded(callback);
+            {
+              const py::gil_scoped_release release;
+              summary = latin::solve(p, options, amplitudes, state, start, guard);
+            }
+            return py::make_tuple(std::move(summary), std::move(state));
+          },
+          py::kw_only(), "options"_a, "amplitudes"_a, "start"_a, "callback"_a)
+      .def(
+          "sweep",
+          [](latin::Problem& p, const latin::Options& options, const latin::Matrix& amplitudes,
+             const std::vector<latin::SweptParameter>& parameters,
+             const std::vector<latin::Index>& order, const std::vector<latin::State>& known,
+             const std::vector<latin::Index>& known_points, const py::object& callback,
+             const py::object& point_callback) {
+            const auto guard = guarded(callback);
+            const latin::PointCallback finished = [&point_callback](latin::Index point,
+                                                                    const latin::Summary& summary,
+                                                                    const latin::State& state) {
+              const py::gil_scoped_acquire gil;
+              point_callback(point, summary, state);
+            };
+            const py::gil_scoped_release release;
+            latin::sweep(p, options, amplitudes, parameters, order, known, known_points, guard,
+                         finished);
+          },
+          py::kw_only(), "options"_a, "amplitudes"_a, "parameters"_a, "order"_a, "known"_a,
+          "known_points"_a, "callback"_a, "point_callback"_a);
+}
+
+}  // namespace
+
+void bind_kernel(py::module_& m) {
+  bind_descriptions(m);
+  bind_iteration(m);
+  bind_problem(m);
+  m.def("snake_order", &latin::snake_order, "shape"_a);
+  m.def("available_backends", &latin::petsc::available_backends);
+}

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+
+namespace latin {
+
+using Index = Eigen::Index;
+using Vector = Eigen::VectorXd;
+/// Column-major block: a field of `rows` values for each of `cols` columns (time steps, chaos modes).
+using Matrix = Eigen::MatrixXd;
+using ConstMatrixRef = Eigen::Ref<const Matrix>;
+using MatrixRef = Eigen::Ref<Matrix>;
+using ConstVectorRef = Eigen::Ref<const Vector>;
+
+/// 32-bit indices, as PETSc's and CHOLMOD's default builds.
+using SparseRows = Eigen::SparseMatrix<double, Eigen::RowMajor, int>;
+using SparseColumns = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
+
+}  // namespace latin

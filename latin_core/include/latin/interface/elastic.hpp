@@ -1,0 +1,18 @@
+#pragma once
+
+#include "latin/interface/law.hpp"
+
+namespace latin {
+
+/// Elastic interface with imposed jump:  f = kappa (j - Delta)  (paper, equation 10).
+///
+/// Parameters: `normal`, `tangential` (per point, force / length^3, >= 0, infinity = perfect) and
+/// `jump` (per row, length; a bolt shortened by 0.2 mm has Delta_n = -0.2 mm).
+class ElasticLaw final : public Law {
+ public:
+  [[nodiscard]] std::string name() const override { return "elastic"; }
+  [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  void resolve(const LocalProblem& problem, MatrixRef force) const override;
+};
+
+}  // namespace latin

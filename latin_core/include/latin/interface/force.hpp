@@ -1,0 +1,17 @@
+#pragma once
+
+#include "latin/interface/law.hpp"
+
+namespace latin {
+
+/// Given force per unit area:  f = g  (pressure: g_n = -p; traction: g in the local frame).
+///
+/// Parameter `force` (per row, force / length^2).
+class ForceLaw final : public Law {
+ public:
+  [[nodiscard]] std::string name() const override { return "force"; }
+  [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  void resolve(const LocalProblem& problem, MatrixRef force) const override;
+};
+
+}  // namespace latin

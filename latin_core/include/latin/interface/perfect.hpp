@@ -1,0 +1,18 @@
+#pragma once
+
+#include "latin/interface/law.hpp"
+
+namespace latin {
+
+/// Perfect connection with imposed jump:  j = Delta  (paper, equation 7, with Delta = 0).
+///
+/// Parameter `jump` (per row, length): Delta in the local frame. With one side it prescribes the
+/// displacement w1 = -Delta.
+class PerfectLaw final : public Law {
+ public:
+  [[nodiscard]] std::string name() const override { return "perfect"; }
+  [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  void resolve(const LocalProblem& problem, MatrixRef force) const override;
+};
+
+}  // namespace latin

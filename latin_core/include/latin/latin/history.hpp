@@ -1,0 +1,72 @@
+#pragma once
+
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/latin/problem.hpp"
+
+namespace latin {
+
+/// Interface data and their traces: the whole state of the method.
+struct State {
+  Matrix data;    ///< s (rows, c)
+  Matrix traces;  ///< w (rows, c)
+};
+
+/// Differences of past iterates, and what can be learned from them by one small least-squares problem.
+///
+/// The iteration is the fixed point s = G(s) of residual r = G(s) - s. From differences dS, dR of past
+/// iterates, gamma = argmin | r - dR gamma | (norm sqrt(W/k)) gives at once
+///  - the accelerated step  s + r - (dS + dR) gamma  (Anderson, of type II: D. G. Anderson, J. ACM 12
+///    (1965) 547; equivalent to GMRES on linear scenes),
+///  - the estimated error of the present iterate, dS gamma, whose energy follows from the traces dW that
+///    were computed anyway. It depends on k only as much as the iterates themselves do.
+class History {
+ public:
+  /// @param depth largest number of differences kept
+  History(const Problem& problem, Index columns, Index depth);
+
+  void clear();
+  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] Index depth() const { return depth_; }
+
+  /// Add a difference of two iterates in (s, r, w), each (rows, c); the oldest makes room.
+  void push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces);
+
+  /// Solve the least-squares problem for the residual of the present iterate.
+  void fit(ConstMatrixRef residual);
+
+  /// Relative remainder |r - dR gamma| / |r| of the last fit (1 with an empty history).
+  [[nodiscard]] double remainder() const { return remainder_; }
+  /// What the last fit takes to be wrong with the present iterate: dS gamma and dW gamma.
+  [[nodiscard]] State predicted_error() const;
+  /// Estimated relative error of the present iterate, whose own size is `whole`; infinity where the
+  /// history tells nothing.
+  [[nodiscard]] double error(const Size& whole) const;
+  /// step = beta r - (dS + beta dR) gamma: the predicted error taken off, the remainder mixed in.
+  void step(ConstMatrixRef residual, double beta, MatrixRef step) const;
+
+  /// Norm of a residual in sqrt(W/k).
+  [[nodiscard]] double norm(ConstMatrixRef residual) const;
+
+ private:
+  [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
+  [[nodiscard]] double product(Index slot, ConstMatrixRef residual) const;
+
+  const Problem* problem_;
+  Index rows_;
+  Index columns_;
+  Index depth_;
+  Index size_ = 0;
+  Index next_ = 0;
+  Matrix data_;      ///< (rows * c, depth) dS
+  Matrix residual_;  ///< dR
+  Matrix traces_;    ///< dW
+  Matrix gram_;      ///< dR^T W/k dR
+  Vector metric_;    ///< W/k
+  Vector gamma_;
+  double remainder_ = 1.0;
+  double residual_norm_ = 0.0;
+};
+
+}  // namespace latin

@@ -1,0 +1,146 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "latin/interface/interface.hpp"
+#include "latin/substructure/body.hpp"
+
+namespace latin {
+
+/// One side of an interface, as the caller describes it.
+struct SideDescription {
+  std::string member;  ///< substructure that the side belongs to
+  SparseRows trace;    ///< T (dim * points, n), global components
+  Vector direction;    ///< search direction k per row (components * points), > 0
+  double scale;        ///< modulus / length of the body: what a displacement is measured with, > 0
+};
+
+/// Size of a global-stage solution, or of the difference of two.
+struct Size {
+  double strain = 0.0;  ///< u^T K u, summed over columns
+  double trace = 0.0;   ///< sum of scale * W * w^2: sees the rigid motions that strain does not
+
+  /// Error of which this is the size, relative to a solution of size `whole`: the larger of its shares in
+  /// strain energy and in displacement of the interfaces. It does not depend on the search direction.
+  [[nodiscard]] double relative_to(const Size& whole) const;
+};
+
+/// An active interface: the caller's description. One side: boundary interface.
+struct InterfaceDescription {
+  std::string name;
+  std::string law;                    ///< see make_law()
+  Vector weights;                     ///< (points) areas, > 0
+  Matrix frames;                      ///< (components * points, dim), orthonormal rows
+  std::vector<SideDescription> sides;  ///< one or two
+};
+
+/// How columns become samples of an interface law and back: `values = block * forward`,
+/// `block = values * backward`. With the eigenvectors of a Galerkin matrix it is exact; with the basis at
+/// quadrature points it projects. An absent transform is the identity and costs nothing.
+struct ColumnTransform {
+  Matrix forward;   ///< (c, q)
+  Matrix backward;  ///< (q, c)
+};
+
+/// Transform for the components [begin, end) of one interface.
+struct LawColumns {
+  Index begin = 0;
+  Index end = 0;
+  ColumnTransform transform;
+  /// parameters as this group's law sees them, column by column: name -> field with q columns
+  std::vector<std::pair<std::string, ParameterField>> parameters;
+};
+
+/// Substructures and active interfaces, factorised: everything of a scene that stays constant while
+/// laws, parameters and columns change.
+///
+/// Interface data of all sides are stacked into one block (rows, c): bodies in order, the sides of a body
+/// in the order of their interfaces. One iteration is
+///
+///     w = global_stage(s)          f = s - k w                 one solve a body, c right-hand sides
+///     s + r = local_stage(s, w)    r = f^ + k w^ - s           laws, point by point
+class Problem {
+ public:
+  /// @throws InputError or NumericalError naming the body or interface
+  Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
+          const OperatorOptions& options);
+
+  [[nodiscard]] Index rows() const { return rows_; }
+  [[nodiscard]] Index loads() const { return loads_; }
+  [[nodiscard]] Index unknowns() const;
+  [[nodiscard]] Index active_unknowns() const;
+  [[nodiscard]] const std::vector<Body>& bodies() const { return bodies_; }
+  [[nodiscard]] std::size_t interfaces() const { return interfaces_.size(); }
+  [[nodiscard]] const Interface& interface(std::size_t i) const { return interfaces_.at(i).geometry; }
+  /// @throws InputError with the known names
+  [[nodiscard]] std::size_t find_interface(const std::string& name) const;
+
+  /// Set a law parameter; a field of one row (or column) stands for all rows (columns).
+  /// @throws InputError naming the interface on a wrong name, shape or value
+  void set_parameter(const std::string& interface, const std::string& parameter, Matrix values);
+  [[nodiscard]] Matrix parameter(const std::string& interface, const std::string& parameter) const;
+  /// Give an interface transforms for its columns (none: every column is a sample of its own).
+  void set_columns(const std::string& interface, std::vector<LawColumns> groups);
+
+  /// w of all sides, (rows, c).
+  void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
+  /// r = f^ + k w^ - s, (rows, c).
+  void local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual) const;
+
+  /// f^ of one interface on its first side and the jump w^2 - w^1, both (components * points, c), as the
+  /// local stage leaves them: the law holds exactly between them.
+  struct LocalFields {
+    Matrix force;
+    Matrix jump;
+  };
+  [[nodiscard]] LocalFields local_fields(std::size_t interface, ConstMatrixRef data,
+                                         ConstMatrixRef traces) const;
+
+  /// Row of the first value of a side in the stacked blocks.
+  [[nodiscard]] Index first_row(std::size_t interface, std::size_t side) const;
+  [[nodiscard]] std::size_t sides(std::size_t interface) const {
+    return interfaces_.at(interface).rows.size();
+  }
+
+  /// weights and k of all rows
+  [[nodiscard]] const Vector& weights() const { return weights_; }
+  [[nodiscard]] const Vector& directions() const { return directions_; }
+
+  /// Size of the global-stage solution with the given data and traces.
+  [[nodiscard]] Size size(ConstMatrixRef data, ConstMatrixRef traces,
+                          ConstMatrixRef amplitudes) const;
+  /// Size of a difference of two solutions (their loads cancel).
+  [[nodiscard]] Size difference_size(ConstMatrixRef data, ConstMatrixRef traces) const;
+
+  /// Displacements (n, c) of the named substructure's body, by substructure name.
+  [[nodiscard]] std::vector<std::pair<std::string, Matrix>> displacements(
+      ConstMatrixRef data, ConstMatrixRef amplitudes) const;
+
+ private:
+  [[nodiscard]] double squared_traces(ConstMatrixRef traces) const;
+  struct Entry {
+    Interface geometry;
+    std::vector<Index> rows;  ///< first row of each side
+    Vector flexibility;       ///< 1/k1 (+ 1/k2)
+    std::vector<LawColumns> groups;
+    std::vector<std::shared_ptr<Law>> group_laws;
+  };
+  void resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const;
+  [[nodiscard]] Matrix free_jump(const Entry& entry, ConstMatrixRef data,
+                                 ConstMatrixRef traces) const;
+
+  std::vector<Body> bodies_;
+  std::vector<Index> body_rows_;
+  std::vector<std::vector<std::string>> member_names_;
+  std::vector<Entry> interfaces_;
+  Vector weights_;
+  Vector directions_;
+  Vector trace_metric_;  ///< scale * W
+  Index rows_ = 0;
+  Index loads_ = 0;
+};
+
+}  // namespace latin

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "latin/latin/solver.hpp"
+
+namespace latin {
+
+/// A law parameter that takes one value a point; the value stands for the whole interface.
+struct SweptParameter {
+  std::string interface;
+  std::string parameter;
+  Matrix pattern;  ///< (rows or 1, 1): what a swept value of 1 means
+  Vector values;   ///< (points)
+};
+
+/// Called after each finished point with its position, its summary and its state.
+using PointCallback = std::function<void(Index point, const Summary&, const State&)>;
+
+/// Multiresolution (paper, section 3): solve for many parameter sets, each started from the interface
+/// states of the nearest points that are solved already.
+///
+/// @param order      points to solve, in this order (a restarted sweep leaves out finished ones)
+/// @param known      states of points solved earlier: start material, e.g. from a checkpoint
+/// @param known_points their positions
+/// @throws whatever a callback throws, after the point it was called for
+void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
+           const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
+           std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
+           const PointCallback& point_callback);
+
+/// Order in which a grid is walked: neighbours in the order differ in one parameter by one step
+/// (boustrophedon), the last axis fastest.
+std::vector<Index> snake_order(const std::vector<Index>& shape);
+
+}  // namespace latin

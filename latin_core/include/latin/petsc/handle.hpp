@@ -1,0 +1,70 @@
+#pragma once
+
+#include <petscksp.h>
+#include <petscmat.h>
+
+#include <concepts>
+#include <string_view>
+#include <utility>
+
+#include "latin/common/types.hpp"
+
+/// Thin, move-only access to PETSc. Nothing here initialises or finalises PETSc: whoever created the
+/// objects (petsc4py, a test's main) has done so.
+namespace latin::petsc {
+
+static_assert(sizeof(PetscInt) == sizeof(int), "latin needs a PETSc built with 32-bit indices");
+static_assert(std::same_as<PetscScalar, double>, "latin needs a real, double precision PETSc");
+
+/// Turns a PETSc error code into a NumericalError that says what was attempted.
+void check(PetscErrorCode code, std::string_view doing);
+
+/// Owner of one reference to a PETSc object.
+template <typename Object, PetscErrorCode (*destroy)(Object*)>
+class Handle {
+ public:
+  Handle() = default;
+  Handle(const Handle&) = delete;
+  Handle& operator=(const Handle&) = delete;
+  Handle(Handle&& other) noexcept : object_(std::exchange(other.object_, nullptr)) {}
+  Handle& operator=(Handle&& other) noexcept {
+    std::swap(object_, other.object_);
+    return *this;
+  }
+  ~Handle() {
+    if (object_ != nullptr) {
+      static_cast<void>(destroy(&object_));  // a destructor has nobody to tell
+    }
+  }
+
+  /// Take over the caller's reference.
+  static Handle adopt(Object object) {
+    Handle handle;
+    handle.object_ = object;
+    return handle;
+  }
+  /// Take an additional reference; the caller keeps its own.
+  static Handle borrow(Object object) {
+    // PETSc's macros cast to PetscObject in C style
+    check(PetscObjectReference(reinterpret_cast<PetscObject>(object)), "reference an object");
+    return adopt(object);
+  }
+
+  [[nodiscard]] Object get() const { return object_; }
+  /// Where a PETSc creation routine writes its new object.
+  [[nodiscard]] Object* out() { return &object_; }
+
+ private:
+  Object object_ = nullptr;
+};
+
+using MatHandle = Handle<Mat, MatDestroy>;
+using KspHandle = Handle<KSP, KSPDestroy>;
+using VecHandle = Handle<Vec, VecDestroy>;
+
+/// Copy of a sequential AIJ (or BAIJ) matrix of shape (rows, cols); explicit zeros are dropped because
+/// they cost fill in a factorisation.
+/// @throws InputError if the matrix is not sequential, or holds a NaN or infinity; `name` is named.
+SparseRows to_sparse(Mat matrix, std::string_view name);
+
+}  // namespace latin::petsc

@@ -1,0 +1,129 @@
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/petsc/factor.hpp"
+
+namespace latin {
+
+/// One substructure of a body: u = Z q + u0, with q the unknowns of the body.
+struct Member {
+  std::string name;
+  SparseRows stiffness;     ///< K (n, n), symmetric, force / length
+  SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
+  Matrix load;              ///< F (n, l), force, one column a load pattern
+  Matrix offset;            ///< u0 (n, l), length; empty: zero
+};
+
+/// A deterministic elastic interface that is assembled into a body instead of being iterated on:
+/// f1 = kappa (B q + B0 - Delta) with B = T2 Z2 - T1 Z1.
+struct Spring {
+  std::string name;
+  std::vector<Index> members;      ///< one (ground on side 2) or two
+  std::vector<SparseRows> traces;  ///< local frame, (rows, n) each
+  Vector stiffness;                ///< kappa * weight, (rows)
+  Vector jump;                     ///< Delta, (rows)
+};
+
+/// A side of an active interface that lies on a body.
+struct BodySide {
+  Index member;
+  SparseRows trace;  ///< local frame, (rows, n)
+  Vector weights;    ///< (rows)
+  Vector direction;  ///< search direction k (rows), force / length^3, > 0
+};
+
+struct BodyDescription {
+  std::string name;
+  Index size;  ///< n_body
+  std::vector<Member> members;
+  std::vector<Spring> springs;
+};
+
+/// How the global stage applies the inverse of a body's operator.
+enum class OperatorKind {
+  automatic,  ///< condensed, unless the dense block would not fit in `memory_limit`
+  condensed,  ///< dense triangular factor of the Schur complement on the active unknowns
+  factored    ///< sparse triangular solves
+};
+
+struct OperatorOptions {
+  OperatorKind kind = OperatorKind::automatic;
+  petsc::FactorBackend backend = petsc::FactorBackend::automatic;
+  double memory_limit = 0.0;  ///< bytes for the dense blocks of all bodies; 0: no limit
+};
+
+/// Seconds and bytes that were spent on setting up a body.
+struct BodyCost {
+  double assemble_s = 0.0;
+  double factorise_s = 0.0;
+  double condense_s = 0.0;
+  double factor_numbers = 0.0;  ///< doubles in the sparse factor
+  double dense_numbers = 0.0;   ///< doubles in the condensed block
+};
+
+/// Substructures glued together, with the Robin terms of the active interfaces on them, factorised once:
+///
+///     (K + sum T^T W k T) q = F + sum T^T W s,   w = T u,   f = s - k w.       (DESIGN, global stage)
+///
+/// All fields on its sides are stacked: block (rows, c), sides in the order given.
+class Body {
+ public:
+  /// @throws InputError on shapes that disagree, NumericalError if the operator is not definite.
+  Body(BodyDescription description, std::vector<BodySide> sides, const OperatorOptions& options);
+
+  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] Index size() const { return size_; }
+  [[nodiscard]] Index rows() const { return traces_.rows(); }
+  [[nodiscard]] Index loads() const { return load_.cols(); }
+  [[nodiscard]] Index active() const { return active_; }
+  [[nodiscard]] bool condensed() const { return condensed_.size() > 0; }
+  [[nodiscard]] const BodyCost& cost() const { return cost_; }
+  [[nodiscard]] std::string backend() const { return factor_->backend(); }
+
+  /// Response of the traces to the interface data alone: w = T A^-1 T^T W s.
+  /// @param data s (rows, c)  @param traces w (rows, c), overwritten
+  void apply(ConstMatrixRef data, MatrixRef traces) const;
+  /// Traces of the load patterns (rows, l) with s = 0.
+  [[nodiscard]] const Matrix& load_traces() const { return load_traces_; }
+
+  /// Displacements of one member, (n, c).
+  /// @param data s (rows, c)  @param amplitudes (l, c) of the load patterns
+  [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data,
+                                                  ConstMatrixRef amplitudes) const;
+
+  /// Twice the strain energy u^T K u of the global-stage solution, summed over columns.
+  /// @param data s, traces w, forces f (rows, c)  @param amplitudes (l, c)
+  [[nodiscard]] double energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
+                              ConstMatrixRef amplitudes) const;
+
+  [[nodiscard]] const Vector& weights() const { return weights_; }
+  [[nodiscard]] const Vector& directions() const { return direction_; }
+
+ private:
+  [[nodiscard]] Matrix right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const;
+
+  std::string name_;
+  Index size_ = 0;
+  Index active_ = 0;  ///< the last unknowns, those that a side touches
+  std::vector<SparseRows> prolongations_;
+  std::vector<Matrix> offsets_;
+  SparseRows traces_;         ///< T Z, (rows, size)
+  SparseRows active_traces_;  ///< its last `active_` columns
+  Vector weights_;
+  Vector direction_;
+  std::unique_ptr<petsc::Factor> factor_;
+  Matrix condensed_;         ///< L of the Schur complement, or empty
+  Matrix load_;              ///< right-hand side of the load patterns, with offsets
+  Matrix load_traces_;       ///< T u of the load patterns at s = 0
+  Matrix offset_traces_;     ///< T u0
+  // energy = a^T work_loads a + a^T work_traces^T W s + (w - T u0)^T W f, see energy()
+  Matrix work_loads_;
+  Matrix work_traces_;
+  BodyCost cost_;
+};
+
+}  // namespace latin

@@ -1,0 +1,40 @@
+"""LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks.
+
+The package knows PETSc matrices and NumPy arrays, and nothing of how they were made: ``dolfinx_frontend``
+assembles scenes into them.
+"""
+
+# petsc4py first: it initialises MPI and PETSc, which the extension never does
+from petsc4py import PETSc as _PETSc
+
+from latin_core import _core
+from latin_core._core import InputError, Iteration, NumericalError, Problem, State, Summary
+from latin_core.checkpoint import Checkpoint, CheckpointError
+from latin_core.options import Options
+from latin_core.sweep import SweepPoints, SweptParameter, sweep
+
+if _PETSc.ScalarType(0).dtype.kind != "f":
+    raise ImportError(
+        "latin_core needs a real PETSc, petsc4py here is complex: install the real flavour "
+        "(Debian: python3-petsc4py-real; conda: petsc=*=real*)"
+    )
+
+snake_order = _core.snake_order
+available_backends = _core.available_backends
+
+__all__ = [
+    "Checkpoint",
+    "CheckpointError",
+    "InputError",
+    "Iteration",
+    "NumericalError",
+    "Options",
+    "Problem",
+    "State",
+    "Summary",
+    "SweepPoints",
+    "SweptParameter",
+    "available_backends",
+    "snake_order",
+    "sweep",
+]

@@ -1,0 +1,97 @@
+"""Checkpoint file of a long run: one SQLite database, one transaction a finished point.
+
+A point is either in the file whole or not at all, whatever kills the run, and appending costs the size of
+the point, not of the file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sqlite3
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Checkpoint", "CheckpointError"]
+
+_VERSION = 1
+
+
+class CheckpointError(ValueError):
+    """The file cannot be used: not a checkpoint, damaged, of another version or of another run."""
+
+
+class Checkpoint:
+    """Finished points of one run.
+
+    Parameters
+    ----------
+    path
+        File to create, or to continue.
+    header
+        What the run is (JSON-able). A file with another header belongs to another run and is refused,
+        untouched.
+    """
+
+    def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        mine = json.dumps({"version": _VERSION, **header}, sort_keys=True)
+        if not self.path.parent.is_dir():
+            raise CheckpointError(
+                f"checkpoint {self.path}: folder {self.path.parent} does not exist: make it first"
+            )
+        try:
+            if self.path.exists() and self.path.stat().st_size > 0:
+                with self.path.open("rb") as file:
+                    if file.read(16) != b"SQLite format 3\x00":
+                        raise sqlite3.DatabaseError("not a checkpoint file")
+            self._db = sqlite3.connect(self.path)
+            with self._db:
+                self._db.execute("create table if not exists header (text text)")
+                self._db.execute(
+                    "create table if not exists point (number integer primary key, arrays blob)"
+                )
+            rows = self._db.execute("select text from header").fetchall()
+            if self._db.execute("pragma quick_check").fetchone() != ("ok",):
+                raise sqlite3.DatabaseError("damaged")
+        except sqlite3.DatabaseError as error:
+            raise CheckpointError(
+                f"checkpoint {self.path} cannot be read ({error}): move it away to start anew"
+            ) from error
+        if not rows:
+            with self._db:
+                self._db.execute("insert into header values (?)", (mine,))
+        elif rows[0][0] != mine:
+            self._db.close()
+            raise CheckpointError(
+                f"checkpoint {self.path} belongs to another run or version: give another file name, "
+                f"or move it away\n  in the file: {rows[0][0][:300]}\n  this run:    {mine[:300]}"
+            )
+
+    def append(self, number: int, arrays: Mapping[str, npt.ArrayLike]) -> None:
+        """Write one finished point; when this returns, it is on the disk."""
+        buffer = io.BytesIO()
+        np.savez(buffer, **{name: np.asarray(value) for name, value in arrays.items()})
+        with self._db:
+            self._db.execute(
+                "insert or replace into point values (?, ?)", (number, buffer.getvalue())
+            )
+
+    def __iter__(self) -> Iterator[tuple[int, dict[str, npt.NDArray[Any]]]]:
+        """Finished points as (number, arrays), by number."""
+        try:
+            for number, blob in self._db.execute("select number, arrays from point order by number"):
+                with np.load(io.BytesIO(blob), allow_pickle=False) as arrays:
+                    yield number, dict(arrays)
+        except (sqlite3.DatabaseError, ValueError, OSError, EOFError) as error:
+            raise CheckpointError(
+                f"checkpoint {self.path} is damaged ({error}): move it away to start anew"
+            ) from error
+
+    def close(self) -> None:
+        """Release the file."""
+        self._db.close()

@@ -1,0 +1,76 @@
+"""Settings of the iteration. Every default of the kernel stands here and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from latin_core import _core
+
+__all__ = ["Options"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a problem is factorised and iterated on.
+
+    Attributes
+    ----------
+    rtol
+        Tolerance on the estimated relative error of the displacements in the energy norm. The estimate
+        does not depend on the search direction (``History`` in the C++ sources says how it is made).
+    max_iterations
+        Global stages in one solve.
+    acceleration
+        Depth of Anderson's history; 0 runs the plain iteration of 2004.
+    relaxation
+        mu in (0, 1]; 1 is the plain step.
+    stagnation_window
+        Iterations without progress after which a run ends as ``"stagnated"``.
+    snapshots
+        Earlier interface states that a sweep combines into the start of a new point; 1 takes the
+        nearest one as it is.
+    operator
+        ``"condensed"`` (dense factor of the Schur complement on the active unknowns), ``"factored"``
+        (sparse solves) or ``"automatic"``.
+    backend
+        ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
+    memory_limit
+        Bytes that one condensed block may take before ``"automatic"`` goes sparse; 0: no limit.
+    """
+
+    rtol: float = 1e-6
+    max_iterations: int = 500
+    acceleration: int = 10
+    relaxation: float = 1.0
+    stagnation_window: int = 100
+    snapshots: int = 15
+    operator: Literal["automatic", "condensed", "factored"] = "automatic"
+    backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
+    memory_limit: float = 8e9
+
+    def with_(self, **changes: Any) -> Options:
+        """A copy with some settings changed."""
+        return replace(self, **changes)
+
+    @classmethod
+    def plain(cls, **changes: Any) -> Options:
+        """The iteration of the 2004 paper: relaxed, not accelerated, with room for its many iterations.
+
+        Without relaxation, boundary interfaces leave modes that change sign at every iteration.
+        """
+        settings = {
+            "acceleration": 0, "relaxation": 0.9, "max_iterations": 5000, "stagnation_window": 500
+        }
+        return cls(**{**settings, **changes})
+
+    def kernel(self) -> _core.Options:
+        """The kernel's view of the settings. Raises ``ValueError`` on a value out of range at solve."""
+        return _core.Options(
+            rtol=self.rtol,
+            max_iterations=self.max_iterations,
+            acceleration=self.acceleration,
+            relaxation=self.relaxation,
+            stagnation_window=self.stagnation_window,
+            snapshots=self.snapshots,
+        )

@@ -1,0 +1,380 @@
+"""Polynomial chaos: germs, bases, Galerkin matrices, column transforms, quadrature, Sobol indices.
+
+Typed face of the kernel's layer ``latin::stochastic``, whose headers hold the equations. L is the
+number of germs, P + 1 the number of modes, N a number of points in germ space; everything is
+float64. All polynomials are orthonormal, so the mean of a chaos is its coefficient 0 and its
+variance the sum of the squares of the others. Wrong input raises ``InputError``, a ``ValueError``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from latin_core import _core
+
+__all__ = [
+    "Array",
+    "ChaosBasis",
+    "ColumnTransform",
+    "Germ",
+    "IndexSet",
+    "IndexTable",
+    "MultiIndexSet",
+    "Rule",
+    "coupled_blocks",
+    "critical_cov",
+    "galerkin_matrix",
+    "galerkin_transform",
+    "germ_matrix",
+    "mean",
+    "quadrature_transform",
+    "smallest_eigenvalue",
+    "smolyak",
+    "sobol_closed",
+    "sobol_first",
+    "sobol_total",
+    "tensor_gauss",
+    "triple_products",
+    "variance",
+    "variance_by_degree",
+]
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IndexTable: TypeAlias = npt.NDArray[np.int32]
+IndexSet: TypeAlias = Literal["total", "tensor", "hyperbolic"]
+Sparse: TypeAlias = Any
+"""scipy.sparse.csc_matrix, float64, symmetric."""
+
+_native: Any = _core.stochastic
+
+
+def _vector(values: npt.ArrayLike) -> Array:
+    return np.atleast_1d(np.asarray(values, dtype=np.float64))
+
+
+def _block(values: npt.ArrayLike, what: str) -> Array:
+    """A 2D block in the order of the kernel."""
+    block = np.asarray(values, dtype=np.float64, order="F")
+    if block.ndim != 2:
+        raise ValueError(f"{what}: a two-dimensional array is wanted; got shape {block.shape}")
+    return block
+
+
+class Rule(NamedTuple):
+    """Quadrature of an expectation, E[g] ~ sum of weights * g(points)."""
+
+    points: Array  # (q, L), germ space
+    weights: Array  # (q,), sum 1; some are negative in a sparse rule
+
+
+class Germ:
+    """One independent random variable, known by its orthonormal polynomials.
+
+    Made by the class methods; ``str(germ)`` tells the family.
+    """
+
+    def __init__(self, native: Any) -> None:
+        self._native = native
+
+    @classmethod
+    def hermite(cls) -> Germ:
+        """Standard normal."""
+        return cls(_native.Germ.family("hermite", []))
+
+    @classmethod
+    def legendre(cls) -> Germ:
+        """Uniform on [-1, 1]."""
+        return cls(_native.Germ.family("legendre", []))
+
+    @classmethod
+    def laguerre(cls, shape: float) -> Germ:
+        """Gamma on [0, inf) with this shape > 0 and scale 1."""
+        return cls(_native.Germ.family("laguerre", [shape]))
+
+    @classmethod
+    def jacobi(cls, a: float, b: float) -> Germ:
+        """beta(a, b) stretched to [-1, 1]; a > 0 belongs to the end -1, b > 0 to +1."""
+        return cls(_native.Germ.family("jacobi", [a, b]))
+
+    @classmethod
+    def from_measure(cls, nodes: npt.ArrayLike, weights: npt.ArrayLike) -> Germ:
+        """Atoms at `nodes` (N,) with `weights` (N,) >= 0, which are scaled to the sum 1."""
+        return cls(_native.Germ.from_measure(_vector(nodes), _vector(weights)))
+
+    @classmethod
+    def from_recurrence(cls, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> Germ:
+        """Coefficients (n,) of x psi_k = beta_k+1 psi_k+1 + alpha_k psi_k + beta_k psi_k-1."""
+        return cls(_native.Germ.from_recurrence(_vector(alpha), _vector(beta)))
+
+    @property
+    def capacity(self) -> int | None:
+        """Number of polynomials that exist or are known; None: no limit."""
+        capacity: int | None = self._native.capacity
+        return capacity
+
+    def recurrence(self, length: int) -> tuple[Array, Array]:
+        """alpha (length,) and beta (length,); beta[0] = 1 is not used."""
+        alpha, beta = self._native.recurrence(length)
+        return alpha, beta
+
+    def gauss(self, count: int) -> Rule:
+        """Gauss rule of `count` points (count, 1)."""
+        return Rule(*self._native.gauss(count))
+
+    def evaluate(self, points: npt.ArrayLike, degree: int) -> Array:
+        """psi_0 .. psi_degree at the points (N,): (N, degree + 1)."""
+        values: Array = self._native.evaluate(_vector(points), degree)
+        return values
+
+    def __str__(self) -> str:
+        return str(self._native.name)
+
+    def __repr__(self) -> str:
+        return f"<Germ {self}>"
+
+
+class MultiIndexSet:
+    """Multi-indices of a chaos in graded order; row 0 is the mean.
+
+    Parameters
+    ----------
+    shape
+        ``"total"``: sum of w_l i_l <= p; ``"tensor"``: max of w_l i_l <= p; ``"hyperbolic"``: q-norm
+        of w_l i_l <= p.
+    dimension
+        L.
+    order
+        p >= 0.
+    q
+        0 < q <= 1, of the hyperbolic set.
+    weights
+        (L,) > 0, or empty for 1: a larger weight means lower degrees.
+    interaction
+        Greatest number of variables in one index; 0: no limit.
+    caps
+        (L,) greatest degree of each variable, or empty.
+    bytes_per_index
+        What a mode costs its user, beside the storage of the index.
+    memory_limit
+        Bytes that may be needed in all; 0: no limit. The size is known before anything is
+        allocated.
+    """
+
+    def __init__(
+        self,
+        shape: IndexSet,
+        dimension: int,
+        order: int,
+        *,
+        q: float = 0.75,
+        weights: Sequence[float] = (),
+        interaction: int = 0,
+        caps: Sequence[int] = (),
+        bytes_per_index: float = 0.0,
+        memory_limit: float = 0.0,
+    ) -> None:
+        self._native = _native.MultiIndexSet(
+            shape=shape,
+            dimension=dimension,
+            order=order,
+            q=q,
+            weights=list(weights),
+            interaction=interaction,
+            caps=list(caps),
+            bytes_per_index=bytes_per_index,
+            memory_limit=memory_limit,
+        )
+
+    @classmethod
+    def from_table(cls, rows: npt.ArrayLike) -> MultiIndexSet:
+        """A set given by its rows (P + 1, L), which must hold the zero row; they are put in order."""
+        return cls._wrap(_native.MultiIndexSet(np.ascontiguousarray(rows, dtype=np.int32)))
+
+    @classmethod
+    def _wrap(cls, native: Any) -> MultiIndexSet:
+        made = cls.__new__(cls)
+        made._native = native
+        return made
+
+    @property
+    def table(self) -> IndexTable:
+        """(P + 1, L) degrees; a copy."""
+        table: IndexTable = self._native.table
+        return table
+
+    @property
+    def dimension(self) -> int:
+        """L."""
+        return int(self._native.dimension)
+
+    def __len__(self) -> int:
+        return len(self._native)
+
+    def find(self, index: Sequence[int]) -> int | None:
+        """Row of a multi-index, None if it is not in the set."""
+        row: int | None = self._native.find(list(index))
+        return row
+
+
+class ChaosBasis:
+    """Orthonormal polynomial chaos: products of the polynomials of the germs, one an index."""
+
+    def __init__(self, germs: Sequence[Germ], indices: MultiIndexSet) -> None:
+        self.germs = tuple(germs)
+        self.indices = indices
+        self._native = _native.ChaosBasis([germ._native for germ in germs], indices._native)
+
+    @property
+    def dimension(self) -> int:
+        """L."""
+        return len(self.germs)
+
+    def __len__(self) -> int:
+        """P + 1."""
+        return len(self._native)
+
+    def evaluate(self, points: npt.ArrayLike) -> Array:
+        """All modes at `points` (N, L): (N, P + 1)."""
+        values: Array = self._native.evaluate(_block(points, "points in germ space"))
+        return values
+
+    def evaluate_fields(self, coefficients: npt.ArrayLike, points: npt.ArrayLike) -> Array:
+        """Fields of `coefficients` (rows, P + 1) at `points` (N, L): (rows, N)."""
+        values: Array = self._native.evaluate_fields(
+            _block(coefficients, "chaos coefficients"), _block(points, "points in germ space")
+        )
+        return values
+
+
+class ColumnTransform(NamedTuple):
+    """Between modes and columns in which a law is deterministic.
+
+    A block of modes u (rows, c) is taken as ``u @ forward`` (rows, q) to the law, whose answer returns
+    as ``answer @ backward`` (rows, c).
+    """
+
+    forward: Array  # (c, q)
+    backward: Array  # (q, c)
+    values: Array  # (q,) of the random parameter; empty if it is evaluated at the points
+    points: Array  # (q, L) germ space; empty for an exact Galerkin transform
+    weights: Array  # (q,) probabilities; empty for an exact Galerkin transform
+
+
+def _transform(native: Any) -> ColumnTransform:
+    return ColumnTransform(
+        native.forward, native.backward, native.values, native.points, native.weights
+    )
+
+
+def triple_products(germ: Germ, first: int, second: int) -> Array:
+    """E[psi_i psi_j psi_k] for i <= first and j, k <= second: (first + 1, second + 1, second + 1)."""
+    return np.array(_native.triple_products(germ._native, first, second))
+
+
+def galerkin_matrix(
+    basis: ChaosBasis, coefficients: npt.ArrayLike, indices: MultiIndexSet
+) -> Sparse:
+    """A_jk = sum_i a_i E[Psi_i Psi_j Psi_k] for a scalar with `coefficients` on its own `indices`.
+
+    Exact Galerkin coupling needs all degrees up to twice those of the basis.
+    """
+    return _native.galerkin_matrix(basis._native, _vector(coefficients), indices._native)
+
+
+def germ_matrix(basis: ChaosBasis, germ: int) -> Sparse:
+    """E[xi_l Psi_j Psi_k] for germ l, not standardised."""
+    return _native.germ_matrix(basis._native, germ)
+
+
+def coupled_blocks(matrix: Sparse) -> list[list[int]]:
+    """Groups of modes that a Galerkin matrix couples."""
+    blocks: list[list[int]] = _native.coupled_blocks(matrix)
+    return blocks
+
+
+def smallest_eigenvalue(matrix: Sparse) -> float:
+    """Smallest eigenvalue of a Galerkin matrix; a stiffness needs it positive."""
+    return float(_native.smallest_eigenvalue(matrix))
+
+
+def critical_cov(germ: Germ, order: int) -> float:
+    """Coefficient of variation from which mean (1 + cov zeta), zeta = standardised germ, is indefinite.
+
+    For the normal germ the inverse of the greatest root of He_order+1; infinite at order 0.
+    """
+    return float(_native.critical_cov(germ._native, order))
+
+
+def galerkin_transform(matrix: Sparse) -> ColumnTransform:
+    """Exact Galerkin: the eigenvectors of the matrix and its eigenvalues as parameter values."""
+    return _transform(_native.galerkin_transform(matrix))
+
+
+def quadrature_transform(basis: ChaosBasis, rule: Rule) -> ColumnTransform:
+    """Evaluation of the modes at the points of a rule, and projection with its weights."""
+    return _transform(
+        _native.quadrature_transform(
+            basis._native, _block(rule.points, "points of the rule"), _vector(rule.weights)
+        )
+    )
+
+
+def tensor_gauss(
+    germs: Sequence[Germ], counts: Sequence[int], memory_limit: float = 0.0
+) -> Rule:
+    """Product of Gauss rules with counts[l] points; the last germ varies fastest."""
+    return Rule(*_native.tensor_gauss([g._native for g in germs], list(counts), memory_limit))
+
+
+def smolyak(germs: Sequence[Germ], level: int, memory_limit: float = 0.0) -> Rule:
+    """Sparse rule from Gauss rules of 1 .. level + 1 points, exact for total degree 2 level + 1."""
+    return Rule(*_native.smolyak([g._native for g in germs], level, memory_limit))
+
+
+def mean(coefficients: npt.ArrayLike) -> Array:
+    """(rows,) expectation of fields with `coefficients` (rows, P + 1)."""
+    return _block(coefficients, "chaos coefficients")[:, 0].copy()
+
+
+def variance(coefficients: npt.ArrayLike) -> Array:
+    """(rows,) variance of fields with `coefficients` (rows, P + 1)."""
+    values: Array = _native.variance(_block(coefficients, "chaos coefficients"))
+    return values
+
+
+def variance_by_degree(coefficients: npt.ArrayLike, indices: MultiIndexSet) -> Array:
+    """(rows, p + 1) share of each total degree in the variance: its decay judges the order."""
+    values: Array = _native.variance_by_degree(
+        _block(coefficients, "chaos coefficients"), indices._native
+    )
+    return values
+
+
+def sobol_first(coefficients: npt.ArrayLike, indices: MultiIndexSet) -> Array:
+    """(rows, L) first-order Sobol indices; NaN where there is no variance."""
+    values: Array = _native.sobol_first(
+        _block(coefficients, "chaos coefficients"), indices._native
+    )
+    return values
+
+
+def sobol_total(coefficients: npt.ArrayLike, indices: MultiIndexSet) -> Array:
+    """(rows, L) total Sobol indices; NaN where there is no variance."""
+    values: Array = _native.sobol_total(
+        _block(coefficients, "chaos coefficients"), indices._native
+    )
+    return values
+
+
+def sobol_closed(
+    coefficients: npt.ArrayLike, indices: MultiIndexSet, group: Sequence[int]
+) -> Array:
+    """(rows,) part of the variance due to the germs of a group alone; NaN without variance."""
+    values: Array = _native.sobol_closed(
+        _block(coefficients, "chaos coefficients"), indices._native, list(group)
+    )
+    return values

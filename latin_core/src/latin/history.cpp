@@ -1,0 +1,131 @@
+#include "latin/latin/history.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+#include <limits>
+
+namespace latin {
+namespace {
+
+/// A history that explains less of the residual than this says nothing about the error.
+constexpr double least_explained = 0.05;
+
+}  // namespace
+
+History::History(const Problem& problem, Index columns, Index depth)
+    : problem_(&problem),
+      rows_(problem.rows()),
+      columns_(columns),
+      depth_(depth),
+      data_(rows_ * columns, depth),
+      residual_(rows_ * columns, depth),
+      traces_(rows_ * columns, depth),
+      gram_(Matrix::Zero(depth, depth)),
+      metric_(problem.weights().cwiseQuotient(problem.directions())) {}
+
+void History::clear() {
+  size_ = 0;
+  next_ = 0;
+  gamma_.resize(0);
+}
+
+Eigen::Map<const Matrix> History::block(const Matrix& store, Index slot) const {
+  return {store.col(slot).data(), rows_, columns_};
+}
+
+double History::product(Index slot, ConstMatrixRef residual) const {
+  double sum = 0.0;
+  const auto past = block(residual_, slot);
+  for (Index column = 0; column < columns_; ++column) {
+    sum += (past.col(column).array() * metric_.array() * residual.col(column).array()).sum();
+  }
+  return sum;
+}
+
+double History::norm(ConstMatrixRef residual) const {
+  double sum = 0.0;
+  for (Index column = 0; column < columns_; ++column) {
+    sum += (residual.col(column).array().square() * metric_.array()).sum();
+  }
+  return std::sqrt(sum);
+}
+
+void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
+  if (depth_ == 0) {
+    return;
+  }
+  const Index slot = next_;
+  data_.col(slot) = data.reshaped();
+  residual_.col(slot) = residual.reshaped();
+  traces_.col(slot) = traces.reshaped();
+  next_ = (next_ + 1) % depth_;
+  size_ = std::min(size_ + 1, depth_);
+  for (Index other = 0; other < size_; ++other) {
+    gram_(slot, other) = product(other, residual);
+    gram_(other, slot) = gram_(slot, other);
+  }
+}
+
+void History::fit(ConstMatrixRef residual) {
+  residual_norm_ = norm(residual);
+  gamma_ = Vector::Zero(size_);
+  remainder_ = 1.0;
+  if (size_ == 0 || residual_norm_ == 0.0) {
+    return;
+  }
+  Vector projection(size_);
+  for (Index slot = 0; slot < size_; ++slot) {
+    projection(slot) = product(slot, residual);
+  }
+  // unit columns, then drop directions that rounding of the Gram matrix has made meaningless
+  Vector scale = gram_.diagonal().head(size_).cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  scale = scale.cwiseInverse();
+  const Matrix scaled = scale.asDiagonal() * gram_.topLeftCorner(size_, size_) * scale.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);
+  const Vector& values = eigen.eigenvalues();
+  const double smallest = 1e-13 * values.tail(1)(0);
+  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
+  double explained = 0.0;
+  for (Index i = 0; i < size_; ++i) {
+    if (values(i) > smallest) {
+      explained += coordinates(i) * coordinates(i) / values(i);
+      coordinates(i) /= values(i);
+    } else {
+      coordinates(i) = 0.0;
+    }
+  }
+  gamma_ = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
+  const double share = explained / (residual_norm_ * residual_norm_);
+  remainder_ = std::sqrt(std::max(0.0, 1.0 - share));
+}
+
+State History::predicted_error() const {
+  State error{Matrix::Zero(rows_, columns_), Matrix::Zero(rows_, columns_)};
+  for (Index slot = 0; slot < gamma_.size(); ++slot) {
+    error.data += gamma_(slot) * block(data_, slot);
+    error.traces += gamma_(slot) * block(traces_, slot);
+  }
+  return error;
+}
+
+double History::error(const Size& whole) const {
+  if (residual_norm_ == 0.0) {
+    return 0.0;
+  }
+  const double explained = std::sqrt(std::max(0.0, 1.0 - remainder_ * remainder_));
+  if (explained < least_explained) {
+    return std::numeric_limits<double>::infinity();
+  }
+  const State error = predicted_error();
+  // what the history cannot explain is taken to be amplified as much as what it can
+  return problem_->difference_size(error.data, error.traces).relative_to(whole) / explained;
+}
+
+void History::step(ConstMatrixRef residual, double beta, MatrixRef step) const {
+  step = beta * residual;
+  for (Index slot = 0; slot < gamma_.size(); ++slot) {
+    step -= gamma_(slot) * (block(data_, slot) + beta * block(residual_, slot));
+  }
+}
+
+}  // namespace latin

@@ -1,0 +1,334 @@
+#include "latin/latin/problem.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <ranges>
+
+#include "latin/common/error.hpp"
+
+namespace latin {
+namespace {
+
+/// Below this share a strain energy is rounding of a rigid motion.
+constexpr double strain_free = 1e-20;
+
+void check_interface(const InterfaceDescription& interface) {
+  const auto fail = [&interface](const std::string& text) {
+    throw InputError("interface '" + interface.name + "': " + text);
+  };
+  if (interface.sides.empty() || interface.sides.size() > 2) {
+    fail(std::to_string(interface.sides.size()) + " sides: give one (boundary) or two");
+  }
+  if (interface.weights.size() == 0 || !(interface.weights.array() > 0.0).all()) {
+    fail("weights must be positive areas, one a point");
+  }
+  if (interface.frames.rows() % interface.weights.size() != 0) {
+    fail(std::to_string(interface.frames.rows()) + " frame rows for " +
+         std::to_string(interface.weights.size()) + " points");
+  }
+  for (const SideDescription& side : interface.sides) {
+    if (side.direction.size() != interface.frames.rows()) {
+      fail("search direction has " + std::to_string(side.direction.size()) + " values for " +
+           std::to_string(interface.frames.rows()) + " rows");
+    }
+    if (!(side.scale > 0.0)) {
+      fail("scale is " + std::to_string(side.scale) + ": give modulus / length of the part, > 0");
+    }
+    if (!(side.direction.array() > 0.0).all() || !side.direction.allFinite()) {
+      fail("search direction must be positive and finite (got " +
+           std::to_string(side.direction.minCoeff()) + ")");
+    }
+  }
+}
+
+}  // namespace
+
+Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
+                 const OperatorOptions& options) {
+  std::map<std::string, std::pair<std::size_t, Index>> where;  // member -> body, position
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    member_names_.emplace_back();
+    for (const Member& member : bodies[b].members) {
+      const auto position = static_cast<Index>(member_names_.back().size());
+      if (!where.emplace(member.name, std::pair{b, position}).second) {
+        throw InputError("substructure '" + member.name + "' is in two bodies");
+      }
+      member_names_.back().push_back(member.name);
+    }
+  }
+
+  std::vector<std::vector<BodySide>> sides(bodies.size());
+  std::vector<std::vector<std::pair<std::size_t, std::size_t>>> owner(bodies.size());
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    InterfaceDescription& interface = interfaces[i];
+    check_interface(interface);
+    const Index points = interface.weights.size();
+    const Index components = interface.frames.rows() / points;
+    Entry entry;
+    entry.geometry = {interface.name, points, components,
+                      interface.weights.replicate(1, components).transpose().reshaped(),
+                      make_law(interface.law)};
+    entry.rows.resize(interface.sides.size());
+    entry.flexibility = Vector::Zero(points * components);
+    for (std::size_t s = 0; s < interface.sides.size(); ++s) {
+      SideDescription& side = interface.sides[s];
+      const auto found = where.find(side.member);
+      if (found == where.end()) {
+        throw InputError("interface '" + interface.name + "': unknown substructure '" + side.member +
+                         "'");
+      }
+      entry.flexibility += side.direction.cwiseInverse();
+      const auto [body, member] = found->second;
+      sides[body].push_back({member, to_local_frame(side.trace, interface.frames, interface.name),
+                             entry.geometry.weights, std::move(side.direction)});
+      owner[body].emplace_back(i, s);
+    }
+    interfaces_.push_back(std::move(entry));
+  }
+
+  bodies_.reserve(bodies.size());
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    body_rows_.push_back(rows_);
+    Index row = rows_;
+    for (std::size_t s = 0; s < sides[b].size(); ++s) {
+      interfaces_[owner[b][s].first].rows[owner[b][s].second] = row;
+      row += sides[b][s].trace.rows();
+    }
+    bodies_.emplace_back(std::move(bodies[b]), std::move(sides[b]), options);
+    rows_ = row;
+    loads_ = std::max(loads_, bodies_.back().loads());
+  }
+  weights_.resize(rows_);
+  directions_.resize(rows_);
+  trace_metric_ = Vector::Zero(rows_);
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const Entry& entry = interfaces_[i];
+    for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+      trace_metric_.segment(entry.rows[s], entry.geometry.weights.size()) =
+          interfaces[i].sides[s].scale * entry.geometry.weights;
+    }
+  }
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    if (bodies_[b].loads() != loads_) {
+      throw InputError("body '" + bodies_[b].name() + "' has " + std::to_string(bodies_[b].loads()) +
+                       " load patterns, another has " + std::to_string(loads_));
+    }
+    weights_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].weights();
+    directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
+  }
+}
+
+Index Problem::unknowns() const {
+  Index sum = 0;
+  for (const Body& body : bodies_) {
+    sum += body.size();
+  }
+  return sum;
+}
+
+Index Problem::active_unknowns() const {
+  Index sum = 0;
+  for (const Body& body : bodies_) {
+    sum += body.active();
+  }
+  return sum;
+}
+
+std::size_t Problem::find_interface(const std::string& name) const {
+  const auto found = std::ranges::find(interfaces_, name, [](const Entry& e) { return e.geometry.name; });
+  if (found == interfaces_.end()) {
+    std::string names;
+    for (const Entry& entry : interfaces_) {
+      names += (names.empty() ? "" : ", ") + entry.geometry.name;
+    }
+    throw InputError("no active interface '" + name + "'; active: " + names);
+  }
+  return static_cast<std::size_t>(found - interfaces_.begin());
+}
+
+void Problem::set_parameter(const std::string& interface, const std::string& parameter,
+                            Matrix values) {
+  const Entry& entry = interfaces_[find_interface(interface)];
+  Law& law = *entry.geometry.law;
+  for (const auto& info : law.parameters()) {
+    if (info.name != parameter) {
+      continue;
+    }
+    const Index expected = info.shape == Law::Shape::per_point
+                               ? entry.geometry.points
+                               : entry.geometry.points * entry.geometry.components;
+    if (values.rows() != expected && !(values.rows() == 1 && info.shape == Law::Shape::per_point)) {
+      throw InputError("interface '" + interface + "': parameter '" + parameter + "' has " +
+                       std::to_string(values.rows()) + " rows, expected " + std::to_string(expected) +
+                       (info.shape == Law::Shape::per_point ? " (one a point) or 1"
+                                                            : " (one a point and component)"));
+    }
+  }
+  try {
+    law.set(parameter, ParameterField(std::move(values)));
+  } catch (const InputError& error) {
+    throw InputError("interface '" + interface + "': " + error.what());
+  }
+}
+
+Matrix Problem::parameter(const std::string& interface, const std::string& parameter) const {
+  return interfaces_[find_interface(interface)].geometry.law->get(parameter).values();
+}
+
+void Problem::set_columns(const std::string& interface, std::vector<LawColumns> groups) {
+  Entry& entry = interfaces_[find_interface(interface)];
+  entry.group_laws.clear();
+  for (const LawColumns& group : groups) {
+    if (group.begin < 0 || group.end > entry.geometry.components || group.begin >= group.end ||
+        group.transform.forward.rows() != group.transform.backward.cols() ||
+        group.transform.forward.cols() != group.transform.backward.rows()) {
+      throw InputError("interface '" + interface + "': a column transform does not fit");
+    }
+    std::shared_ptr<Law> law = make_law(entry.geometry.law->name());
+    for (const auto& info : law->parameters()) {
+      law->set(info.name, entry.geometry.law->get(info.name));
+    }
+    for (const auto& [name, field] : group.parameters) {
+      law->set(name, field);
+    }
+    entry.group_laws.push_back(std::move(law));
+  }
+  entry.groups = std::move(groups);
+}
+
+void Problem::global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const {
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    const Body& body = bodies_[b];
+    auto of_body = traces.middleRows(body_rows_[b], body.rows());
+    body.apply(data.middleRows(body_rows_[b], body.rows()), of_body);
+    of_body.noalias() += body.load_traces() * amplitudes;
+  }
+}
+
+Matrix Problem::free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Index rows = entry.flexibility.size();
+  Matrix jump(rows, data.cols());
+  for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+    const auto k = directions_.segment(entry.rows[s], rows);
+    // a / k = (f - k w) / k = s / k - 2 w
+    const Matrix scaled = k.cwiseInverse().asDiagonal() * data.middleRows(entry.rows[s], rows) -
+                          2.0 * traces.middleRows(entry.rows[s], rows);
+    if (s == 0) {
+      jump = scaled;
+    } else {
+      jump -= scaled;
+    }
+  }
+  return jump;
+}
+
+void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const {
+  const Index components = entry.geometry.components;
+  force.resize(free_jump.rows(), free_jump.cols());
+  if (entry.groups.empty()) {
+    entry.geometry.law->resolve({components, free_jump, entry.flexibility}, force);
+    return;
+  }
+  for (std::size_t g = 0; g < entry.groups.size(); ++g) {
+    const LawColumns& group = entry.groups[g];
+    const Matrix samples = free_jump * group.transform.forward;
+    Matrix forces(samples.rows(), samples.cols());
+    entry.group_laws[g]->resolve({components, samples, entry.flexibility}, forces);
+    const Matrix back = forces * group.transform.backward;
+    for (Index component = group.begin; component < group.end; ++component) {
+      const auto rows = Eigen::seqN(component, entry.geometry.points, components);
+      force(rows, Eigen::all) = back(rows, Eigen::all);
+    }
+  }
+}
+
+void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual) const {
+  Matrix force;
+  for (const Entry& entry : interfaces_) {
+    const Index rows = entry.flexibility.size();
+    resolve(entry, free_jump(entry, data, traces), force);
+    for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+      const auto k = directions_.segment(entry.rows[s], rows);
+      const double sign = s == 0 ? 2.0 : -2.0;
+      // f^ + k w^ - s = 2 f^ - a - s = 2 (f^ - s + k w)
+      residual.middleRows(entry.rows[s], rows) =
+          sign * force - 2.0 * data.middleRows(entry.rows[s], rows) +
+          2.0 * (k.asDiagonal() * traces.middleRows(entry.rows[s], rows));
+    }
+  }
+}
+
+Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef data,
+                                           ConstMatrixRef traces) const {
+  const Entry& entry = interfaces_.at(interface);
+  LocalFields fields;
+  const Matrix jump = free_jump(entry, data, traces);
+  resolve(entry, jump, fields.force);
+  fields.jump = jump - entry.flexibility.asDiagonal() * fields.force;
+  return fields;
+}
+
+Index Problem::first_row(std::size_t interface, std::size_t side) const {
+  return interfaces_.at(interface).rows.at(side);
+}
+
+double Size::relative_to(const Size& whole) const {
+  const double total = whole.strain + whole.trace;
+  if (!(total > 0.0)) {
+    return strain + trace > 0.0 ? std::numeric_limits<double>::infinity() : 0.0;
+  }
+  const double of_trace = std::sqrt(trace / total);
+  // a solution without strain (rigid motion) has no strain error to speak of
+  const bool strained = whole.strain > strain_free * whole.trace;
+  return strained ? std::max(of_trace, std::sqrt(strain / whole.strain)) : of_trace;
+}
+
+Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) const {
+  Size size;
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    const Index rows = bodies_[b].rows();
+    const auto s = data.middleRows(body_rows_[b], rows);
+    const auto w = traces.middleRows(body_rows_[b], rows);
+    size.strain += bodies_[b].energy(s, w, s - bodies_[b].directions().asDiagonal() * w, amplitudes);
+  }
+  size.strain = std::abs(size.strain);
+  size.trace = squared_traces(traces);
+  return size;
+}
+
+Size Problem::difference_size(ConstMatrixRef data, ConstMatrixRef traces) const {
+  Size size;
+  for (Index column = 0; column < data.cols(); ++column) {
+    size.strain += (traces.col(column).array() * weights_.array() *
+                    (data.col(column).array() - directions_.array() * traces.col(column).array()))
+                       .sum();
+  }
+  size.strain = std::abs(size.strain);
+  size.trace = squared_traces(traces);
+  return size;
+}
+
+double Problem::squared_traces(ConstMatrixRef traces) const {
+  double sum = 0.0;
+  for (Index column = 0; column < traces.cols(); ++column) {
+    sum += (traces.col(column).array().square() * trace_metric_.array()).sum();
+  }
+  return sum;
+}
+
+std::vector<std::pair<std::string, Matrix>> Problem::displacements(ConstMatrixRef data,
+                                                                   ConstMatrixRef amplitudes) const {
+  std::vector<std::pair<std::string, Matrix>> fields;
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    auto of_body = bodies_[b].displacements(data.middleRows(body_rows_[b], bodies_[b].rows()), amplitudes);
+    for (std::size_t e = 0; e < of_body.size(); ++e) {
+      fields.emplace_back(member_names_[b][e], std::move(of_body[e]));
+    }
+  }
+  return fields;
+}
+
+}  // namespace latin

@@ -1,0 +1,256 @@
+#include "latin/latin/solver.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "latin/common/error.hpp"
+
+namespace latin {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+void check_options(const Options& options) {
+  const auto demand = [](bool holds, const std::string& text) {
+    if (!holds) {
+      throw InputError(text);
+    }
+  };
+  demand(options.rtol > 0.0 && options.rtol < 1.0,
+         "rtol is " + std::to_string(options.rtol) + ": it must lie in (0, 1)");
+  demand(options.max_iterations >= 1, "max_iterations is " + std::to_string(options.max_iterations) +
+                                          ": it must be at least 1");
+  demand(options.acceleration >= 0 && options.acceleration <= 100,
+         "acceleration is " + std::to_string(options.acceleration) + ": it must lie in 0..100");
+  demand(options.relaxation > 0.0 && options.relaxation <= 1.0,
+         "relaxation is " + std::to_string(options.relaxation) + ": it must lie in (0, 1]");
+}
+
+/// Depth of the history that only observes, where nothing is accelerated.
+constexpr Index observing_depth = 10;
+/// An accelerated residual this much above the best one so far is not followed any further.
+constexpr double growth_before_restart = 10.0;
+
+/// One solve: the local and the global stage in turn.
+class Run {
+ public:
+  Run(const Problem& problem, const Options& options, const Matrix& amplitudes, State& state,
+      std::size_t snapshots, const Callback& callback)
+      : problem_(problem),
+        options_(options),
+        amplitudes_(amplitudes),
+        state_(state),
+        callback_(callback),
+        history_(problem, amplitudes.cols(),
+                 (options.acceleration > 0 ? options.acceleration : observing_depth) +
+                     static_cast<Index>(snapshots)),
+        residual_(problem.rows(), amplitudes.cols()),
+        step_(problem.rows(), amplitudes.cols()),
+        start_(Clock::now()) {}
+
+  /// Start from the combination of snapshots with the smallest residual. It costs local stages only,
+  /// because the global image of a state does not depend on the laws.
+  void combine(const std::vector<const State*>& snapshots) {
+    const auto start = Clock::now();
+    state_ = *snapshots.front();
+    local();
+    Matrix other(problem_.rows(), amplitudes_.cols());
+    for (std::size_t i = 1; i < snapshots.size(); ++i) {
+      problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other);
+      history_.push(snapshots[i]->data - state_.data, other - residual_,
+                    snapshots[i]->traces - state_.traces);
+    }
+    history_.fit(residual_);
+    const State away = history_.predicted_error();
+    state_.data -= away.data;
+    state_.traces -= away.traces;
+    summary_.other_s += since(start);
+  }
+
+  Summary run(bool traces_known) {
+    if (problem_.rows() == 0) {
+      summary_.status = Status::converged;
+      summary_.energy = problem_.size(state_.data, state_.traces, amplitudes_).strain;
+      return summary_;
+    }
+    if (!traces_known) {
+      global();
+    }
+    local();
+    double best_norm = std::numeric_limits<double>::infinity();
+    double first_norm = -1.0;
+    double best_error = std::numeric_limits<double>::infinity();
+    Index last_progress = 0;
+    for (;;) {
+      const auto measuring = Clock::now();
+      history_.fit(residual_);
+      const double norm = history_.norm(residual_);
+      const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
+      const double error = history_.error(size);
+      summary_.error = error;
+      summary_.energy = size.strain;
+      summary_.indicator = indicator();
+      const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
+      summary_.history.push_back(record);
+      summary_.other_s += since(measuring);
+      if (callback_) {
+        callback_(record);
+      }
+      if (first_norm < 0.0) {
+        first_norm = norm;
+      }
+      if (!std::isfinite(norm) || norm > 1e10 * first_norm) {
+        summary_.status = Status::diverged;
+        break;
+      }
+      if (error <= options_.rtol) {
+        summary_.status = Status::converged;
+        break;
+      }
+      if (summary_.iterations >= options_.max_iterations) {
+        summary_.status = Status::max_iterations;
+        break;
+      }
+      if (norm < 0.99 * best_norm || error < 0.99 * best_error) {
+        last_progress = summary_.iterations;
+      } else if (summary_.iterations - last_progress > options_.stagnation_window) {
+        summary_.status = Status::stagnated;
+        break;
+      }
+      best_error = std::min(best_error, error);
+      advance(norm, best_norm);
+    }
+    return summary_;
+  }
+
+ private:
+  void global() {
+    const auto start = Clock::now();
+    problem_.global_stage(state_.data, amplitudes_, state_.traces);
+    summary_.global_s += since(start);
+    ++summary_.iterations;
+  }
+
+  void local() {
+    const auto start = Clock::now();
+    problem_.local_stage(state_.data, state_.traces, residual_);
+    summary_.local_s += since(start);
+  }
+
+  /// One step, plain or accelerated, and both stages at its end.
+  void advance(double norm, double& best_norm) {
+    const auto start = Clock::now();
+    if (options_.acceleration > 0 && norm > growth_before_restart * best_norm) {
+      history_.clear();
+      best_norm = norm;
+      ++summary_.restarts;
+      history_.fit(residual_);
+    }
+    best_norm = std::min(best_norm, norm);
+    if (options_.acceleration > 0) {
+      history_.step(residual_, options_.relaxation, step_);
+    } else {
+      step_ = options_.relaxation * residual_;
+    }
+    const Matrix old_residual = residual_;
+    const Matrix old_traces = state_.traces;
+    state_.data += step_;
+    summary_.other_s += since(start);
+    global();
+    local();
+    const auto pushing = Clock::now();
+    history_.push(step_, residual_ - old_residual, state_.traces - old_traces);
+    summary_.other_s += since(pushing);
+  }
+
+  /// The paper's indicator (Ladeveze 1999): distance of the two stages over their size, in k and 1/k.
+  [[nodiscard]] double indicator() const {
+    double distance = 0.0;
+    double size = 0.0;
+    const Vector& k = problem_.directions();
+    const Vector& area = problem_.weights();
+    for (Index column = 0; column < residual_.cols(); ++column) {
+      for (Index row = 0; row < residual_.rows(); ++row) {
+        // r = 2 k (w^ - w) = 2 (f^ - f)
+        const double half = 0.5 * residual_(row, column);
+        const double w = state_.traces(row, column);
+        const double f = state_.data(row, column) - k(row) * w;
+        const double w_hat = w + half / k(row);
+        const double f_hat = f + half;
+        distance += area(row) * 2.0 * half * half / k(row);
+        size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
+      }
+    }
+    return size > 0.0 ? std::sqrt(distance / size) : 0.0;
+  }
+
+  const Problem& problem_;
+  const Options& options_;
+  const Matrix& amplitudes_;
+  State& state_;
+  const Callback& callback_;
+  History history_;
+  Matrix residual_;
+  Matrix step_;
+  Summary summary_;
+  Clock::time_point start_;
+};
+
+}  // namespace
+
+std::string to_string(Status status) {
+  switch (status) {
+    case Status::converged:
+      return "converged";
+    case Status::max_iterations:
+      return "max_iterations";
+    case Status::stagnated:
+      return "stagnated";
+    case Status::diverged:
+      return "diverged";
+  }
+  return "unknown";
+}
+
+Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes, State& state,
+              const std::vector<const State*>& snapshots, const Callback& callback) {
+  check_options(options);
+  const Index columns = amplitudes.cols();
+  const auto fits = [&problem, columns](const State& each) {
+    return each.data.rows() == problem.rows() && each.data.cols() == columns &&
+           each.traces.rows() == problem.rows() && each.traces.cols() == columns;
+  };
+  for (const State* snapshot : snapshots) {
+    if (!fits(*snapshot)) {
+      throw InputError("a start state has shape (" + std::to_string(snapshot->data.rows()) + ", " +
+                       std::to_string(snapshot->data.cols()) + "), this problem needs (" +
+                       std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
+    }
+  }
+  Run run(problem, options, amplitudes, state, snapshots.size(), callback);
+  if (!snapshots.empty()) {
+    run.combine(snapshots);
+    return run.run(true);
+  }
+  if (state.data.size() == 0) {
+    state.data = Matrix::Zero(problem.rows(), columns);
+    state.traces = Matrix::Zero(problem.rows(), columns);
+    return run.run(false);
+  }
+  if (!fits(state)) {
+    throw InputError("the start state has shape (" + std::to_string(state.data.rows()) + ", " +
+                     std::to_string(state.data.cols()) + "), this problem needs (" +
+                     std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
+  }
+  return run.run(false);
+}
+
+}  // namespace latin

@@ -1,0 +1,86 @@
+#include "latin/latin/sweep.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include "latin/common/error.hpp"
+
+namespace latin {
+namespace {
+
+/// Squared distance of two points, every parameter scaled by its range.
+double distance(const std::vector<SweptParameter>& parameters, Index a, Index b) {
+  double sum = 0.0;
+  for (const SweptParameter& each : parameters) {
+    const double range = each.values.maxCoeff() - each.values.minCoeff();
+    if (range > 0.0) {
+      const double step = (each.values(a) - each.values(b)) / range;
+      sum += step * step;
+    }
+  }
+  return sum;
+}
+
+}  // namespace
+
+void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
+           const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
+           std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
+           const PointCallback& point_callback) {
+  if (known.size() != known_points.size()) {
+    throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
+                     std::to_string(known_points.size()) + " points");
+  }
+  for (const Index point : order) {
+    for (const SweptParameter& each : parameters) {
+      problem.set_parameter(each.interface, each.parameter, each.pattern * each.values(point));
+    }
+    std::vector<std::size_t> nearest(known.size());
+    std::iota(nearest.begin(), nearest.end(), std::size_t{0});
+    const auto wanted = std::min(known.size(), static_cast<std::size_t>(std::max<Index>(options.snapshots, 1)));
+    std::vector<double> away(known.size());
+    for (std::size_t i = 0; i < known.size(); ++i) {
+      away[i] = distance(parameters, point, known_points[i]);
+    }
+    std::ranges::partial_sort(nearest, nearest.begin() + static_cast<std::ptrdiff_t>(wanted),
+                              [&away](std::size_t a, std::size_t b) { return away[a] < away[b]; });
+    std::vector<const State*> start;
+    for (std::size_t i = 0; i < wanted; ++i) {
+      start.push_back(&known[nearest[i]]);
+    }
+    State state;
+    const Summary summary = solve(problem, options, amplitudes, state, start, callback);
+    point_callback(point, summary, state);
+    if (summary.status == Status::converged) {
+      known.push_back(std::move(state));
+      known_points.push_back(point);
+    }
+  }
+}
+
+std::vector<Index> snake_order(const std::vector<Index>& shape) {
+  Index total = 1;
+  for (const Index extent : shape) {
+    if (extent < 1) {
+      throw InputError("a grid axis has " + std::to_string(extent) + " values: give at least one");
+    }
+    total *= extent;
+  }
+  std::vector<Index> order;
+  order.reserve(static_cast<std::size_t>(total));
+  for (Index position = 0; position < total; ++position) {
+    // mixed-radix reflected Gray code: an axis runs backwards on every other pass
+    Index flat = 0;
+    Index block = total;
+    for (const Index extent : shape) {
+      const Index pass = position / block;
+      block /= extent;
+      const Index digit = (position / block) % extent;
+      flat = flat * extent + (pass % 2 == 1 ? extent - 1 - digit : digit);
+    }
+    order.push_back(flat);
+  }
+  return order;
+}
+
+}  // namespace latin

@@ -1,0 +1,264 @@
+#include "latin/petsc/factor.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+#include "latin/common/error.hpp"
+#include "latin/petsc/handle.hpp"
+
+#ifdef LATIN_HAVE_CHOLMOD
+#include <cholmod.h>
+#endif
+
+namespace latin::petsc {
+namespace {
+
+std::string not_definite(const std::string& name, const std::string& where) {
+  return "the stiffness of '" + name + "' is not positive definite" + where +
+         ": the part can move rigidly, its material is not stable, or a stiffness is negative";
+}
+
+#ifdef LATIN_HAVE_CHOLMOD
+
+/// Supernodal Cholesky of SuiteSparse. The module is GPL: a binary with it is, too.
+class CholmodFactor final : public Factor {
+ public:
+  CholmodFactor(const SparseColumns& lower, Index trailing, const std::string& name)
+      : size_(lower.rows()), trailing_(trailing) {
+    cholmod_start(&common_);
+    common_.supernodal = CHOLMOD_SUPERNODAL;
+    common_.final_ll = 1;
+    common_.print = 0;
+    common_.error_handler = nullptr;
+    cholmod_sparse matrix = view(lower);
+
+    std::vector<int> order;
+    if (trailing > 0) {
+      order = interior_first(lower, &matrix);
+      common_.nmethods = 1;
+      common_.method[0].ordering = CHOLMOD_GIVEN;
+      // the interior order is postordered already, and a new postorder would mix the trailing unknowns in
+      common_.postorder = 0;
+    } else {
+      common_.nmethods = 1;
+      common_.method[0].ordering = CHOLMOD_METIS;
+    }
+    factor_ = cholmod_analyze_p(&matrix, order.empty() ? nullptr : order.data(), nullptr, 0, &common_);
+    if (factor_ == nullptr) {
+      fail(name);
+    }
+    cholmod_factorize(&matrix, factor_, &common_);
+    if (common_.status < CHOLMOD_OK) {
+      fail(name);
+    }
+    if (common_.status == CHOLMOD_NOT_POSDEF || factor_->minor < factor_->n) {
+      const std::string where = " (pivot " + std::to_string(factor_->minor) + " of " +
+                                std::to_string(factor_->n) + ")";
+      release();
+      throw NumericalError(not_definite(name, where));
+    }
+  }
+  CholmodFactor(const CholmodFactor&) = delete;
+  CholmodFactor& operator=(const CholmodFactor&) = delete;
+  CholmodFactor(CholmodFactor&&) = delete;
+  CholmodFactor& operator=(CholmodFactor&&) = delete;
+  ~CholmodFactor() override { release(); }
+
+  [[nodiscard]] Index size() const override { return size_; }
+  [[nodiscard]] bool condenses() const override { return trailing_ > 0; }
+  [[nodiscard]] double nonzeros() const override { return static_cast<double>(factor_->xsize); }
+  [[nodiscard]] std::string backend() const override { return "cholmod"; }
+
+  [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
+    Matrix block = rhs;  // contiguous, with the leading dimension that CHOLMOD is told
+    cholmod_dense input{};
+    input.nrow = static_cast<std::size_t>(block.rows());
+    input.ncol = static_cast<std::size_t>(block.cols());
+    input.nzmax = input.nrow * input.ncol;
+    input.d = input.nrow;
+    input.x = block.data();
+    input.xtype = CHOLMOD_REAL;
+    input.dtype = CHOLMOD_DOUBLE;
+    cholmod_dense* output = cholmod_solve(CHOLMOD_A, factor_, &input, &common_);
+    if (output == nullptr) {
+      throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
+                           " columns (status " + std::to_string(common_.status) + ")");
+    }
+    block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(), block.cols());
+    cholmod_free_dense(&output, &common_);
+    return block;
+  }
+
+  [[nodiscard]] Matrix trailing_factor() const override {
+    Matrix dense = Matrix::Zero(trailing_, trailing_);
+    const auto* super = static_cast<const int*>(factor_->super);
+    const auto* row_start = static_cast<const int*>(factor_->pi);
+    const auto* value_start = static_cast<const int*>(factor_->px);
+    const auto* rows = static_cast<const int*>(factor_->s);
+    const auto* values = static_cast<const double*>(factor_->x);
+    const auto first = static_cast<int>(size_ - trailing_);
+    for (std::size_t node = 0; node < factor_->nsuper; ++node) {
+      const int height = row_start[node + 1] - row_start[node];
+      for (int column = std::max(super[node], first); column < super[node + 1]; ++column) {
+        const double* of_column = values + value_start[node] +
+                                  static_cast<std::ptrdiff_t>(height) * (column - super[node]);
+        for (int i = column - super[node]; i < height; ++i) {
+          dense(rows[row_start[node] + i] - first, column - first) = of_column[i];
+        }
+      }
+    }
+    return dense;
+  }
+
+ private:
+  static cholmod_sparse view(const SparseColumns& lower) {
+    cholmod_sparse matrix{};
+    matrix.nrow = static_cast<std::size_t>(lower.rows());
+    matrix.ncol = static_cast<std::size_t>(lower.cols());
+    matrix.nzmax = static_cast<std::size_t>(lower.nonZeros());
+    // CHOLMOD's views are not const; analysis and factorisation only read them
+    matrix.p = const_cast<int*>(lower.outerIndexPtr());
+    matrix.i = const_cast<int*>(lower.innerIndexPtr());
+    matrix.x = const_cast<double*>(lower.valuePtr());
+    matrix.stype = -1;
+    matrix.itype = CHOLMOD_INT;
+    matrix.xtype = CHOLMOD_REAL;
+    matrix.dtype = CHOLMOD_DOUBLE;
+    matrix.sorted = 1;
+    matrix.packed = 1;
+    return matrix;
+  }
+
+  /// METIS on the interior unknowns, then the trailing ones in their given order.
+  std::vector<int> interior_first(const SparseColumns& lower, cholmod_sparse* /*matrix*/) {
+    const Index interior = size_ - trailing_;
+    std::vector<int> order(static_cast<std::size_t>(size_));
+    std::iota(order.begin(), order.end(), 0);
+    if (interior > 1) {
+      SparseColumns block = lower.topLeftCorner(interior, interior);
+      cholmod_sparse of_block = view(block);
+      if (cholmod_metis(&of_block, nullptr, 0, 1, order.data(), &common_) == 0) {
+        // METIS left out of the build, or out of memory: minimum degree orders as well
+        common_.status = CHOLMOD_OK;
+        cholmod_amd(&of_block, nullptr, 0, order.data(), &common_);
+      }
+    }
+    return order;
+  }
+
+  [[noreturn]] void fail(const std::string& name) {
+    const int status = common_.status;
+    release();
+    throw NumericalError(status == CHOLMOD_OUT_OF_MEMORY
+                             ? "not enough memory to factorise '" + name + "' (" +
+                                   std::to_string(size_) + " unknowns): use a coarser mesh or cut the part"
+                             : "CHOLMOD could not factorise '" + name + "' (status " +
+                                   std::to_string(status) + ")");
+  }
+
+  void release() {
+    if (factor_ != nullptr) {
+      cholmod_free_factor(&factor_, &common_);
+    }
+    cholmod_finish(&common_);
+  }
+
+  Index size_;
+  Index trailing_;
+  mutable cholmod_common common_{};
+  cholmod_factor* factor_ = nullptr;
+};
+
+#endif
+
+/// MUMPS Cholesky through PETSc, for builds without CHOLMOD.
+class MumpsFactor final : public Factor {
+ public:
+  MumpsFactor(const SparseColumns& lower, const std::string& name) : size_(lower.rows()) {
+    // PETSc's symmetric format keeps the upper triangle by rows: the lower one by columns, unchanged
+    check(MatCreateSeqSBAIJWithArrays(PETSC_COMM_SELF, 1, static_cast<PetscInt>(size_),
+                                      static_cast<PetscInt>(size_),
+                                      const_cast<PetscInt*>(lower.outerIndexPtr()),
+                                      const_cast<PetscInt*>(lower.innerIndexPtr()),
+                                      const_cast<PetscScalar*>(lower.valuePtr()), matrix_.out()),
+          "wrap a matrix");
+    check(MatSetOption(matrix_.get(), MAT_SPD, PETSC_TRUE), "mark a matrix as definite");
+    check(MatSetOptionsPrefix(matrix_.get(), "latin_substructure_"), "prefix a matrix");
+    check(MatGetFactor(matrix_.get(), MATSOLVERMUMPS, MAT_FACTOR_CHOLESKY, factor_.out()),
+          "get a MUMPS factor");
+    MatFactorInfo info;
+    check(MatFactorInfoInitialize(&info), "prepare a factorisation");
+    if (MatCholeskyFactorSymbolic(factor_.get(), matrix_.get(), nullptr, &info) != PETSC_SUCCESS ||
+        MatCholeskyFactorNumeric(factor_.get(), matrix_.get(), &info) != PETSC_SUCCESS) {
+      throw NumericalError(not_definite(name, ""));
+    }
+    MatFactorError error{};
+    check(MatFactorGetError(factor_.get(), &error), "ask a factor for its error");
+    if (error != MAT_FACTOR_NOERROR) {
+      throw NumericalError(not_definite(name, ""));
+    }
+    MatInfo facts{};
+    check(MatGetInfo(factor_.get(), MAT_LOCAL, &facts), "ask a factor for its size");
+    nonzeros_ = facts.nz_used;
+  }
+
+  [[nodiscard]] Index size() const override { return size_; }
+  [[nodiscard]] bool condenses() const override { return false; }
+  [[nodiscard]] double nonzeros() const override { return nonzeros_; }
+  [[nodiscard]] std::string backend() const override { return "mumps"; }
+
+  [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
+    Matrix input = rhs;
+    Matrix output(input.rows(), input.cols());
+    const auto dense = [](Matrix& block) {
+      MatHandle handle;
+      check(MatCreateSeqDense(PETSC_COMM_SELF, static_cast<PetscInt>(block.rows()),
+                              static_cast<PetscInt>(block.cols()), block.data(), handle.out()),
+            "wrap a block of columns");
+      return handle;
+    };
+    const MatHandle b = dense(input);
+    const MatHandle x = dense(output);
+    check(MatMatSolve(factor_.get(), b.get(), x.get()), "solve with MUMPS");
+    return output;
+  }
+
+  [[nodiscard]] Matrix trailing_factor() const override {
+    throw NumericalError("this build condenses with CHOLMOD only: use operator 'factored'");
+  }
+
+ private:
+  Index size_;
+  double nonzeros_ = 0.0;
+  MatHandle matrix_;
+  MatHandle factor_;
+};
+
+}  // namespace
+
+std::unique_ptr<Factor> factorise(const SparseColumns& lower, Index trailing, FactorBackend backend,
+                                  const std::string& name) {
+#ifdef LATIN_HAVE_CHOLMOD
+  if (backend != FactorBackend::mumps) {
+    return std::make_unique<CholmodFactor>(lower, trailing, name);
+  }
+#else
+  if (backend == FactorBackend::cholmod) {
+    throw InputError("backend 'cholmod' is not in this build: use 'mumps' or 'automatic'");
+  }
+#endif
+  static_cast<void>(trailing);
+  return std::make_unique<MumpsFactor>(lower, name);
+}
+
+std::string available_backends() {
+#ifdef LATIN_HAVE_CHOLMOD
+  return "cholmod, mumps";
+#else
+  return "mumps";
+#endif
+}
+
+}  // namespace latin::petsc

@@ -1,0 +1,309 @@
+#include "latin/substructure/body.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "latin/common/error.hpp"
+
+namespace latin {
+namespace {
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+SparseRows identity(Index size) {
+  SparseRows matrix(size, size);
+  matrix.setIdentity();
+  return matrix;
+}
+
+/// Columns renumbered: column j becomes position(j).
+SparseRows renumber_columns(const SparseRows& matrix, const std::vector<int>& position) {
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(static_cast<std::size_t>(matrix.nonZeros()));
+  for (Index row = 0; row < matrix.outerSize(); ++row) {
+    for (SparseRows::InnerIterator it(matrix, row); it; ++it) {
+      entries.emplace_back(static_cast<int>(row), position[static_cast<std::size_t>(it.col())],
+                           it.value());
+    }
+  }
+  SparseRows result(matrix.rows(), matrix.cols());
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
+  Index rows = 0;
+  std::vector<Eigen::Triplet<double>> entries;
+  for (const auto& block : blocks) {
+    for (Index row = 0; row < block.outerSize(); ++row) {
+      for (SparseRows::InnerIterator it(block, row); it; ++it) {
+        entries.emplace_back(static_cast<int>(rows + row), static_cast<int>(it.col()), it.value());
+      }
+    }
+    rows += block.rows();
+  }
+  SparseRows result(rows, cols);
+  result.setFromTriplets(entries.begin(), entries.end());
+  return result;
+}
+
+/// Lower triangle of sum_e Z_e^T K_e Z_e + sum_i B_i^T diag(d_i) B_i.
+class LowerSum {
+ public:
+  explicit LowerSum(Index size) : size_(size) {}
+
+  void add_congruence(const SparseRows& stiffness, const SparseRows& z) {
+    entries_.reserve(entries_.size() + static_cast<std::size_t>(stiffness.nonZeros()) / 2 + 1);
+    for (Index i = 0; i < stiffness.outerSize(); ++i) {
+      for (SparseRows::InnerIterator k(stiffness, i); k; ++k) {
+        for (SparseRows::InnerIterator left(z, i); left; ++left) {
+          for (SparseRows::InnerIterator right(z, k.col()); right; ++right) {
+            if (left.col() >= right.col()) {
+              entries_.emplace_back(static_cast<int>(left.col()), static_cast<int>(right.col()),
+                                    left.value() * k.value() * right.value());
+            }
+          }
+        }
+      }
+    }
+  }
+
+  void add_normal_product(const SparseRows& b, const Vector& diagonal) {
+    for (Index row = 0; row < b.outerSize(); ++row) {
+      for (SparseRows::InnerIterator left(b, row); left; ++left) {
+        for (SparseRows::InnerIterator right(b, row); right && right.col() <= left.col(); ++right) {
+          entries_.emplace_back(static_cast<int>(left.col()), static_cast<int>(right.col()),
+                                left.value() * diagonal(row) * right.value());
+        }
+      }
+    }
+  }
+
+  [[nodiscard]] SparseColumns build() {
+    SparseColumns lower(size_, size_);
+    lower.setFromTriplets(entries_.begin(), entries_.end());
+    entries_ = {};
+    lower.prune([](Index row, Index col, double value) { return row == col || value != 0.0; });
+    return lower;
+  }
+
+ private:
+  Index size_;
+  std::vector<Eigen::Triplet<double>> entries_;
+};
+
+void check_shapes(const BodyDescription& body) {
+  for (const Member& member : body.members) {
+    const Index n = member.stiffness.rows();
+    const Index loads = body.members.front().load.cols();
+    if (member.stiffness.cols() != n || member.load.rows() != n || member.load.cols() != loads ||
+        (member.offset.size() > 0 && (member.offset.rows() != n || member.offset.cols() != loads)) ||
+        (member.prolongation.size() > 0
+             ? (member.prolongation.rows() != n || member.prolongation.cols() != body.size)
+             : n != body.size)) {
+      throw InputError("substructure '" + member.name + "': stiffness " + std::to_string(n) + " x " +
+                       std::to_string(member.stiffness.cols()) + ", load " +
+                       std::to_string(member.load.rows()) + " x " +
+                       std::to_string(member.load.cols()) + " and prolongation " +
+                       std::to_string(member.prolongation.rows()) + " x " +
+                       std::to_string(member.prolongation.cols()) + " do not fit a body of " +
+                       std::to_string(body.size) + " unknowns");
+    }
+  }
+}
+
+}  // namespace
+
+Body::Body(BodyDescription description, std::vector<BodySide> sides, const OperatorOptions& options)
+    : name_(std::move(description.name)), size_(description.size) {
+  const auto start = std::chrono::steady_clock::now();
+  check_shapes(description);
+  std::vector<Member>& members = description.members;
+  for (Member& member : members) {
+    prolongations_.push_back(member.prolongation.size() > 0 ? std::move(member.prolongation)
+                                                            : identity(size_));
+  }
+
+  // unknowns that an active side touches go last, so that the factorisation condenses onto them
+  std::vector<SparseRows> on_body;
+  std::vector<int> position(static_cast<std::size_t>(size_), 0);
+  Index rows = 0;
+  for (const BodySide& side : sides) {
+    on_body.emplace_back(side.trace * prolongations_[static_cast<std::size_t>(side.member)]);
+    on_body.back().prune(0.0);
+    for (Index k = 0; k < on_body.back().nonZeros(); ++k) {
+      position[static_cast<std::size_t>(on_body.back().innerIndexPtr()[k])] = 1;
+    }
+    rows += side.trace.rows();
+  }
+  for (const int touched : position) {
+    active_ += touched;
+  }
+  int interior = 0;
+  int trailing = static_cast<int>(size_ - active_);
+  for (int& where : position) {
+    where = where == 0 ? interior++ : trailing++;
+  }
+  if (active_ > 0) {
+    for (SparseRows& z : prolongations_) {
+      z = renumber_columns(z, position);
+    }
+  }
+  traces_ = stack_rows(on_body, size_);
+  if (active_ > 0) {
+    traces_ = renumber_columns(traces_, position);
+    active_traces_ = traces_.rightCols(active_);
+  }
+  weights_.resize(rows);
+  direction_.resize(rows);
+  Index row = 0;
+  for (const BodySide& side : sides) {
+    weights_.segment(row, side.trace.rows()) = side.weights;
+    direction_.segment(row, side.trace.rows()) = side.direction;
+    row += side.trace.rows();
+  }
+
+  // loads, offsets and springs; offsets act through everything elastic: Z^T K u0
+  const Index loads = members.empty() ? 0 : members.front().load.cols();
+  const bool shifted = std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
+  Matrix load = Matrix::Zero(size_, loads);
+  Matrix of_offset = Matrix::Zero(shifted ? size_ : 0, loads);
+  Matrix offset_energy = Matrix::Zero(loads, loads);
+  LowerSum sum(size_);
+  for (std::size_t e = 0; e < members.size(); ++e) {
+    Member& member = members[e];
+    load += prolongations_[e].transpose() * member.load;
+    if (member.offset.size() > 0) {
+      const Matrix reaction = member.stiffness * member.offset;
+      of_offset += prolongations_[e].transpose() * reaction;
+      offset_energy += member.offset.transpose() * reaction;
+    }
+    sum.add_congruence(member.stiffness, prolongations_[e]);
+    member.stiffness = {};
+    offsets_.push_back(std::move(member.offset));
+  }
+  for (const Spring& spring : description.springs) {
+    SparseRows jump(spring.stiffness.size(), size_);
+    Matrix of_offsets = Matrix::Zero(spring.stiffness.size(), loads);
+    for (std::size_t s = 0; s < spring.members.size(); ++s) {
+      const auto e = static_cast<std::size_t>(spring.members[s]);
+      const double sign = s == 0 ? -1.0 : 1.0;
+      const SparseRows of_side = spring.traces[s] * prolongations_[e];
+      jump += sign * of_side;
+      if (offsets_[e].size() > 0) {
+        of_offsets += sign * (spring.traces[s] * offsets_[e]);
+      }
+    }
+    sum.add_normal_product(jump, spring.stiffness);
+    if (shifted) {
+      of_offset += jump.transpose() * (spring.stiffness.asDiagonal() * of_offsets);
+      offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
+    }
+    if (loads > 0) {
+      // an imposed jump acts with the first load pattern, as the deterministic loads do
+      load.col(0) += jump.transpose() * spring.stiffness.cwiseProduct(spring.jump);
+    }
+  }
+  if (shifted) {
+    load -= of_offset;
+  }
+  const Vector robin = weights_.cwiseProduct(direction_);
+  sum.add_normal_product(traces_, robin);
+  const SparseColumns lower = sum.build();
+  cost_.assemble_s = seconds_since(start);
+
+  // factorise, condense
+  const auto factorising = std::chrono::steady_clock::now();
+  const double dense_bytes = 8.0 * static_cast<double>(active_) * static_cast<double>(active_);
+  bool condense = active_ > 0 && options.kind != OperatorKind::factored;
+  if (condense && options.kind == OperatorKind::automatic && options.memory_limit > 0.0) {
+    condense = dense_bytes <= options.memory_limit;
+  }
+  factor_ = petsc::factorise(lower, condense ? active_ : 0, options.backend, name_);
+  cost_.factor_numbers = factor_->nonzeros();
+  cost_.factorise_s = seconds_since(factorising);
+  if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
+    throw InputError("body '" + name_ + "': backend '" + factor_->backend() +
+                     "' does not condense: use operator 'factored' or backend 'cholmod'");
+  }
+  const auto condensing = std::chrono::steady_clock::now();
+  if (condense && factor_->condenses()) {
+    condensed_ = factor_->trailing_factor();
+    cost_.dense_numbers = static_cast<double>(condensed_.size());
+  }
+
+  // the load patterns, once
+  offset_traces_ = Matrix::Zero(rows, loads);
+  row = 0;
+  for (const BodySide& side : sides) {
+    const Matrix& offset = offsets_[static_cast<std::size_t>(side.member)];
+    if (offset.size() > 0) {
+      offset_traces_.middleRows(row, side.trace.rows()) = side.trace * offset;
+    }
+    row += side.trace.rows();
+  }
+  load_ = load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
+  if (loads > 0) {
+    const Matrix response = factor_->solve(load_);
+    load_traces_ = traces_ * response + offset_traces_;
+    // u^T K u = q^T K_r q + 2 q^T Z^T K u0 + u0^T K u0, and K_r q = F_r + T^T W f
+    const Matrix work = shifted ? Matrix(load + 2.0 * of_offset) : load;
+    work_loads_ = work.transpose() * response + offset_energy;
+    work_traces_ = traces_ * (shifted ? factor_->solve(work) : response);
+  } else {
+    load_traces_ = Matrix::Zero(rows, 0);
+    work_loads_ = Matrix::Zero(0, 0);
+    work_traces_ = Matrix::Zero(rows, 0);
+  }
+  cost_.condense_s = seconds_since(condensing);
+}
+
+void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
+  if (condensed()) {
+    Matrix unknowns = active_traces_.transpose() * (weights_.asDiagonal() * data);
+    condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
+    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
+    traces = active_traces_ * unknowns;
+  } else {
+    traces = traces_ * factor_->solve(traces_.transpose() * (weights_.asDiagonal() * data));
+  }
+}
+
+Matrix Body::right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
+  Matrix rhs = load_ * amplitudes;
+  if (rows() > 0) {
+    rhs += traces_.transpose() * (weights_.asDiagonal() * data);
+  }
+  return rhs;
+}
+
+std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
+  const Matrix unknowns = factor_->solve(right_hand_side(data, amplitudes));
+  std::vector<Matrix> fields;
+  fields.reserve(prolongations_.size());
+  for (std::size_t e = 0; e < prolongations_.size(); ++e) {
+    fields.emplace_back(prolongations_[e] * unknowns);
+    if (offsets_[e].size() > 0) {
+      fields.back() += offsets_[e] * amplitudes;
+    }
+  }
+  return fields;
+}
+
+double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
+                    ConstMatrixRef amplitudes) const {
+  const Matrix relative = traces - offset_traces_ * amplitudes;
+  double energy = (relative.array() * (weights_.asDiagonal() * forces).array()).sum();
+  if (loads() > 0) {
+    const Matrix of_loads =
+        work_loads_ * amplitudes + work_traces_.transpose() * (weights_.asDiagonal() * data);
+    energy += (amplitudes.array() * of_loads.array()).sum();
+  }
+  return energy;
+}
+
+}  // namespace latin

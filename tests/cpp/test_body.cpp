@@ -1,0 +1,136 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <random>
+
+#include "chain.hpp"
+#include "latin/common/error.hpp"
+#include "latin/substructure/body.hpp"
+
+using latin::Body;
+using latin::Index;
+using latin::Matrix;
+using latin::SparseRows;
+using latin::Vector;
+
+namespace {
+
+Matrix random(Index rows, Index cols, unsigned seed) {
+  std::mt19937 generator(seed);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  return Matrix::NullaryExpr(rows, cols, [&] { return uniform(generator); });
+}
+
+/// A floating substructure with two sides of two rows each, its unknowns glued and shuffled by Z, offset,
+/// two load patterns, and a spring to the ground.
+struct Sample {
+  Index n = 9;
+  Index size = 8;
+  SparseRows stiffness = chain::bar(9, 2.0);
+  SparseRows z;
+  Matrix load = random(9, 2, 1);
+  Matrix offset = random(9, 2, 2);
+  SparseRows left;
+  SparseRows right;
+  SparseRows ground = chain::at(4, 9);
+  double kappa = 0.7;
+  double jump = 0.4;
+  Vector weights = (Vector(2) << 0.5, 1.5).finished();
+  Vector direction = (Vector(2) << 2.0, 3.0).finished();
+
+  Sample() {
+    std::vector<Eigen::Triplet<double>> entries;
+    for (int i = 0; i < 9; ++i) {
+      entries.emplace_back(i, (i == 8 ? 5 : 7 - i), i == 8 ? 0.3 : 1.0);
+    }
+    z.resize(9, 8);
+    z.setFromTriplets(entries.begin(), entries.end());
+    const Matrix dense_left = random(2, 9, 3).leftCols(9).cwiseProduct(
+        (Matrix(2, 9) << 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0).finished());
+    left = dense_left.sparseView();
+    right = Matrix(dense_left.rowwise().reverse()).sparseView();
+  }
+
+  [[nodiscard]] Body body(latin::OperatorKind kind, latin::petsc::FactorBackend backend) const {
+    return {{"part", size, {{"part", stiffness, z, load, offset}},
+             {{"ground", {0}, {ground}, Vector::Constant(1, kappa), Vector::Constant(1, jump)}}},
+            {{0, left, weights, direction}, {0, right, weights, direction}},
+            {kind, backend, 0.0}};
+  }
+};
+
+}  // namespace
+
+class BodyOperators
+    : public testing::TestWithParam<std::pair<latin::OperatorKind, latin::petsc::FactorBackend>> {};
+
+TEST_P(BodyOperators, AgreeWithDenseAlgebra) {
+  const Sample sample;
+  const auto [kind, backend] = GetParam();
+  if (backend == latin::petsc::FactorBackend::cholmod &&
+      latin::petsc::available_backends().find("cholmod") == std::string::npos) {
+    GTEST_SKIP() << "built without CHOLMOD";
+  }
+  const Body body = sample.body(kind, backend);
+  ASSERT_EQ(body.rows(), 4);
+
+  // the same, dense: unknowns q with u = Z q + u0 a
+  Matrix trace(4, 9);
+  trace << Matrix(sample.left), Matrix(sample.right);
+  const Vector w = sample.weights.replicate(2, 1);
+  const Vector k = sample.direction.replicate(2, 1);
+  const Matrix z = sample.z;
+  const Matrix ground = sample.ground;
+  const Matrix full = Matrix(sample.stiffness) + sample.kappa * ground.transpose() * ground +
+                      trace.transpose() * w.cwiseProduct(k).asDiagonal() * trace;
+  Matrix force = sample.load;
+  force.col(0) -= sample.kappa * sample.jump * ground.transpose();  // f = kappa (-w - jump) on the part
+  const Matrix data = random(4, 3, 4);
+  const Matrix amplitudes = random(2, 3, 5);
+  const Matrix rhs = z.transpose() * (force * amplitudes + trace.transpose() * w.asDiagonal() * data -
+                                      full * sample.offset * amplitudes);
+  const Matrix q = (z.transpose() * full * z).ldlt().solve(rhs);
+  const Matrix u = z * q + sample.offset * amplitudes;
+
+  const auto fields = body.displacements(data, amplitudes);
+  ASSERT_EQ(fields.size(), 1U);
+  EXPECT_LT((fields[0] - u).norm(), 1e-12 * u.norm());
+
+  Matrix traces(4, 3);
+  body.apply(data, traces);
+  traces += body.load_traces() * amplitudes;
+  EXPECT_LT((traces - trace * u).norm(), 1e-12 * u.norm());
+
+  const Matrix forces = data - k.asDiagonal() * traces;
+  const Matrix elastic = Matrix(sample.stiffness) + sample.kappa * ground.transpose() * ground;
+  const double energy = (u.transpose() * elastic * u).trace();
+  EXPECT_NEAR(body.energy(data, traces, forces, amplitudes), energy, 1e-10 * std::abs(energy));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, BodyOperators,
+    testing::Values(std::pair{latin::OperatorKind::condensed, latin::petsc::FactorBackend::cholmod},
+                    std::pair{latin::OperatorKind::factored, latin::petsc::FactorBackend::cholmod},
+                    std::pair{latin::OperatorKind::factored, latin::petsc::FactorBackend::mumps}));
+
+TEST(Body, CondensesOntoTheUnknownsOfItsSides) {
+  const Sample sample;
+  const Body body = sample.body(latin::OperatorKind::automatic, latin::petsc::FactorBackend::automatic);
+  EXPECT_EQ(body.active(), 4);
+  EXPECT_EQ(body.size(), 8);
+}
+
+TEST(Body, SaysWhichPartIsNotDefinite) {
+  const Index n = 4;
+  try {
+    const Body body({"loose", n, {{"loose", chain::bar(n), {}, chain::end_load(n, 1.0), {}}}, {}}, {}, {});
+    FAIL() << "a floating bar was factorised";
+  } catch (const latin::NumericalError& error) {
+    EXPECT_NE(std::string(error.what()).find("loose"), std::string::npos);
+  }
+}
+
+TEST(Body, RefusesShapesThatDisagree) {
+  EXPECT_THROW(Body({"bad", 5, {{"bad", chain::bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {}, {}),
+               latin::InputError);
+}

@@ -1,0 +1,114 @@
+"""Small parts for the tests: boxes with any cell, geometry order, mapping and numbering."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+
+from dolfinx_frontend.compat import create_mesh
+from dolfinx_frontend.geometry import Part
+
+Array = npt.NDArray[np.float64]
+DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+def block(
+    cell: str,
+    divisions: Sequence[int],
+    low: Sequence[float] | None = None,
+    high: Sequence[float] | None = None,
+    mapping: Callable[[Array], Array] | None = None,
+    order: int = 1,
+    seed: int | None = None,
+) -> Part:
+    """A box whose nodes went through a mapping and, with a seed, through a random renumbering.
+
+    Faces are x0, x1, y0, y1, z0, z1, those of the box before the mapping.
+    """
+    d = DIMENSION[cell]
+    low = np.zeros(d) if low is None else np.asarray(low, dtype=float)
+    high = np.ones(d) if high is None else np.asarray(high, dtype=float)
+    build = dmesh.create_rectangle if d == 2 else dmesh.create_box
+    flat = build(MPI.COMM_SELF, [low, high], list(divisions), cell_type=dmesh.to_type(cell))
+    space = fem.functionspace(flat, ("Lagrange", order))
+    box = space.tabulate_dof_coordinates()[:, :d].copy()
+    cells = np.asarray(space.dofmap.list).astype(np.int64)
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        place = rng.permutation(len(box))
+        box[place] = box.copy()
+        cells = place[cells][rng.permutation(len(cells))]
+    x = box if mapping is None else mapping(box)
+    mesh = create_mesh(cells, x, cell, order)
+    before = box[mesh.geometry.input_global_indices]
+    mesh.topology.create_connectivity(d - 1, d)
+    mesh.topology.create_connectivity(d - 1, 0)
+    exterior = dmesh.exterior_facet_indices(mesh.topology)
+    corners = before[dmesh.entities_to_geometry(mesh, d - 1, exterior)]
+    tags = np.zeros(len(exterior), dtype=np.int32)
+    names = {}
+    for axis in range(d):
+        for end, value in ((0, low[axis]), (1, high[axis])):
+            names[f"{'xyz'[axis]}{end}"] = tag = len(names) + 1
+            tags[np.all(np.abs(corners[:, :, axis] - value) < 1e-9, axis=1)] = tag
+    assert tags.min() > 0
+    return Part(mesh, dmesh.meshtags(mesh, d - 1, exterior, tags), names)
+
+
+def wavy(amount: float, axis: int) -> Callable[[Array], Array]:
+    """A smooth mapping of the unit box that leaves the planes normal to an axis and all edges alone."""
+
+    def mapping(x: Array) -> Array:
+        out = x.copy()
+        bump = np.prod([np.sin(np.pi * x[:, k]) for k in range(x.shape[1]) if k != axis], axis=0)
+        for k in range(x.shape[1]):
+            if k != axis:
+                out[:, k] += amount * (1.0 + 0.3 * k) * bump
+        return out
+
+    return mapping
+
+
+def polynomial(degree: int, x: Array, seed: int = 3) -> Array:
+    """A vector polynomial with all monomials up to a total degree, (points, d)."""
+    d = x.shape[1]
+    rng = np.random.default_rng(seed)
+    out = np.zeros_like(x)
+    for powers in np.ndindex(*(degree + 1,) * d):
+        if sum(powers) <= degree:
+            monomial = np.prod(x ** np.array(powers), axis=1)
+            out += monomial[:, None] * rng.standard_normal(d)
+    return out
+
+
+def lame(
+    r: Array | float, a: float, b: float, inside: float, outside: float, E: float, nu: float
+) -> Array | float:
+    """Radial displacement of a ring under pressures on both arcs, plane strain (Lame)."""
+    factor = (1 + nu) / (E * (b**2 - a**2))
+    uniform = (1 - 2 * nu) * (inside * a**2 - outside * b**2)
+    return factor * (uniform * r + (inside - outside) * a**2 * b**2 / r)
+
+
+def face_mass(space: fem.FunctionSpace, part: Part, face: str, degree: int) -> Array:
+    """Boundary mass matrix of a face as UFL assembles it, dense."""
+    import dolfinx.fem.petsc
+    import ufl
+
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    ds = ufl.Measure(
+        "ds",
+        domain=part.mesh,
+        subdomain_data=part.facet_tags,
+        metadata={"quadrature_degree": degree},
+    )
+    form = fem.form(ufl.inner(u, v) * ds(part.names[face]))
+    matrix = dolfinx.fem.petsc.assemble_matrix(form)
+    matrix.assemble()
+    matrix.convert("dense")
+    return matrix.getDenseArray().copy()

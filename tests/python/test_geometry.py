@@ -1,0 +1,482 @@
+"""Meshes of the parts: closed-form sizes, complete face names, matching nodes, clear errors."""
+
+import math
+import shutil
+import subprocess
+
+import gmsh
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx import mesh as dmesh
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend import geometry, plotting
+from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.geometry import FREE, Part
+
+ROUND = 1e-12  # relative, for sums over a few thousand facets
+
+
+def face_coordinates(part: Part, face: str, degree: int = 2) -> np.ndarray:
+    """Coordinates of the Lagrange nodes on a face, (nodes, 3)."""
+    space = fem.functionspace(part.mesh, ("Lagrange", degree))
+    dim = part.mesh.topology.dim
+    nodes = fem.locate_dofs_topological(space, dim - 1, part.facets(face))
+    return space.tabulate_dof_coordinates()[nodes]
+
+
+def dofs(assembly: geometry.Assembly, degree: int = 2) -> int:
+    """Degrees of freedom of a Lagrange displacement on all parts."""
+    total = 0
+    for part in assembly.parts.values():
+        space = fem.functionspace(part.mesh, ("Lagrange", degree, (part.mesh.geometry.dim,)))
+        total += space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+    return total
+
+
+def check_names(part: Part) -> None:
+    """Every exterior facet has exactly one face, and no other facet has one."""
+    topology = part.mesh.topology
+    topology.create_connectivity(topology.dim - 1, topology.dim)
+    facets = np.concatenate([part.facets(name) for name in part.faces])
+    assert np.array_equal(np.sort(facets), dmesh.exterior_facet_indices(topology))
+    assert all(part.facets(name).size for name in part.faces)
+
+
+def check_matching(assembly: geometry.Assembly) -> None:
+    """The nodes of every two-sided interface coincide."""
+    for connection in assembly.interfaces:
+        if connection.face2 is None:
+            continue
+        x1, x2 = (
+            face_coordinates(*assembly.face(f)) for f in (connection.face1, connection.face2)
+        )
+        assert x1.shape == x2.shape, connection
+        distance, nearest = cKDTree(x2).query(x1)
+        assert distance.max() <= 1e-12 * np.abs(x1).max(), connection
+        assert np.unique(nearest).size == len(x1)
+
+
+# --- blocks -----------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "cell, dim", [("triangle", 2), ("quadrilateral", 2), ("tetrahedron", 3), ("hexahedron", 3)]
+)
+def test_box(cell: str, dim: int) -> None:
+    lengths, origin = [2.0, 3.0, 0.5][:dim], [-1.0, 7.0, 0.25][:dim]
+    part = geometry.box(lengths, [2, 3, 4][:dim], origin, cell)
+    volume = math.prod(lengths)
+    assert part.cell == cell
+    assert part.volume() == pytest.approx(volume, rel=ROUND)
+    assert part.faces == tuple(f"{a}{end}" for a in "xyz"[:dim] for end in (0, 1))
+    for axis, name in enumerate("xyz"[:dim]):
+        for end in (0, 1):
+            face = f"{name}{end}"
+            assert part.face_area(face) == pytest.approx(volume / lengths[axis], rel=ROUND)
+            plane = origin[axis] + end * lengths[axis]
+            assert np.allclose(face_coordinates(part, face)[:, axis], plane, rtol=1e-14, atol=0)
+    check_names(part)
+    assert "tri" not in repr(part) or cell == "triangle"
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_box_of_any_size_and_shape(scale: float) -> None:
+    part = geometry.box([scale, 1e4 * scale], [3, 2], cell="triangle")
+    check_names(part)
+    assert FREE not in part.names
+    assert part.face_area("x1") == pytest.approx(1e4 * scale, rel=ROUND)
+
+
+def test_block_chain() -> None:
+    chain = geometry.block_chain(3, (1.0, 2.0), (2, 4), axis=1)
+    assert list(chain.parts) == ["block0", "block1", "block2"]
+    assert chain.interfaces[1][1:] == ("perfect", "block1:y1", "block2:y0")
+    check_matching(chain)
+    uneven = geometry.block_chain(2, (1.0, 1.0, 1.0), [(1, 2, 2), (1, 3, 3)])
+    assert uneven.parts["block1"].facets("x0").size == 9
+
+
+# --- rings ------------------------------------------------------------------------------------
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize("angle", [math.pi / 6, math.pi, 2 * math.pi])
+def test_annulus_area_converges_to_the_circle(cell: str, angle: float) -> None:
+    exact = 0.5 * angle * (4.0 - 1.0)
+    for order, slope in ((1, 2), (2, 4)):
+        errors = []
+        for n in (8, 16):
+            part = geometry.annulus(1.0, 2.0, angle, (2, n), cell, order)
+            check_names(part)
+            assert part.order == order
+            errors.append(abs(part.volume() / exact - 1))
+        assert math.log2(errors[0] / errors[1]) == pytest.approx(slope, abs=0.1)
+        assert part.face_area("outer") == pytest.approx(2 * angle, rel=2 * errors[1])
+    whole = angle == 2 * math.pi
+    assert ("theta0" in part.names) != whole
+    assert FREE not in part.names
+
+
+def test_two_rings() -> None:
+    rings = geometry.two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
+    check_matching(rings)
+    assert [c.kind for c in rings.interfaces].count("symmetry") == 4
+    apart = geometry.two_rings(1.0, 1.5, 2.0, divisions=(2, 4), outer_divisions=(1, 3))
+    assert apart.parts["outer"].facets("inner").size == 3
+
+
+# --- the vessel ---------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def vessel() -> geometry.BoltedVessel:
+    return geometry.bolted_vessel("coarse")
+
+
+def test_vessel_has_the_parts_and_interfaces_of_the_paper(vessel: geometry.BoltedVessel) -> None:
+    assert list(vessel.parts) == ["cylinder", "flange", "ring", "cover", "shank", "head"]
+    assert len(vessel.interfaces) == len({c.name for c in vessel.interfaces}) == 20
+    kinds = [c.kind for c in vessel.interfaces]
+    expected = {"perfect": 4, "elastic": 2, "pressure": 3, "symmetry": 10, "support": 1}
+    assert {kind: kinds.count(kind) for kind in kinds} == expected
+    used = [f for c in vessel.interfaces for f in (c.face1, c.face2) if f is not None]
+    assert len(used) == len(set(used))  # no face carries two interfaces
+    named = {f"{p}:{f}" for p, part in vessel.parts.items() for f in part.faces if f != FREE}
+    assert named == set(used)
+
+
+def test_vessel_names_and_nodes(vessel: geometry.BoltedVessel) -> None:
+    for part in vessel.parts.values():
+        check_names(part)
+    check_matching(vessel)
+
+
+def test_vessel_sizes(vessel: geometry.BoltedVessel) -> None:
+    """Volumes and areas of the solids, up to the parabolas that stand for circles."""
+    s = geometry.VesselShape()
+    a, b, sector = s.bore_radius, s.wall, s.angle / 2
+    half = math.pi / 2
+    volumes = {
+        "cylinder": sector * (b**2 - a**2) * s.height,
+        "flange": (sector * (s.flange_radius**2 - b**2) - half * s.screw_radius**2)
+        * s.flange_thickness,
+        "ring": sector * (b**2 - a**2) * s.ring_thickness,
+        "cover": (sector * s.flange_radius**2 - half * s.hole_radius**2) * s.cover_thickness,
+        "shank": half * s.screw_radius**2 * (s.levels[3] - s.levels[0]),
+        "head": half * s.head_radius**2 * s.head_height,
+    }
+    areas = {
+        "ring:top": sector * (b**2 - a**2),
+        "cover:inner": sector * a**2,
+        "cylinder:inner": s.angle * a * s.height,
+        "cylinder:bottom": sector * (b**2 - a**2),
+        "flange:thread": math.pi * s.screw_radius * s.flange_thickness,
+        "shank:top": vessel.screw_area / 2,
+        "head:seat": half * (s.head_radius**2 - s.hole_radius**2),
+        "cover:theta1": s.flange_radius * s.cover_thickness,
+        "head:theta0": 2 * s.head_radius * s.head_height,
+    }
+    # arcs of 60 degrees: a parabola through three points encloses 0.25 % less of the sector
+    for name, volume in volumes.items():
+        assert vessel.parts[name].volume() == pytest.approx(volume, rel=3e-3), name
+    for name, area in areas.items():
+        part, face = vessel.face(name)
+        assert part.face_area(face) == pytest.approx(area, rel=3e-3), name
+    assert vessel.pressure_force == pytest.approx(2 * areas["cover:inner"], rel=1e-12)
+
+
+def test_vessel_presets(vessel: geometry.BoltedVessel) -> None:
+    assert 4_000 < dofs(vessel) < 6_500
+    paper = geometry.bolted_vessel("paper")
+    assert 22_000 < dofs(paper) < 26_000
+    check_matching(paper)
+    assert "20 interfaces" in repr(paper)
+
+
+def test_vessel_of_other_dimensions() -> None:
+    straight = geometry.bolted_vessel(25.0, geometry_order=1, n_screws=6, cover_thickness=40.0)
+    assert straight.parts["cover"].order == 1
+    check_matching(straight)
+    scaled = geometry.bolted_vessel(
+        "coarse",
+        **{
+            name: value if name == "n_screws" else 1e-3 * value
+            for name, value in vars(geometry.VesselShape()).items()
+        },
+    )
+    for part in scaled.parts.values():
+        check_names(part)
+    assert scaled.parts["cover"].face_area("inner") == pytest.approx(
+        math.pi / 16 * 0.09**2, rel=2e-3
+    )
+
+
+# --- gmsh ---------------------------------------------------------------------------------------
+def two_squares(model, order: int = 1, recombine: bool = False) -> None:
+    """Two unit squares side by side, sharing the line x = 1."""
+    left = model.occ.addRectangle(0, 0, 0, 1, 1)
+    right = model.occ.addRectangle(1, 0, 0, 1, 1)
+    model.occ.fragment([(2, left)], [(2, right)])
+    model.occ.synchronize()
+    model.addPhysicalGroup(2, [left], name="left")
+    model.addPhysicalGroup(2, [right], name="right")
+    eps = 1e-6
+    middle = model.getEntitiesInBoundingBox(1 - eps, -eps, -eps, 1 + eps, 2, eps, 1)
+    shared = [tag for _, tag in middle]
+    model.addPhysicalGroup(1, shared, name="left:to the right")
+    model.addPhysicalGroup(1, shared, name="right:to the left")
+    below = [t for _, t in model.getEntitiesInBoundingBox(-eps, -eps, -eps, 3, eps, eps, 1)]
+    model.addPhysicalGroup(1, below, name="bottom")
+    if recombine:
+        for tag in (left, right):
+            model.mesh.setTransfiniteSurface(tag)
+            model.mesh.setRecombine(2, tag)
+    model.mesh.generate(2)
+    model.mesh.setOrder(order)
+
+
+@pytest.mark.parametrize("recombine, cell", [(False, "triangle"), (True, "quadrilateral")])
+@pytest.mark.parametrize("order", [1, 2])
+def test_from_gmsh(recombine: bool, cell: str, order: int) -> None:
+    with geometry.gmsh_session("squares", {"Mesh.MeshSizeMax": 0.4}) as g:
+        two_squares(g.model, order, recombine)
+        assembly = geometry.from_gmsh(g.model)
+    assert not gmsh.isInitialized()
+    assert list(assembly.parts) == ["left", "right"]
+    for name, other in (("left", "to the right"), ("right", "to the left")):
+        part = assembly.parts[name]
+        check_names(part)
+        assert (part.cell, part.order, part.mesh.geometry.dim) == (cell, order, 2)
+        assert set(part.faces) == {other, "bottom", FREE}
+        assert part.volume() == pytest.approx(1, rel=ROUND)
+        assert part.face_area(other) == pytest.approx(1, rel=ROUND)
+        assert part.face_area("bottom") == pytest.approx(1, rel=ROUND)
+    heights = [
+        np.sort(face_coordinates(*assembly.face(face))[:, 1])
+        for face in ("left:to the right", "right:to the left")
+    ]
+    assert np.allclose(*heights, rtol=0, atol=1e-14)
+
+
+def test_gmsh_hexahedra_of_second_order() -> None:
+    """Node order of the cells with most nodes, through a volume that depends on all of them."""
+    with geometry.gmsh_session() as g:
+        square = g.model.occ.addRectangle(1, 0, 0, 1, 1)
+        turned = g.model.occ.revolve([(2, square)], 0, 0, 0, 0, 1, 0, 1.0, [3], recombine=True)
+        g.model.occ.synchronize()
+        g.model.mesh.setTransfiniteSurface(square)
+        g.model.mesh.setRecombine(2, square)
+        g.model.addPhysicalGroup(3, [t for d, t in turned if d == 3], name="sector")
+        g.model.mesh.generate(3)
+        g.model.mesh.setOrder(2)
+        part = geometry.from_gmsh(g.model).parts["sector"]
+    assert (part.cell, part.order) == ("hexahedron", 2)
+    assert part.volume() == pytest.approx(1.5, rel=1e-4)
+    assert part.faces == (FREE,)
+
+
+def test_open_gmsh_session_is_left_as_it_was(tmp_path) -> None:
+    gmsh.initialize(argv=[], interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("mine")
+        size = gmsh.option.getNumber("Mesh.MeshSizeFromPoints")
+        geometry.bolted_vessel(40.0)
+        assert gmsh.isInitialized() and gmsh.model.getCurrent() == "mine"
+        assert "bolted_vessel" not in gmsh.model.list()
+        assert gmsh.option.getNumber("Mesh.MeshSizeFromPoints") == size
+        two_squares(gmsh.model)
+        gmsh.write(str(tmp_path / "squares.msh"))
+    finally:
+        gmsh.finalize()
+    assembly = geometry.read_msh(tmp_path / "squares.msh")
+    assert set(assembly.parts["left"].faces) == {"to the right", "bottom", FREE}
+
+
+# --- errors -------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "build, message",
+    [
+        (lambda: geometry.box([1.0, -1.0], [1, 1]), r"lengths\[1\] = -1.0 must be positive"),
+        (lambda: geometry.box([1.0], [1]), "must hold 2 or 3"),
+        (lambda: geometry.box([1.0, 1.0], [1, 0]), r"divisions = \(1, 0\)"),
+        (lambda: geometry.box([1.0, 1.0], [1, 1.5]), r"divisions = \(1, 1.5\)"),
+        (lambda: geometry.box([1.0, 1.0], [1, 1], cell="tetrahedron"), "'triangle'"),
+        (lambda: geometry.box([1.0, 1.0], [1, 1], origin=[0.0]), "2 coordinates"),
+        (lambda: geometry.block_chain(0), "n = 0"),
+        (lambda: geometry.block_chain(2, axis=3), "axis = 3"),
+        (lambda: geometry.block_chain(3, divisions=[(1, 1, 1)] * 2), "3 rows of 3"),
+        (lambda: geometry.annulus(2.0, 1.0), "outer = 1.0 must exceed"),
+        (lambda: geometry.annulus(1.0, 2.0, angle=7.0), "2 pi"),
+        (lambda: geometry.annulus(1.0, 2.0, angle=2 * math.pi, divisions=(1, 2)), "3 cells"),
+        (lambda: geometry.annulus(1.0, 2.0, geometry_order=3), "geometry_order = 3"),
+        (lambda: geometry.bolted_vessel("huge"), "unknown size 'huge'"),
+        (lambda: geometry.bolted_vessel(-1.0), "size = -1.0"),
+        (lambda: geometry.bolted_vessel(math.nan), "size = nan"),
+        (lambda: geometry.bolted_vessel(bore_radios=1.0), "did you mean 'bore_radius'"),
+        (lambda: geometry.bolted_vessel(n_screws=2.5), "n_screws = 2.5"),
+        (lambda: geometry.bolted_vessel(hole_radius=8.0), "screw_radius < hole_radius"),
+        (lambda: geometry.bolted_vessel(n_screws=40), "head_radius < bolt_circle sin"),
+        (lambda: geometry.read_msh("nowhere.msh"), "no mesh file 'nowhere.msh'"),
+    ],
+)
+def test_wrong_arguments(build, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        build()
+
+
+def test_unknown_faces(vessel: geometry.BoltedVessel) -> None:
+    with pytest.raises(SceneError, match="did you mean 'theta1'"):
+        vessel.parts["ring"].facets("theta2")
+    with pytest.raises(SceneError, match="unknown part 'rong'"):
+        vessel.face("rong:top")
+
+
+def test_wrong_gmsh_models() -> None:
+    def rejects(message: str, prepare) -> None:
+        with geometry.gmsh_session("wrong", {"Mesh.MeshSizeMax": 0.5}) as g:
+            prepare(g.model)
+            with pytest.raises(SceneError, match=message):
+                geometry.from_gmsh(g.model)
+
+    def square(model, *, parts=("plate",), faces=(), mesh=True) -> None:
+        tag = model.occ.addRectangle(0, 0, 0, 1, 1)
+        model.occ.synchronize()
+        for name in parts:
+            model.addPhysicalGroup(2, [tag], name=name)
+        for name, lines in faces:
+            model.addPhysicalGroup(1, lines, name=name)
+        if mesh:
+            model.mesh.generate(2)
+
+    def mixed(model) -> None:
+        two = [model.occ.addRectangle(x, 0, 0, 1, 1) for x in (0, 1)]
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, two, name="plate")
+        model.mesh.setTransfiniteSurface(two[0])
+        model.mesh.setRecombine(2, two[0])
+        model.mesh.generate(2)
+
+    def inside(model) -> None:
+        two_squares(model)
+        model.removePhysicalGroups([])
+        surfaces = [t for _, t in model.getEntities(2)]
+        model.addPhysicalGroup(2, surfaces, name="both")
+        lines = [t for _, t in model.getEntities(1)]
+        model.addPhysicalGroup(1, lines, name="all")
+
+    def cubic(model) -> None:
+        square(model)
+        model.mesh.setOrder(3)
+
+    rejects("no physical group", lambda m: square(m, parts=()))
+    rejects("a name of its own", lambda m: square(m, parts=("",)))
+    rejects("no cells; call gmsh.model.mesh.generate", lambda m: square(m, mesh=False))
+    rejects("'plaat:edge' belongs to no part", lambda m: square(m, faces=[("plaat:edge", [1])]))
+    rejects("share facets", lambda m: square(m, faces=[("a", [1]), ("plate:b", [1, 2])]))
+    rejects("mixes cells", mixed)
+    rejects("runs inside the part", inside)
+    rejects("order 1 or 2", cubic)
+
+
+# --- figures ------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def rings() -> geometry.Assembly:
+    return geometry.two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
+
+
+def displacements(assembly: geometry.Assembly) -> dict[str, fem.Function]:
+    """The field u = x / 1000 on every part."""
+    fields = {}
+    for name, part in assembly.parts.items():
+        dim = part.mesh.geometry.dim
+        fields[name] = fem.Function(fem.functionspace(part.mesh, ("Lagrange", 2, (dim,))))
+        fields[name].interpolate(lambda x, dim=dim: 1e-3 * x[:dim])
+    return fields
+
+
+def is_picture(path) -> bool:
+    return path.read_bytes()[:4] == b"\x89PNG" and 2_000 < path.stat().st_size < 300_000
+
+
+def test_skin_follows_the_part(vessel: geometry.BoltedVessel) -> None:
+    """The triangles that are drawn have the area of the solid and the values of the function."""
+    s = geometry.VesselShape()
+    head = vessel.parts["head"]
+    skin, facets = plotting._skin(head.mesh, None, displacements(vessel)["head"])
+    assert np.array_equal(np.sort(facets), dmesh.exterior_facet_indices(head.mesh.topology))
+    assert np.allclose(skin.values, 1e-3 * skin.points, rtol=1e-12, atol=1e-15)
+    corner = skin.points[skin.triangles]
+    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.linalg.norm(normals, axis=1).sum() / 2
+    exact = s.head_radius * (math.pi * s.head_radius + (math.pi + 2) * s.head_height)
+    assert area == pytest.approx(exact, rel=0.02)  # chords of 30 degrees
+    # the edges of the half cylinder: two half circles, two diameters, two generators
+    pieces = skin.points[skin.segments[skin.border]]
+    length = np.linalg.norm(pieces[:, 1] - pieces[:, 0], axis=1).sum() / 2  # each from two sides
+    assert length == pytest.approx(
+        (2 * math.pi + 4) * s.head_radius + 2 * s.head_height, rel=0.02
+    )
+
+
+def test_figures_of_assemblies(tmp_path, vessel, rings) -> None:
+    for assembly, name in ((vessel, "solid"), (rings, "plane")):
+        one, two = tmp_path / f"{name}.png", tmp_path / "new folder" / f"moved {name}.png"
+        assert plotting.assembly_figure(assembly, one, title="t", renderer="matplotlib") == one
+        plotting.deformed_figure(
+            displacements(assembly), two, quantity=lambda u: u[:, 0], renderer="matplotlib"
+        )
+        assert is_picture(one) and is_picture(two)
+
+
+def test_figures_by_vtk(tmp_path, vessel) -> None:
+    pytest.importorskip("pyvista")
+    if shutil.which("xvfb-run") is None:
+        pytest.skip("needs xvfb-run")
+    plotting.assembly_figure(vessel, tmp_path / "vtk.png", renderer="vtk")
+    assert is_picture(tmp_path / "vtk.png")
+
+
+def test_figures_without_vtk(tmp_path, vessel, monkeypatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(plotting.shutil, "which", lambda name: None)
+    with pytest.raises(plotting.RenderError, match="install xvfb"):
+        plotting.assembly_figure(vessel, tmp_path / "no.png", renderer="vtk")
+    plotting.assembly_figure(vessel, tmp_path / "yes.png")  # matplotlib takes over
+    assert is_picture(tmp_path / "yes.png")
+    with pytest.raises(ValueError, match="renderer = 'opengl'"):
+        plotting.assembly_figure(vessel, tmp_path / "no.png", renderer="opengl")
+    monkeypatch.setenv("DISPLAY", ":0")
+    failed = subprocess.CompletedProcess([], 1, "", "Traceback\nNo module named 'pyvista'")
+    monkeypatch.setattr(plotting.subprocess, "run", lambda *a, **k: failed)
+    with pytest.raises(plotting.RenderError, match="No module named 'pyvista'.*install pyvista"):
+        plotting.assembly_figure(vessel, tmp_path / "no.png", renderer="vtk")
+
+
+def test_figures_of_results(tmp_path) -> None:
+    rng = np.random.default_rng(1)
+    r, t = rng.uniform(1, 2, 200), rng.uniform(0, math.pi / 4, 200)
+    points = np.column_stack([r * np.cos(t), r * np.sin(t)])
+    grid = np.linspace(-3, 3, 7)
+    x = np.linspace(-4, 4, 50)
+    figures = [
+        plotting.interface_map(points, r, tmp_path / "1.png", "f (MPa)", mirror=math.pi / 4),
+        plotting.interface_map(points, np.ones(200), tmp_path / "2.png", "f (MPa)"),
+        plotting.interface_map(points, r - 1.5, tmp_path / "3.png", "f (MPa)", title="t"),
+        plotting.convergence_figure(0.5 ** np.arange(20), tmp_path / "4.png", target=1e-3),
+        plotting.convergence_figure([[1, 0.1], [0.5], []], tmp_path / "5.png"),
+        plotting.convergence_figure({"a": [1, 0.1], "b": [1, 0.2]}, tmp_path / "6.png"),
+        plotting.response_surface(
+            grid, grid[:3], np.add.outer(grid, grid[:3]), ("x", "y", "z"), tmp_path / "7.png"
+        ),
+        plotting.density_figure(
+            {"normal": (x, np.exp(-(x**2) / 2))},
+            tmp_path / "8.png",
+            "x",
+            samples=rng.standard_normal(100),
+            threshold=1.0,
+        ),
+    ]
+    assert all(is_picture(path) for path in figures)
+    with pytest.raises(ValueError, match="3 values for 200 points"):
+        plotting.interface_map(points, r[:3], tmp_path / "no.png", "f")
+    with pytest.raises(ValueError, match="mirror = 1.0"):
+        plotting.interface_map(points, r, tmp_path / "no.png", "f", mirror=1.0)
+    with pytest.raises(ValueError, match="expected"):
+        plotting.response_surface(grid, grid, np.zeros((2, 2)), ("x", "y", "z"), tmp_path / "no")

@@ -1,0 +1,248 @@
+"""The tools of the project: the check of the layers, and the pure functions of `run`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def check_layers(root: Path) -> tuple[int, list[str]]:
+    """Exit code and lines of tools/check_layers.py for the project in `root`."""
+    command = [sys.executable, str(ROOT / "tools" / "check_layers.py"), str(root)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert not done.stderr
+    return done.returncode, done.stdout.splitlines()
+
+
+def write(root: Path, name: str, text: str) -> None:
+    path = root / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def test_project_keeps_its_layers() -> None:
+    assert check_layers(ROOT) == (0, [])
+
+
+INCLUDE = "latin_core/include/latin"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        (f"{INCLUDE}/interface/law.hpp", '#include "latin/petsc/mat.hpp"\n'),
+        (f"{INCLUDE}/interface/law.hpp", '#include "latin/interface/points.hpp"\n'),
+        (f"{INCLUDE}/petsc/mat.hpp", '#include "latin/common/types.hpp"\n'),
+        ("latin_core/src/latin/solver.cpp", '#include "latin/substructure/body.hpp"\n'),
+        ("latin_core/src/latin/solver.cpp", '#include "detail.hpp"\n'),
+        ("latin_core/bindings/core.cpp", '#include "latin/latin/solver.hpp"\n'),
+        (f"{INCLUDE}/all.hpp", '#include "latin/latin/solver.hpp"\n'),
+        ("latin_core/python/latin_core/run.py", "from . import _core\n"),
+        ("dolfinx_frontend/bridge.py", "from latin_core import _core\n"),
+        ("dolfinx_frontend/solve.py", "import latin_core\n"),
+        ("dolfinx_frontend/mesh.py", "import dolfinx\nfrom .bridge import solve\n"),
+    ],
+)
+def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None:
+    write(tmp_path, name, text)
+    assert check_layers(tmp_path) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "offence"),
+    [
+        (
+            f"{INCLUDE}/petsc/mat.hpp",
+            '#pragma once\n#include "latin/interface/law.hpp"\n',
+            "2: layer petsc must not include latin/interface/law.hpp (layer interface)",
+        ),
+        (
+            "latin_core/src/interface/law.cpp",
+            "#include <latin/latin/solver.hpp>\n",
+            "1: layer interface must not include latin/latin/solver.hpp (layer latin)",
+        ),
+        (
+            "latin_core/src/stochastic/chaos.cpp",
+            '#include "../substructure/body.hpp"\n',
+            "1: layer stochastic must not include ../substructure/body.hpp (layer substructure)",
+        ),
+        (
+            f"{INCLUDE}/common/types.hpp",
+            '#include "latin/petsc/mat.hpp"\n',
+            "1: layer common must not include latin/petsc/mat.hpp (layer petsc)",
+        ),
+        (
+            "latin_core/src/latin/solver.cpp",
+            '#include "latin/all.hpp"\n',
+            "1: latin/all.hpp belongs to no layer: include what is used",
+        ),
+        (
+            "latin_core/src/latin/solver.cpp",
+            '#include "latin/extras/x.hpp"\n',
+            "1: latin/extras/x.hpp belongs to no known layer",
+        ),
+        (
+            "latin_core/src/extras/x.cpp",
+            "",
+            "1: folder extras is no layer; the layers are "
+            "common, petsc, interface, stochastic, substructure, latin",
+        ),
+        (
+            "latin_core/bindings/core.cpp",
+            "\n\n// as in DOLFINx\n",
+            "3: the kernel must not mention dolfinx",
+        ),
+        (
+            "latin_core/python/latin_core/run.py",
+            "def f():\n    from dolfinx import fem\n",
+            "2: the kernel must not import dolfinx.fem",
+        ),
+        (
+            "latin_core/python/latin_core/run.py",
+            "import dolfinx_frontend.scene\n",
+            "1: the kernel must not import dolfinx_frontend.scene",
+        ),
+        (
+            "dolfinx_frontend/solve.py",
+            "from latin_core import _core\n",
+            "1: only bridge.py may import latin_core._core",
+        ),
+        (
+            "dolfinx_frontend/solve.py",
+            "import latin_core._core as kernel\n",
+            "1: only bridge.py may import latin_core._core",
+        ),
+        (
+            "dolfinx_frontend/assembly.py",
+            "from latin_core import Options\n",
+            "1: only __init__.py, bridge.py, plan.py, solve.py, sweep.py may import latin_core",
+        ),
+    ],
+)
+def test_uses_against_the_arrow_are_reported(
+    tmp_path: Path, name: str, text: str, offence: str
+) -> None:
+    write(tmp_path, name, text)
+    assert check_layers(tmp_path) == (1, [f"{name}:{offence}"])
+
+
+def shell(script: str, home: Path = ROOT, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run `script` after the functions of `run` have been read; `home` stands for the project."""
+    text = f'source "{ROOT}/run"; latin_home="{home}"; {script}'
+    environment = {**os.environ, **variables}
+    return subprocess.run(
+        ["bash", "-c", text], capture_output=True, text=True, check=False, env=environment
+    )
+
+
+def answer(script: str, home: Path = ROOT, **variables: str) -> str:
+    done = shell(script, home, **variables)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_package_list_has_no_comments_and_a_fixed_order(tmp_path: Path) -> None:
+    write(tmp_path, "tools/env/packages.txt", "# a comment\nzlib\n\n  g++  # why\nzlib\n")
+    assert answer("package_list", tmp_path).split() == ["g++", "zlib"]
+
+
+def test_key_of_the_root_follows_packages_and_suite(tmp_path: Path) -> None:
+    keys = set()
+    for packages in ("a\nb\n", "a\nb\nc\n"):
+        for suite in ("trixie", "sid"):
+            write(tmp_path, "tools/env/packages.txt", packages)
+            key = answer(f"root_key {suite}", tmp_path)
+            assert key.startswith(f"{suite}-")
+            keys.add(key)
+    assert len(keys) == 4
+    write(tmp_path, "tools/env/packages.txt", "# other words, same packages\nb\na\n")
+    assert answer("root_key trixie", tmp_path) in keys
+
+
+def test_only_sid_may_be_past_its_date() -> None:
+    assert "Check-Valid-Until" in answer("root_options sid")
+    assert "Check-Valid-Until" not in answer("root_options trixie")
+
+
+@pytest.mark.parametrize(
+    ("version", "expected"),
+    [
+        ("0.9.0", True),
+        ("1:0.9.0-7", True),
+        ("0.11.0.post0", True),
+        ("1.0.0", True),
+        ("0.8.0", False),
+        ("1:0.5.2-2", False),
+        ("(none)", False),
+        ("", False),
+    ],
+)
+def test_versions_of_dolfinx(version: str, expected: bool) -> None:
+    assert (shell(f"is_new_enough '{version}'").returncode == 0) is expected
+
+
+@pytest.mark.parametrize(
+    ("folder", "expected"),
+    [
+        ("/", True),
+        ("/usr/lib", True),
+        ("/etc/x", True),
+        ("/var/lib", True),
+        ("/home/me/latin", False),
+        ("/usr/src/latin", False),
+        ("/var/lib/ci/work", False),
+        ("/opt/latin", False),
+    ],
+)
+def test_folders_of_the_system_are_never_covered(folder: str, expected: bool) -> None:
+    assert (shell(f"is_system_folder '{folder}'").returncode == 0) is expected
+
+
+def test_variables_handed_on() -> None:
+    variables = {"LATIN_X": "1", "HYPOTHESIS_PROFILE": "ci", "PYTEST_ADDOPTS": "-q", "NO": "1"}
+    names = answer("handed_on", OMP_NUM_THREADS="2", PYTHONPATH="/nowhere", **variables).split()
+    assert {"LATIN_X", "HYPOTHESIS_PROFILE", "PYTEST_ADDOPTS", "OMP_NUM_THREADS"} <= set(names)
+    assert not {"NO", "PYTHONPATH", "HOME", "PATH"} & set(names)
+
+
+def test_message_names_three_ways_to_dolfinx() -> None:
+    done = shell("explain_and_stop")
+    assert done.returncode == 1
+    assert all(way in done.stderr for way in ("conda", "dolfinx/dolfinx", "Debian 13"))
+
+
+def test_build_is_repeated_when_its_sources_change(tmp_path: Path) -> None:
+    for name in ("latin_core/src/petsc/a.cpp", "dolfinx_frontend/a.py", "CMakeLists.txt"):
+        write(tmp_path, name, "")
+    built = "is_built out && echo yes || echo no"
+    stamp = f'cd "{tmp_path}"; mkdir -p out; build_inputs > out/stamp; {built}'
+    assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "no"
+    assert answer(stamp, tmp_path) == "yes"
+    later = (tmp_path / "out/stamp").stat().st_mtime + 10
+    os.utime(tmp_path / "dolfinx_frontend/a.py", (later, later))
+    assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "yes", "Python files are only linked"
+    os.utime(tmp_path / "latin_core/src/petsc/a.cpp", (later, later))
+    assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "no"
+    write(tmp_path, "dolfinx_frontend/b.py", "")
+    os.utime(tmp_path / "latin_core/src/petsc/a.cpp", (0, 0))
+    assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "no"
+
+
+def test_unknown_benchmark_is_named() -> None:
+    done = shell("run_benchmark nonsense")
+    assert done.returncode == 1
+    assert "no benchmark named nonsense; ./run bench lists them" in done.stderr
+
+
+def test_help_needs_no_environment() -> None:
+    command, bare = [str(ROOT / "run"), "help"], {"PATH": "/usr/bin:/bin"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=bare)
+    assert done.returncode == 0
+    for verb in ("demo", "test", "bench", "python", "shell", "lint", "docs"):
+        assert f"./run {verb}" in done.stdout
