@@ -136,7 +136,7 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
     k = np.full(
         (interface.num_points, fields.components), plan.direction.factor * _scale(problem, plan)
     )
-    if isinstance(interface.law, Elastic):
+    if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)

@@ -1,4 +1,4 @@
-"""Exceptions and warnings of the frontend.  Every message names the thing, the value and the mend."""
+"""Exceptions and warnings of the frontend; messages name the thing, the value, the mend."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Interface laws of a scene: frozen records, no numerics.
 
-Notation, for all laws: n is the unit normal out of side 1; f_i the force per area that the interface
-exerts on side i; w_i the displacement of side i; j = w_2 - w_1 the jump.  One-sided interfaces have
-the ground as side 2, so that j = -w_1.  The local frame of a point is (n, t1[, t2]).  Units are the
-user's own consistent set, e.g. N and mm; then stiffness per area is N/mm^3 and pressure MPa.
+Notation, for all laws: n is the unit normal out of side 1; f_i the force per area that the
+interface exerts on side i; w_i the displacement of side i; j = w_2 - w_1 the jump.  One-sided
+interfaces have the ground as side 2, so that j = -w_1.  The frame of a point is (n, t1[, t2]).
+Units are the user's own consistent set, e.g. N and mm; then stiffness per area is N/mm^3.
 
 A *value* of a law is a number, an array with one row per interface point, a callable of the points
 ``x (m, d) -> (m,)`` or ``(m, d)``, or an opaque parameter (random, swept) with a ``mean``.
@@ -233,8 +233,8 @@ class Perfect(Law):
 class Elastic(Law):
     """Springs between the sides: f_1 = kappa (j - Delta) = -f_2; one-sided: springs to the ground.
 
-    kappa is diagonal in the local frame: ``normal`` along n, ``tangential`` along the others.  A bolt
-    that was shortened by 0.2 mm has jump = -0.2.
+    kappa is diagonal in the local frame: ``normal`` along n, ``tangential`` along the others.  A
+    bolt that was shortened by 0.2 mm has jump = -0.2.
 
     Parameters
     ----------

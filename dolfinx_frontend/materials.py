@@ -1,8 +1,8 @@
 """Linear elastic materials as UFL integrands.
 
-A material of a scene is an object with ``bilinear(u, v)``, or any callable (u, v) that returns a UFL
-integrand or a whole form.  Constants become ``fem.Constant``: parts that differ only in numbers share
-one compiled form.
+A material of a scene is an object with ``bilinear(u, v)``, or any callable (u, v) that returns a
+UFL integrand or a whole form.  Constants become ``fem.Constant``: parts that differ only in numbers
+share one compiled form.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class LinearElastic:
             Plane stress in 3D.
         """
         if dim == 3 and self.plane == "stress":
-            raise SceneError("LinearElastic: plane='stress' in 3D; it is for 2D parts, leave it out")
+            raise SceneError("LinearElastic: plane='stress' in 3D; it is for 2D parts only")
 
     def stress(self, u: Any) -> Any:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
@@ -147,9 +147,9 @@ class OrthotropicElastic:
         for name in ("E", "nu", "G"):
             value = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
             if not np.all(np.isfinite(value)):
-                raise SceneError(f"OrthotropicElastic: {name} = {getattr(self, name)!r}: not finite")
+                raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()} is not finite")
             if name != "nu" and value.min() <= 0.0:
-                raise SceneError(f"OrthotropicElastic: {name} = {getattr(self, name)!r}; positive")
+                raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()}; give values > 0")
             object.__setattr__(self, name, tuple(float(v) for v in value))
         if len(self.E) not in (2, 3):
             raise SceneError(f"OrthotropicElastic: E has {len(self.E)} values; give 3 (2D: 2 or 3)")
@@ -201,8 +201,8 @@ class OrthotropicElastic:
         scale = 1 / np.sqrt(np.diag(S))
         if np.linalg.eigvalsh(scale[:, None] * S * scale).min() <= 1e-12:
             raise SceneError(
-                f"OrthotropicElastic: nu = {self.nu!r} with E = {self.E!r} is not positive definite; "
-                "|nu_ij| < sqrt(E_i / E_j) is necessary"
+                f"OrthotropicElastic: nu = {self.nu!r} with E = {self.E!r} is not positive "
+                "definite; |nu_ij| < sqrt(E_i / E_j) is necessary"
             )
         C = np.linalg.inv(S)
         if dim == 2 and self.plane == "strain":

@@ -1,9 +1,9 @@
 """Interface points, mass-free trace operators, and the geometric pairing of two sides.
 
 Points are the quadrature points of the facets of side 1, pushed forward through the coordinate map
-(straight or curved).  Side 2 is sampled at the closest points of its own facets, found with a nearest
-neighbour search and Gauss-Newton inversion of the facet map.  Matching meshes are a special case and
-not another path.
+(straight or curved).  Side 2 is sampled at the closest points of its own facets, found with a
+nearest neighbour search and Gauss-Newton inversion of the facet map.  Matching meshes are a special
+case and not another path.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class Interface:
     gap
         (m,), distance from side 1 to side 2 along n, length; zeros for one side.
     matching
-        None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree column by column.
+        None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
     tangent_axis
         Global axis whose projection is t1 (3D).
     """
@@ -237,7 +237,8 @@ class FacetMap:
         cmap = mesh.geometry.cmap
         self.element = coordinate_element(mesh)
         self.order = int(cmap.degree)
-        self.nodes: Array = mesh.geometry.x[mesh.geometry.dofmap[self.cells]][:, :, : self.dim]
+        x = np.asarray(mesh.geometry.x, dtype=np.float64)
+        self.nodes: Array = x[mesh.geometry.dofmap[self.cells]][:, :, : self.dim]
 
         corners = np.asarray(basix.geometry(self.cell))
         vertices = np.array(basix.topology(self.cell)[tdim - 1])
@@ -248,7 +249,9 @@ class FacetMap:
         )
         gram = np.swapaxes(self.tangents, 1, 2) @ self.tangents
         self.scale: Array = np.sqrt(np.linalg.det(gram))
-        self.conormal: Array = np.asarray(basix.cell.facet_outward_normals(self.cell))
+        self.conormal: Array = np.asarray(
+            basix.cell.facet_outward_normals(self.cell), dtype=np.float64
+        )
         self.facet_cell = {
             "triangle": basix.CellType.interval,
             "quadrilateral": basix.CellType.interval,
@@ -393,9 +396,10 @@ class FacetMap:
 def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:
     """Orthonormal frames, rows n, t1[, t2].
 
-    In 2D t1 is n turned by +90 degrees.  In 3D t1 is the projection of one global axis, the same for
-    all points: the one that stays farthest from the normals, so that frames vary smoothly on planes,
-    cylinders and cones.  Where the normal comes close to that axis (spheres) the next one is used.
+    In 2D t1 is n turned by +90 degrees.  In 3D t1 is the projection of one global axis, the same
+    for all points: the one that stays farthest from the normals, so that frames vary smoothly on
+    planes, cylinders and cones.  Where the normal comes close to that axis (spheres) the next one
+    is used.
 
     Parameters
     ----------
@@ -592,9 +596,9 @@ def _check_pairing(
             )
         raise SceneError(
             f"{where}: the facets do not face each other at {np.count_nonzero(bad)} of "
-            f"{len(points)} points of {names[0]} ({100 * share:.3g} % of its area has no partner on "
-            f"{names[1]}; {reason}); give the smaller face first, split the larger one, or raise "
-            "max_distance"
+            f"{len(points)} points of {names[0]} ({100 * share:.3g} % of its area has no partner "
+            f"on {names[1]}; {reason}); give the smaller face first, split the larger one, or "
+            "raise max_distance"
         )
     along = np.einsum("pi,pi->p", offset, n2)[:, None] * n2
     beside = np.linalg.norm(offset - along, axis=1) > 0.02 * sizes

@@ -43,7 +43,7 @@ class Direction:
     ----------
     factor
         k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one (measured).
-        Elastic interfaces softer than that take twice their own stiffness.
+        Elastic interfaces softer than that take twice their own stiffness when accelerated.
     length
         L; None: the size of the scene, (sum of volumes)^(1/d).
     given
@@ -235,7 +235,8 @@ def make_plan(
         decisions.append(
             Decision(
                 "search direction",
-                f"k = {direction.factor:g} E/L, at most 2 kappa where elastic"
+                f"k = {direction.factor:g} E/L"
+                + (", at most 2 kappa where elastic" if chosen == "accelerated" else "")
                 + (f", given for {', '.join(direction.given)}" if direction.given else ""),
                 "the answer does not depend on it, the number of iterations does",
             )

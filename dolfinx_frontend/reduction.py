@@ -1,8 +1,8 @@
 """Elimination of linear, fixed interfaces by prolongations: u_e = Z_e q + u0_e.
 
-Substructures that eliminated interfaces connect form a *body* with the unknowns q.  Glued nodes share
-their unknowns, prescribed displacements and symmetry planes remove directions, all exactly.  Elastic
-interfaces stay as springs between members, prescribed forces go into the loads.
+Substructures that eliminated interfaces connect form a *body* with the unknowns q.  Glued nodes
+share their unknowns, prescribed displacements and symmetry planes remove directions, all exactly.
+Elastic interfaces stay as springs between members, prescribed forces go into the loads.
 """
 
 from __future__ import annotations
@@ -84,9 +84,9 @@ def _constraint(
     if isinstance(law, Symmetry):
         if side.flatness > FLATNESS:
             raise SceneError(
-                f"interface {interface.name!r}: the symmetry face {side.substructure}:{side.face} is "
-                f"not flat (normals differ by {side.flatness:.3g}); name each plane as a face of its "
-                "own"
+                f"interface {interface.name!r}: the symmetry face {side.substructure}:{side.face} "
+                f"is not flat (normals differ by {side.flatness:.3g}); name each plane as a face "
+                "of its own"
             )
         return side.nodes, side.normal[None, :], np.zeros((len(side.nodes), 1))
     assert isinstance(law, Displacement)
@@ -263,8 +263,8 @@ def _body(
                 quoted = " and ".join(sorted({repr(held[k].name) for k in used}))
                 raise SceneError(
                     f"interfaces {quoted} prescribe different displacements at "
-                    f"{np.count_nonzero(residual.max(axis=1) > 0)} common nodes (difference up to "
-                    f"{residual.max():.4g}); make them agree or shrink a face"
+                    f"{np.count_nonzero(residual.max(axis=1) > 0)} common nodes (up to "
+                    f"{residual.max():.4g} off their compromise); make them agree or shrink a face"
                 )
             kind[classes[chosen]] = len(basis_of)
             fixed[classes[chosen]] = value

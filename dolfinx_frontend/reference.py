@@ -63,23 +63,34 @@ class Cholesky:
         available = solvers()
         self.solver = solver if solver is not None else available[0]
         if self.solver not in available:
-            raise SceneError(f"solver {solver!r} is not available; PETSc has {', '.join(available)}")
+            raise SceneError(f"no solver {solver!r}; this PETSc has {', '.join(available)}")
         self.matrix = sp.csr_matrix(matrix, copy=True)
         self.matrix.eliminate_zeros()
         petsc = petsc_matrix(self.matrix)
         petsc.setOption(PETSc.Mat.Option.SPD, True)
+        petsc.setOptionsPrefix(_PREFIX)  # the factor inherits it
         ksp = PETSc.KSP().create(PETSc.COMM_SELF)
-        ksp.setOptionsPrefix("latin_reference_")
+        ksp.setOptionsPrefix(_PREFIX)
         ksp.setOperators(petsc)
         ksp.setType(PETSc.KSP.Type.PREONLY)
         pc = ksp.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
         pc.setFactorSolverType(self.solver)
         ksp.setFromOptions()
+        options = PETSc.Options(_PREFIX)
+        forced = self.solver == "cholmod" and not options.hasName(_SUPERNODAL)
+        if forced:  # its simplicial L D L^T of small matrices would accept negative pivots
+            options[_SUPERNODAL] = "SUPERNODAL"
         try:
             ksp.setUp()
         except PETSc.Error as err:
             raise SceneError(_INDEFINITE) from err
+        finally:
+            if forced:
+                options.delValue(_SUPERNODAL)
+        # MUMPS goes on after negative pivots and only counts them
+        if self.solver == "mumps" and pc.getFactorMatrix().getMumpsInfog(12) > 0:
+            raise SceneError(_INDEFINITE)
         self._ksp = ksp
         self._x, self._b = petsc.createVecs()
 
@@ -104,6 +115,8 @@ class Cholesky:
         return x
 
 
+_PREFIX = "latin_reference_"
+_SUPERNODAL = "mat_cholmod_factor"
 _INDEFINITE = (
     "the assembled stiffness is not positive definite: something is not held, or a stiffness is "
     "negative"
@@ -143,8 +156,8 @@ class ReferenceSolution:
     traces
         Interface -> displacement w of each side, (m, d) in the local frame.
     forces
-        Elastic, Pressure and Traction interface -> f_1 (m, d) in the local frame, force / area.  The
-        forces of the other interfaces are nodal reactions, which no point values belong to.
+        Elastic, Pressure and Traction interface -> f_1 (m, d) in the local frame, force / area.
+        The forces of the other interfaces are nodal reactions, which no point values belong to.
     energy
         Strain energy of the parts and of the springs, force * length.
     residual
@@ -280,11 +293,11 @@ def energy_error(
 ) -> float:
     """Relative error in the energy norm.
 
-    sqrt( a(u - ur) / a(ur) ) with a(v) = sum v^T K v, plus, with `springs`, sum j^T W kappa_c j over the
-    elastic interfaces: j is the jump of u - ur above, and the stretch j - Delta of ur below.  kappa_c is
-    kappa in series with the stiffness E / L of the softer neighbour.  Without that cap a rounding
-    error of the jump of a very stiff interface would count as an error of the structure; without the
-    springs a rigid motion would count as none.
+    sqrt( a(u - ur) / a(ur) ) with a(v) = sum v^T K v, plus, with `springs`, sum j^T W kappa_c j
+    over the elastic interfaces: j is the jump of u - ur above, the stretch j - Delta of ur below.
+    kappa_c is kappa in series with the stiffness E / L of the softer neighbour.  Without that cap a
+    rounding error of the jump of a very stiff interface would count as an error of the structure;
+    without the springs a rigid motion would count as none.
 
     Parameters
     ----------

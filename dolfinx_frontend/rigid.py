@@ -1,8 +1,11 @@
 """Rigid bodies: their modes, and the search for parts that nothing holds.
 
-Every interface gives a small Gram matrix of the relative rigid motions that it resists.  Parts that are
-held completely by one another are merged first, so that what remains is small even for a thousand
-parts; its null space is the set of free motions.
+Every interface gives a small Gram matrix of the relative rigid motions that it resists.  Parts that
+are held completely by one another are merged first, so that what remains is small even for a
+thousand parts; its null space is the set of free motions.
+
+What is judged is the discretised structure: a frictionless joint between faceted or parabolic faces
+resists turning a little, and is not reported although it would turn freely on a true circle.
 """
 
 from __future__ import annotations
@@ -25,6 +28,9 @@ __all__ = ["check_rigid_bodies", "rigid_modes"]
 
 _TOLERANCE = 1e-10
 """Eigenvalues of a Gram matrix with unit diagonal below this are zero (thin faces reach 1e-8)."""
+
+_NOISE = 1e-12
+"""Diagonal entries below this part of the largest are rounding errors, i.e. zero."""
 
 _DENSE = 1500
 """Largest null-space problem that is solved by a dense eigenvalue decomposition."""
@@ -68,7 +74,7 @@ def _transfer(d: int, old: tuple[Array, float], new: tuple[Array, float]) -> Arr
 
 @dataclass
 class _Link:
-    """What one interface resists: labels of the two clusters and the Gram matrix about its own origin."""
+    """What one interface resists: two clusters, and the Gram matrix about its own origin."""
 
     first: int
     second: int
@@ -76,10 +82,13 @@ class _Link:
     origin: tuple[Array, float]
 
 
-def _unit_diagonal(gram: Array) -> tuple[Array, Array]:
-    scale = np.sqrt(np.diag(gram))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    return gram / np.outer(scale, scale), scale
+def _holds_all(gram: Array) -> bool:
+    """Whether a Gram matrix has full rank."""
+    diagonal = np.diag(gram)
+    if diagonal.min() <= _NOISE * diagonal.max():
+        return False
+    scaled = gram / np.sqrt(np.outer(diagonal, diagonal))
+    return bool(np.linalg.eigvalsh(scaled)[0] > _TOLERANCE)
 
 
 def _merge(links: list[_Link], labels: Ints, d: int) -> Ints:
@@ -100,14 +109,14 @@ def _merge(links: list[_Link], labels: Ints, d: int) -> Ints:
             for m in members:
                 S = _transfer(d, (centre, length), m.origin)
                 gram += S.T @ m.gram @ S
-            scaled, _ = _unit_diagonal(gram)
-            if np.diag(gram).min() > 0.0 and np.linalg.eigvalsh(scaled)[0] > _TOLERANCE:
+            if _holds_all(gram):
                 united.append(pair)
         if not united:
             return labels
         n = int(labels.max()) + 1
         a, b = np.array(united).T
-        _, to = connected_components(sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), False)
+        graph = sp.coo_matrix((np.ones(len(united)), (a, b)), shape=(n, n))
+        _, to = connected_components(graph, False)
         # the ground stays cluster 0: labels of components follow the first appearance
         labels = to[labels]
 
@@ -128,7 +137,8 @@ def _assembled(blocks: list[tuple[int, int, Array]], clusters: int, r: int) -> s
 def _null_space(gram: sp.csr_matrix) -> Array:
     """Null space of a Gram matrix, (n, nullity)."""
     diagonal = gram.diagonal()
-    scale = np.where(diagonal > 0.0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
+    held = diagonal > _NOISE * diagonal.max()
+    scale = np.where(held, np.sqrt(np.abs(diagonal)), 1.0)
     D = sp.diags(1.0 / scale)
     scaled = (D @ gram @ D).tocsc()
     n = scaled.shape[0]

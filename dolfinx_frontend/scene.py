@@ -1,7 +1,7 @@
 """A scene: substructures and the interfaces between them, as the user describes them.
 
-Nothing is computed here; names, dimensions and laws are checked, so that a mistake is reported where
-it is made.
+Nothing is computed here; names, dimensions and laws are checked, so that a mistake is reported
+where it is made.
 """
 
 from __future__ import annotations

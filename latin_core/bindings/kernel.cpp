@@ -119,12 +119,12 @@ void bind_iteration(py::module_& m) {
            py::kw_only(), "interface"_a, "parameter"_a, "pattern"_a, "values"_a);
 
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
-      .def(py::init([](double rtol, latin::Index max_iterations, latin::Index acceleration,
+      .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations, latin::Index acceleration,
                        double relaxation, latin::Index stagnation_window, latin::Index snapshots) {
-             return latin::Options{rtol,       max_iterations,    acceleration,
+             return latin::Options{rtol,       stop_on_indicator, max_iterations, acceleration,
                                    relaxation, stagnation_window, snapshots};
            }),
-           py::kw_only(), "rtol"_a, "max_iterations"_a, "acceleration"_a, "relaxation"_a,
+           py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a, "relaxation"_a,
            "stagnation_window"_a, "snapshots"_a);
 }
 
@@ -194,8 +194,8 @@ void bind_problem(py::module_& m) {
               latin::LawColumns entry;
               entry.begin = py::cast<latin::Index>(group["begin"]);
               entry.end = py::cast<latin::Index>(group["end"]);
-              entry.transform.forward = py::cast<latin::Matrix>(group["forward"]);
-              entry.transform.backward = py::cast<latin::Matrix>(group["backward"]);
+              entry.forward = py::cast<std::vector<latin::Matrix>>(group["forward"]);
+              entry.backward = py::cast<std::vector<latin::Matrix>>(group["backward"]);
               for (const auto& [name, values] : py::cast<py::dict>(group["parameters"])) {
                 entry.parameters.emplace_back(py::cast<std::string>(name),
                                               latin::ParameterField(py::cast<latin::Matrix>(values)));

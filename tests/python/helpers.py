@@ -61,7 +61,7 @@ def block(
 
 
 def wavy(amount: float, axis: int) -> Callable[[Array], Array]:
-    """A smooth mapping of the unit box that leaves the planes normal to an axis and all edges alone."""
+    """A smooth mapping of the unit box that keeps its edges and the planes normal to an axis."""
 
     def mapping(x: Array) -> Array:
         out = x.copy()

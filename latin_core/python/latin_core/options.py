@@ -17,8 +17,12 @@ class Options:
     Attributes
     ----------
     rtol
-        Tolerance on the estimated relative error of the displacements in the energy norm. The estimate
-        does not depend on the search direction (``History`` in the C++ sources says how it is made).
+        Tolerance on the measure named by `criterion`.
+    criterion
+        ``"error"``: the estimated relative error, the larger of its shares in strain energy and in
+        displacement of the interfaces; it does not depend on the search direction (``History`` in the
+        C++ sources says how it is made). ``"indicator"``: the paper's, which depends on the search
+        direction and may lie a thousand times below the error.
     max_iterations
         Global stages in one solve.
     acceleration
@@ -40,6 +44,7 @@ class Options:
     """
 
     rtol: float = 1e-6
+    criterion: Literal["error", "indicator"] = "error"
     max_iterations: int = 500
     acceleration: int = 10
     relaxation: float = 1.0
@@ -64,10 +69,15 @@ class Options:
         }
         return cls(**{**settings, **changes})
 
+    def __post_init__(self) -> None:
+        if self.criterion not in ("error", "indicator"):
+            raise ValueError(f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'")
+
     def kernel(self) -> _core.Options:
         """The kernel's view of the settings. Raises ``ValueError`` on a value out of range at solve."""
         return _core.Options(
             rtol=self.rtol,
+            stop_on_indicator=self.criterion == "indicator",
             max_iterations=self.max_iterations,
             acceleration=self.acceleration,
             relaxation=self.relaxation,

@@ -10,7 +10,7 @@
 
 namespace latin {
 
-void Law::set(const std::string& parameter, ParameterField field) {
+void Law::set(const std::string& parameter, ParameterField field, Range range) {
   const auto known = parameters();
   const auto info = std::ranges::find(known, parameter, &ParameterInfo::name);
   if (info == known.end()) {
@@ -27,7 +27,7 @@ void Law::set(const std::string& parameter, ParameterField field) {
     if (std::isnan(value)) {
       throw InputError("parameter '" + parameter + "' of law '" + name() + "' holds a NaN");
     }
-    if (value < info->minimum) {
+    if (range == Range::admissible && value < info->minimum) {
       throw InputError("parameter '" + parameter + "' of law '" + name() + "' is " +
                        std::to_string(value) + ": it must be at least " +
                        std::to_string(info->minimum));

@@ -44,6 +44,22 @@ void check_interface(const InterfaceDescription& interface) {
   }
 }
 
+/// Columns of a block (rows, c) times no matrix, one for all points, or one for each.
+Matrix transformed(const std::vector<Matrix>& by, const Matrix& block, Index components) {
+  if (by.empty()) {
+    return block;
+  }
+  if (by.size() == 1) {
+    return block * by.front();
+  }
+  Matrix result(block.rows(), by.front().cols());
+  for (std::size_t point = 0; point < by.size(); ++point) {
+    const Index row = components * static_cast<Index>(point);
+    result.middleRows(row, components).noalias() = block.middleRows(row, components) * by[point];
+  }
+  return result;
+}
+
 }  // namespace
 
 Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
@@ -97,7 +113,7 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
       interfaces_[owner[b][s].first].rows[owner[b][s].second] = row;
       row += sides[b][s].trace.rows();
     }
-    bodies_.emplace_back(std::move(bodies[b]), std::move(sides[b]), options);
+    bodies_.emplace_back(std::move(bodies[b]), sides[b], options);
     rows_ = row;
     loads_ = std::max(loads_, bodies_.back().loads());
   }
@@ -180,19 +196,37 @@ Matrix Problem::parameter(const std::string& interface, const std::string& param
 
 void Problem::set_columns(const std::string& interface, std::vector<LawColumns> groups) {
   Entry& entry = interfaces_[find_interface(interface)];
+  const auto demand = [&interface](bool holds, const std::string& what) {
+    if (!holds) {
+      throw InputError("interface '" + interface + "': column transforms: " + what);
+    }
+  };
+  Index covered = 0;
+  for (const LawColumns& group : groups) {
+    demand(group.begin == covered && group.end > group.begin,
+           "groups must cover the components in order, without gaps");
+    covered = group.end;
+    const auto transforms = static_cast<Index>(group.forward.size());
+    demand(transforms <= 1 || transforms == entry.geometry.points,
+           std::to_string(transforms) + " matrices for " + std::to_string(entry.geometry.points) +
+               " points: give none, one, or one a point");
+    demand(group.backward.size() == group.forward.size(), "one backward for each forward");
+    for (std::size_t i = 0; i < group.forward.size(); ++i) {
+      demand(group.forward[i].rows() == group.backward[i].cols() &&
+                 group.forward[i].cols() == group.backward[i].rows(),
+             "forward is (c, q) and backward (q, c)");
+    }
+  }
+  demand(groups.empty() || covered == entry.geometry.components,
+         "groups must cover the components in order, without gaps");
   entry.group_laws.clear();
   for (const LawColumns& group : groups) {
-    if (group.begin < 0 || group.end > entry.geometry.components || group.begin >= group.end ||
-        group.transform.forward.rows() != group.transform.backward.cols() ||
-        group.transform.forward.cols() != group.transform.backward.rows()) {
-      throw InputError("interface '" + interface + "': a column transform does not fit");
-    }
     std::shared_ptr<Law> law = make_law(entry.geometry.law->name());
     for (const auto& info : law->parameters()) {
       law->set(info.name, entry.geometry.law->get(info.name));
     }
     for (const auto& [name, field] : group.parameters) {
-      law->set(name, field);
+      law->set(name, field, Law::Range::any);
     }
     entry.group_laws.push_back(std::move(law));
   }
@@ -234,10 +268,10 @@ void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force
   }
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
-    const Matrix samples = free_jump * group.transform.forward;
+    const Matrix samples = transformed(group.forward, free_jump, components);
     Matrix forces(samples.rows(), samples.cols());
     entry.group_laws[g]->resolve({components, samples, entry.flexibility}, forces);
-    const Matrix back = forces * group.transform.backward;
+    const Matrix back = transformed(group.backward, forces, components);
     for (Index component = group.begin; component < group.end; ++component) {
       const auto rows = Eigen::seqN(component, entry.geometry.points, components);
       force(rows, Eigen::all) = back(rows, Eigen::all);

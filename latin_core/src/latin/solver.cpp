@@ -111,7 +111,7 @@ class Run {
         summary_.status = Status::diverged;
         break;
       }
-      if (error <= options_.rtol) {
+      if ((options_.stop_on_indicator ? summary_.indicator : error) <= options_.rtol) {
         summary_.status = Status::converged;
         break;
       }

@@ -45,6 +45,7 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     std::ranges::partial_sort(nearest, nearest.begin() + static_cast<std::ptrdiff_t>(wanted),
                               [&away](std::size_t a, std::size_t b) { return away[a] < away[b]; });
     std::vector<const State*> start;
+    start.reserve(wanted);
     for (std::size_t i = 0; i < wanted; ++i) {
       start.push_back(&known[nearest[i]]);
     }

@@ -118,14 +118,15 @@ void check_shapes(const BodyDescription& body) {
 
 }  // namespace
 
-Body::Body(BodyDescription description, std::vector<BodySide> sides, const OperatorOptions& options)
+Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
+           const OperatorOptions& options)
     : name_(std::move(description.name)), size_(description.size) {
   const auto start = std::chrono::steady_clock::now();
   check_shapes(description);
   std::vector<Member>& members = description.members;
   for (Member& member : members) {
-    prolongations_.push_back(member.prolongation.size() > 0 ? std::move(member.prolongation)
-                                                            : identity(size_));
+    prolongations_.push_back(member.prolongation.size() > 0 ? member.prolongation : identity(size_));
+    member.prolongation = {};
   }
 
   // unknowns that an active side touches go last, so that the factorisation condenses onto them

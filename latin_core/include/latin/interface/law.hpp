@@ -64,8 +64,10 @@ class Law {
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
 
-  /// Replace a parameter. @throws InputError on an unknown name, a NaN, or a value below the minimum.
-  void set(const std::string& parameter, ParameterField field);
+  /// Whether values below a parameter's minimum are refused.
+  enum class Range { admissible, any };
+  /// Replace a parameter. @throws InputError on an unknown name, a NaN, or a value out of range.
+  void set(const std::string& parameter, ParameterField field, Range range = Range::admissible);
   [[nodiscard]] const ParameterField& get(const std::string& parameter) const;
 
  private:

@@ -37,20 +37,21 @@ struct InterfaceDescription {
   std::vector<SideDescription> sides;  ///< one or two
 };
 
-/// How columns become samples of an interface law and back: `values = block * forward`,
-/// `block = values * backward`. With the eigenvectors of a Galerkin matrix it is exact; with the basis at
-/// quadrature points it projects. An absent transform is the identity and costs nothing.
-struct ColumnTransform {
-  Matrix forward;   ///< (c, q)
-  Matrix backward;  ///< (q, c)
-};
-
-/// Transform for the components [begin, end) of one interface.
+/// How the columns of a run become columns in which the law of an interface is deterministic, and back,
+/// for its components [begin, end): `samples = block * forward`, `block = samples * backward`.
+///
+/// Chaos modes take the eigenvectors of the Galerkin matrix of a random stiffness (exact: the coupled
+/// systems of size P + 1 of the paper's section 4.3, one a point and direction, fall apart into P + 1
+/// scalar ones), or the basis at quadrature points (a projection, for laws that are not linear).
 struct LawColumns {
   Index begin = 0;
   Index end = 0;
-  ColumnTransform transform;
-  /// parameters as this group's law sees them, column by column: name -> field with q columns
+  /// None: the identity, which costs nothing. One: (c, q), for all points. Several: one a point, for a
+  /// stiffness that is a random field.
+  std::vector<Matrix> forward;
+  std::vector<Matrix> backward;  ///< (q, c) each
+  /// Parameters as the law sees them in the samples: name -> field of q columns. They are not held to the
+  /// law's minimum: eigenvalues of a Galerkin matrix are not values, and the caller guards their sign.
   std::vector<std::pair<std::string, ParameterField>> parameters;
 };
 
@@ -83,6 +84,8 @@ class Problem {
   void set_parameter(const std::string& interface, const std::string& parameter, Matrix values);
   [[nodiscard]] Matrix parameter(const std::string& interface, const std::string& parameter) const;
   /// Give an interface transforms for its columns (none: every column is a sample of its own).
+  /// @throws InputError naming the interface if the groups do not cover its components once, or shapes
+  ///         disagree
   void set_columns(const std::string& interface, std::vector<LawColumns> groups);
 
   /// w of all sides, (rows, c).

@@ -20,7 +20,8 @@ std::string to_string(Status status);
 
 /// All settings of the iteration. Defaults are in Python (latin_core.Options), nowhere else.
 struct Options {
-  double rtol;              ///< on the k-free estimate of the relative error
+  double rtol;              ///< tolerance on the measure below
+  bool stop_on_indicator;   ///< false: the k-free error estimate; true: the paper's indicator
   Index max_iterations;
   Index acceleration;       ///< depth of Anderson's history; 0: the plain iteration
   double relaxation;        ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)

@@ -73,7 +73,8 @@ struct BodyCost {
 class Body {
  public:
   /// @throws InputError on shapes that disagree, NumericalError if the operator is not definite.
-  Body(BodyDescription description, std::vector<BodySide> sides, const OperatorOptions& options);
+  Body(BodyDescription description, const std::vector<BodySide>& sides,
+       const OperatorOptions& options);
 
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] Index size() const { return size_; }
