@@ -27,7 +27,6 @@ from dolfinx_frontend.laws import (
     Law,
     Perfect,
     Pressure,
-    Symmetry,
     Traction,
     evaluate,
 )
@@ -453,8 +452,6 @@ def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Pro
             joint.quadrature_degree,
             joint.max_distance,
         )
-        if isinstance(joint.law, Symmetry) and interface.area <= 0.0:
-            raise SceneError(f"interface {name!r}: its face has no area")
         _check_law(interface)
         interfaces[name] = interface
     holds = {name: _held_rows(i) for name, i in interfaces.items()}

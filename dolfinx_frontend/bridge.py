@@ -1,11 +1,12 @@
 """The crossing into the kernel: the only module that builds its objects.
 
-A planned problem becomes bodies (substructures glued by prolongations) and active interfaces, each with a
-kernel law, local frames and search directions.
+A planned problem becomes bodies (substructures glued by prolongations) and active interfaces, each
+with a kernel law, local frames and search directions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,9 @@ from dolfinx_frontend.laws import Displacement, Elastic, Law, Perfect, Pressure,
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.reduction import Body, reduce
-from latin_core import _core
+from latin_core import NumericalError, _core
 
-__all__ = ["LawFields", "build", "kernel_parameter", "law_fields"]
+__all__ = ["KERNEL_NAMES", "LawFields", "build", "definite", "kernel_parameter", "law_fields"]
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +71,7 @@ def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
             "tangential": stiffness[:, 1:2],
             "jump": jumps(interface, law)[:, :components].reshape(-1, 1),
         }
-        frames = interface.frames[:, :components].reshape(components * m, d)
+        frames: Array = interface.frames[:, :components].reshape(components * m, d)
         return LawFields("elastic", components, frames, parameters)
     if isinstance(law, Displacement):
         axes = list(law.axes(d))
@@ -89,7 +90,7 @@ def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
 
 
 # user's parameter -> kernel's parameter, where the names differ
-_KERNEL_NAMES = {"p": "force", "t": "force", "value": "jump"}
+KERNEL_NAMES = {"p": "force", "t": "force", "value": "jump"}
 
 
 def kernel_parameter(interface: Interface, parameter: str) -> tuple[str, Array]:
@@ -112,7 +113,7 @@ def kernel_parameter(interface: Interface, parameter: str) -> tuple[str, Array]:
             f"interface {interface.name!r}: {type(law).__name__} has no parameter {parameter!r}; "
             f"it has: {', '.join(known) or 'none'}"
         )
-    kernel_name = _KERNEL_NAMES.get(parameter, parameter)
+    kernel_name = KERNEL_NAMES.get(parameter, parameter)
     unit = law_fields(interface, law.with_(**{parameter: 1.0}))
     return kernel_name, unit.parameters[kernel_name]
 
@@ -133,7 +134,7 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
         per_point = resolve(given, interface, 1, name="search direction")
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
-    k = np.full(
+    k: Array = np.full(
         (interface.num_points, fields.components), plan.direction.factor * _scale(problem, plan)
     )
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
@@ -143,7 +144,22 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
     return k.ravel()
 
 
-def _body(problem: Problem, body: Body) -> _core.Body:
+def _spring_stiffness(
+    interface: Interface, components: int, floors: Mapping[tuple[str, str], Array]
+) -> Array:
+    """kappa (m, components), with some of its values replaced."""
+    assert isinstance(interface.law, Elastic)  # the reduction leaves no other springs
+    stiffness = stiffnesses(interface, interface.law)[:, :components]
+    for parameter, where in (("normal", slice(0, 1)), ("tangential", slice(1, None))):
+        values = floors.get((interface.name, parameter))
+        if values is not None:
+            stiffness[:, where] = values[:, None]
+    return stiffness
+
+
+def _body(
+    problem: Problem, body: Body, floors: Mapping[tuple[str, str], Array] | None = None
+) -> _core.Body:
     members = []
     for name in body.members:
         offset = body.offset[name]
@@ -160,8 +176,7 @@ def _body(problem: Problem, body: Body) -> _core.Body:
     for name in body.springs:
         interface = problem.interfaces[name]
         fields = law_fields(interface)
-        assert isinstance(interface.law, Elastic)  # the reduction leaves no other springs
-        stiffness = stiffnesses(interface, interface.law)[:, : fields.components]
+        stiffness = _spring_stiffness(interface, fields.components, floors or {})
         springs.append(
             _core.Spring(
                 name=name,
@@ -173,6 +188,27 @@ def _body(problem: Problem, body: Body) -> _core.Body:
             )
         )
     return _core.Body(name="+".join(body.members), size=body.n, members=members, springs=springs)
+
+
+def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
+    """Whether the whole structure is positive definite with some stiffnesses replaced.
+
+    A Galerkin operator is bounded from below by the deterministic one with every random stiffness at the
+    smallest eigenvalue of its Galerkin matrix; one Cholesky factorisation of that one is the proof.
+
+    Parameters
+    ----------
+    floors
+        (interface, ``"normal"`` or ``"tangential"``) -> (m,) stiffness per area, of any sign.
+    """
+    bodies = [_body(problem, body, floors) for body in reduce(problem, problem.interfaces)]
+    try:
+        _core.Problem(
+            bodies=bodies, interfaces=[], operator="factored", backend="automatic", memory_limit=0.0
+        )
+    except NumericalError:
+        return False
+    return True
 
 
 def build(problem: Problem, plan: Plan) -> _core.Problem:

@@ -510,17 +510,23 @@ def _candidates(facets: FacetMap, points: Array) -> tuple[Ints, Ints]:
 
 
 def _box_candidates(facets: FacetMap, points: Array, reach: Array) -> tuple[Ints, Ints]:
-    """Pairs (point, facet) whose bounding box is within reach of the point, 32 nearest at most."""
+    """Pairs (point, facet) whose bounding box is within reach of the point."""
     low, high = facets.samples.min(axis=1), facets.samples.max(axis=1)
-    pad = 0.1 * facets.sizes[:, None]  # curved facets leave the box of their samples
-    low, high = low - pad, high + pad
+    if facets.order > 1:  # a curved facet may leave the box of its samples, by 1/8 if quadratic
+        pad = 0.25 * (high - low)
+        low, high = low - pad, high + pad
+    keep = min(512, len(facets))
+    # where nothing is near, the nearest few boxes will do: the point ends in a message anyhow
+    most = np.where(reach > facets.sizes.max(), 16, keep)
     who, which = [], []
-    keep = min(32, len(facets))
     for chunk in np.array_split(np.arange(len(points)), 1 + len(points) * len(low) // 2_000_000):
         p = points[chunk][:, None, :]
         gap = np.linalg.norm(np.maximum(np.maximum(low - p, p - high), 0.0), axis=2)
         nearest = np.argpartition(gap, keep - 1, axis=1)[:, :keep]
-        good = np.take_along_axis(gap, nearest, axis=1) <= reach[chunk][:, None]
+        gap = np.take_along_axis(gap, nearest, axis=1)
+        order = np.argsort(gap, axis=1)
+        nearest, gap = (np.take_along_axis(a, order, axis=1) for a in (nearest, gap))
+        good = (gap <= reach[chunk][:, None]) & (np.arange(keep) < most[chunk][:, None])
         a, b = np.nonzero(good)
         who.append(chunk[a])
         which.append(nearest[a, b])
@@ -560,7 +566,8 @@ def _project(facets: FacetMap, points: Array, normals: Array) -> tuple[Ints, Arr
     rest = np.flatnonzero(~settled)
     if rest.size:
         who, which = _box_candidates(facets, points[rest], best[rest])
-        consider(rest[who], which)
+        for part in np.array_split(np.arange(len(who)), 1 + len(who) // 200_000):
+            consider(rest[who[part]], which[part])
     x, n2, _ = facets.surface(index, s)
     return index, s, x, n2
 
@@ -612,7 +619,7 @@ def _check_pairing(
 
 
 def _match(
-    where_size: float, sides: tuple[Side, Side], coordinates: tuple[Array, Array]
+    size: float, sides: tuple[Side, Side], coordinates: tuple[Array, Array]
 ) -> Ints | None:
     """Pairs of nodes at the same place, if there the traces agree too."""
     first, second = sides
@@ -620,7 +627,7 @@ def _match(
         return None
     x1, x2 = coordinates[0][first.nodes], coordinates[1][second.nodes]
     distance, partner = cKDTree(x2).query(x1)
-    if distance.max() > 1e-6 * where_size or len(np.unique(partner)) < len(partner):
+    if distance.max() > 1e-6 * size or len(np.unique(partner)) < len(partner):
         return None
     nodes2 = second.nodes[partner]
     difference = first.shape[:, first.nodes] - second.shape[:, nodes2]

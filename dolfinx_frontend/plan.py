@@ -1,7 +1,7 @@
 """The plan: what of a scene is modelled, and how, decided before anything is factorised.
 
-A scene pays only for what it contains: interfaces that are linear and fixed are assembled across, and the
-iteration runs on the others. Every decision carries its reason and can be overridden.
+A scene pays only for what it contains: interfaces that are linear and fixed are assembled across,
+and the iteration runs on the others. Every decision carries its reason and can be overridden.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from latin_core import Options
 
 if TYPE_CHECKING:
     from dolfinx_frontend.assembly import Problem
+    from dolfinx_frontend.stochastic import RandomLaws
 
 __all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
 
@@ -125,6 +126,19 @@ def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
     return set(given)
 
 
+def _one_column(problem: Problem) -> str:
+    """Why a run without chaos has one column."""
+    random = [
+        f"{name}.{parameter}"
+        for name, interface in problem.interfaces.items()
+        for parameter, value in interface.law.parameters().items()
+        if not is_plain(value) and hasattr(value, "mean")
+    ]
+    if random:
+        return f"no chaos was asked for: {', '.join(random)} at the mean"
+    return "nothing is random and no law has a history"
+
+
 def make_plan(
     problem: Problem,
     method: Method = "auto",
@@ -132,6 +146,8 @@ def make_plan(
     vary: Iterable[str] = (),
     direction: Direction | float | None = None,
     options: Options | None = None,
+    random: RandomLaws | None = None,
+    columns: int = 1,
 ) -> Plan:
     """Decide what is modelled.
 
@@ -151,6 +167,8 @@ def make_plan(
         Search direction; a number is its factor.
     options
         Settings of the iteration.
+    random, columns
+        What is random, and the number of chaos modes.
 
     Raises
     ------
@@ -229,7 +247,16 @@ def make_plan(
         by_how.setdefault(how, []).append(name)
     for how, names in by_how.items():
         decisions.append(Decision(how, ", ".join(names), "linear and fixed"))
-    decisions.append(Decision("columns", "1", "nothing is random and no law has a history"))
+    if random is not None:
+        germs = random.space.germ_names
+        decisions.append(
+            Decision("columns", f"{columns} chaos modes", f"{len(germs)} germs: {', '.join(germs)}")
+        )
+    else:
+        decisions.append(Decision("columns", "1", _one_column(problem)))
+    for text in random.dropped if random is not None else ():
+        what, _, why = text.partition(": ")
+        decisions.append(Decision("dropped", what, why))
     decisions.append(Decision("iteration", chosen, reason))
     if kept:
         decisions.append(
@@ -244,4 +271,4 @@ def make_plan(
         decisions.append(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         )
-    return Plan(chosen, kept, eliminated, 1, direction, options, tuple(decisions))
+    return Plan(chosen, kept, eliminated, columns, direction, options, tuple(decisions))

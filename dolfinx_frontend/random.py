@@ -2,24 +2,24 @@
 
 What a user writes instead of a number in a law, and how it becomes polynomial chaos:
 
-=========================  ================================================================  ==============
-:func:`Normal`             normal; can be negative (see ``critical_cov`` of the kernel)      Hermite, affine
-:func:`TruncatedNormal`    normal, cut at bounds                                             own, affine
-:func:`LogNormal`          positive                                                          Hermite, exact
-:func:`Uniform`            between two bounds                                                Legendre, affine
-:func:`Gamma`              positive                                                          Laguerre, affine
-:func:`Beta`               between two bounds                                                Jacobi, affine
-:func:`FromSamples`        observed values, each as probable as the others                   own, affine
-:func:`FromDistribution`   any scipy.stats or OpenTURNS distribution of one variable         own or Hermite
-:class:`Correlated`        several of these, joined by a Gaussian copula (Nataf)             Hermite
-:class:`RandomField`       varies over an interface, Karhunen-Loeve                          Hermite
-=========================  ================================================================  ==============
+========================  ============================================  ================
+:func:`Normal`            normal; can be negative                       Hermite, affine
+:func:`TruncatedNormal`   normal, cut at bounds                         own, affine
+:func:`LogNormal`         positive                                      Hermite, exact
+:func:`Uniform`           between two bounds                            Legendre, affine
+:func:`Gamma`             positive                                      Laguerre, affine
+:func:`Beta`              between two bounds                            Jacobi, affine
+:func:`FromSamples`       observed values, equally probable             own, affine
+:func:`FromDistribution`  any law of scipy.stats or OpenTURNS           own or Hermite
+:class:`Correlated`       several, joined by a Gaussian copula (Nataf)  Hermite
+:class:`RandomField`      varies over an interface, Karhunen-Loeve      Hermite
+========================  ============================================  ================
 
-A *germ* is one independent random variable with its orthonormal polynomials.  *Affine* means that the
-parameter is a linear function of its own germ: its chaos has two terms, and every Galerkin matrix has
-its eigenvalues among the values that the parameter can take, so that a positive law stays positive
-definite at every order.  The others have full coupling: a chaos of order p needs their coefficients
-up to degree 2p, which :meth:`RandomSpace.expansion` provides.
+A *germ* is one independent random variable with its orthonormal polynomials.  *Affine* means that
+the parameter is a linear function of its own germ: its chaos has two terms, and every Galerkin
+matrix has its eigenvalues among the values that the parameter can take, so that a positive law
+stays positive definite at every order.  The others have full coupling: a chaos of order p needs
+their coefficients up to degree 2p, which :meth:`RandomSpace.expansion` provides.
 
 Correlation lengths have the unit of the coordinates; a parameter has the unit of what it replaces.
 """
@@ -159,17 +159,18 @@ def _panels(law: _Law) -> tuple[Array, Array]:
     middle = float(law.ppf(0.5))
     nodes: list[Array] = []
     weights: list[Array] = []
-    edges = np.linspace(lower, upper, 49)
+    edges = np.linspace(lower, upper, 97)
     left, right = edges[:-1], edges[1:]
     for level in range(60):
         half = 0.5 * (right - left)
         points = (0.5 * (left + right))[:, None] + half[:, None] * x
         masses = np.asarray(law.pdf(points)) * (half[:, None] * w)
-        exact = np.where(
-            left >= middle, law.sf(left) - law.sf(right), law.cdf(right) - law.cdf(left)
-        )
+        outer = np.where(left >= middle, law.sf(left), law.cdf(right))
+        exact = outer - np.where(left >= middle, law.sf(right), law.cdf(left))
         with np.errstate(invalid="ignore"):
-            close = np.abs(masses.sum(axis=1) - exact) <= np.maximum(1e-12 * exact, 3e-16)
+            # the second bound is the cancellation in `exact`
+            error = np.abs(masses.sum(axis=1) - exact)
+            close = error <= np.maximum(1e-12 * exact, 4e-16 * outer)
         last = level == 59 or len(left) > 4000
         if last:
             usable = np.where(np.isfinite(masses), np.maximum(masses, 0.0), 0.0)
@@ -192,8 +193,9 @@ def _panels(law: _Law) -> tuple[Array, Array]:
 def _moments_determine(law: _Law) -> bool:
     """Whether polynomials in the variable itself are a complete basis.
 
-    They are for a bounded support and for tails like exp(-|x|^(1/2)) or lighter; not for a lognormal
-    variable (O. Ernst et al., ESAIM M2AN 46 (2012) 317).  Judged by the growth of extreme quantiles.
+    They are for a bounded support and for tails like exp(-|x|^(1/2)) or lighter; not for a
+    lognormal variable (O. Ernst et al., ESAIM M2AN 46 (2012) 317).  Judged by the growth of extreme
+    quantiles.
     """
     middle = float(law.ppf(0.5))
     lower, upper = (float(v) for v in law.support())
@@ -237,12 +239,15 @@ class RandomParameter:
     germ: Germ
     affine: bool
 
-    def __init__(self, kind: str, name: str, definition: tuple[Any, ...], shown: str) -> None:
+    def __init__(
+        self, kind: str, name: str, definition: tuple[Any, ...], shown: str, law: _Law
+    ) -> None:
         if not isinstance(name, str) or not name:
             raise SceneError(f"{kind}: name = {name!r}; give a random parameter a name in words")
         self.name = name
         self._definition = (kind, name, definition)
-        self._shown = f"{kind}({name!r}{', ' if shown else ''}{shown})"
+        self._shown = f"{kind}({name!r}, {shown})"
+        self._law = law
 
     @property
     def cov(self) -> float:
@@ -252,7 +257,8 @@ class RandomParameter:
     @property
     def bounds(self) -> tuple[float, float]:
         """Smallest and greatest value that the parameter can take."""
-        raise NotImplementedError
+        lower, upper = self._law.support()
+        return float(lower), float(upper)
 
     def value(self, germ: npt.ArrayLike) -> Array:
         """The parameter at values (N,) of its germ: (N,), exact."""
@@ -264,11 +270,20 @@ class RandomParameter:
 
     def from_normal(self, score: npt.ArrayLike) -> Array:
         """The quantile of the parameter at the probability of a standard normal score (N,)."""
-        raise NotImplementedError
+        z = np.asarray(score, dtype=np.float64)
+        tail = special.ndtr(-np.abs(z))  # either tail by its own function: no cancellation
+        result = np.empty_like(z)
+        below = z <= 0.0
+        result[below] = self._law.ppf(tail[below])
+        result[~below] = self._law.isf(tail[~below])
+        return result
 
     def to_normal(self, value: npt.ArrayLike) -> Array:
         """The standard normal score (N,) with the probability of a value (N,) of the parameter."""
-        raise NotImplementedError
+        x = np.asarray(value, dtype=np.float64)
+        below = np.asarray(self._law.cdf(x), dtype=np.float64)
+        above = np.asarray(self._law.sf(x), dtype=np.float64)
+        return np.where(below <= 0.5, special.ndtri(below), -special.ndtri(above))
 
     def germ_from_normal(self, score: npt.ArrayLike) -> Array:
         """Values (N,) of the germ at standard normal scores (N,): how samples are drawn."""
@@ -317,31 +332,19 @@ class _Affine(RandomParameter):
         scale: float,
         law: _Law,
     ) -> None:
-        super().__init__(kind, name, definition, shown)
+        super().__init__(kind, name, definition, shown, law)
         alpha, beta = germ.recurrence(2)
         self.germ = germ
         self.mean = float(shift + scale * alpha[0])
         self.std = float(scale * beta[1])
         self._shift = shift
         self._scale = scale
-        self._law = law
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        lower, upper = self._law.support()
-        return float(lower), float(upper)
 
     def value(self, germ: npt.ArrayLike) -> Array:
-        return self._shift + self._scale * np.asarray(germ, dtype=np.float64)
+        return np.asarray(self._shift + self._scale * np.asarray(germ, dtype=np.float64))
 
     def to_germ(self, value: npt.ArrayLike) -> Array:
-        return (np.asarray(value, dtype=np.float64) - self._shift) / self._scale
-
-    def from_normal(self, score: npt.ArrayLike) -> Array:
-        return _quantile(self._law, score)
-
-    def to_normal(self, value: npt.ArrayLike) -> Array:
-        return _score(self._law, value)
+        return np.asarray((np.asarray(value, dtype=np.float64) - self._shift) / self._scale)
 
     def coefficients(self, degree: int) -> Array:
         return np.array([self.mean, self.std, *[0.0] * (degree - 1)])[: degree + 1]
@@ -355,16 +358,10 @@ class _Gaussian(RandomParameter):
     def __init__(
         self, kind: str, name: str, definition: tuple[Any, ...], shown: str, law: _Law
     ) -> None:
-        super().__init__(kind, name, definition, shown)
+        super().__init__(kind, name, definition, shown, law)
         self.germ = Germ.hermite()
         self.mean = float(law.mean())
         self.std = float(law.std())
-        self._law = law
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        lower, upper = self._law.support()
-        return float(lower), float(upper)
 
     def value(self, germ: npt.ArrayLike) -> Array:
         return self.from_normal(germ)
@@ -372,36 +369,11 @@ class _Gaussian(RandomParameter):
     def to_germ(self, value: npt.ArrayLike) -> Array:
         return self.to_normal(value)
 
-    def from_normal(self, score: npt.ArrayLike) -> Array:
-        return _quantile(self._law, score)
-
-    def to_normal(self, value: npt.ArrayLike) -> Array:
-        return _score(self._law, value)
-
     def germ_from_normal(self, score: npt.ArrayLike) -> Array:
         return np.asarray(score, dtype=np.float64)
 
     def coefficients(self, degree: int) -> Array:
         return self.hermite_coefficients(degree)
-
-
-def _quantile(law: _Law, score: npt.ArrayLike) -> Array:
-    """Quantile at a normal score, accurate in both tails."""
-    z = np.asarray(score, dtype=np.float64)
-    tail = special.ndtr(-np.abs(z))
-    result = np.empty_like(z)
-    below = z <= 0.0
-    result[below] = law.ppf(tail[below])
-    result[~below] = law.isf(tail[~below])
-    return result
-
-
-def _score(law: _Law, value: npt.ArrayLike) -> Array:
-    """Normal score of a value, accurate in both tails."""
-    x = np.asarray(value, dtype=np.float64)
-    below = np.asarray(law.cdf(x), dtype=np.float64)
-    above = np.asarray(law.sf(x), dtype=np.float64)
-    return np.where(below <= 0.5, special.ndtri(below), -special.ndtri(above))
 
 
 def _number(kind: str, name: str, what: str, value: Any, positive: bool = False) -> float:
@@ -492,8 +464,8 @@ def TruncatedNormal(
 ) -> RandomParameter:
     """Normal law that is cut at bounds and scaled back to the probability 1.
 
-    ``mean``, ``cov`` and ``std`` are those of the normal law *before* the cut; the attributes ``mean``
-    and ``std`` of the result are those of the truncated variable itself.
+    ``mean``, ``cov`` and ``std`` are those of the normal law *before* the cut; the attributes
+    ``mean`` and ``std`` of the result are those of the truncated variable itself.
 
     Parameters
     ----------
@@ -555,7 +527,7 @@ class _LogNormalParameter(_Gaussian):
         return np.asarray(np.exp(self._m + self._s * np.asarray(score, dtype=np.float64)))
 
     def to_normal(self, value: npt.ArrayLike) -> Array:
-        return (np.log(np.asarray(value, dtype=np.float64)) - self._m) / self._s
+        return np.asarray((np.log(np.asarray(value, dtype=np.float64)) - self._m) / self._s)
 
     def hermite_coefficients(self, degree: int) -> Array:
         k = np.arange(degree + 1)
@@ -625,7 +597,7 @@ def Gamma(name: str, mean: float, cov: Any = None, *, std: Any = None) -> Random
 def Beta(
     name: str, a: float, b: float, lower: float = 0.0, upper: float = 1.0
 ) -> RandomParameter:
-    """Beta parameter with exponents ``a``, ``b`` > 0, density ~ (x - lower)^(a-1) (upper - x)^(b-1)."""
+    """Beta parameter, ``a``, ``b`` > 0: density ~ (x - lower)^(a-1) (upper - x)^(b-1)."""
     first = _number("Beta", name, "a", a, positive=True)
     second = _number("Beta", name, "b", b, positive=True)
     lo, up = _bounds("Beta", name, lower, upper)
@@ -692,14 +664,15 @@ class _Discrete(_Affine):
         values: Array,
         probabilities: Array,
     ) -> None:
-        atoms, where = np.unique(values, return_inverse=True)
-        law = _Atoms(atoms, np.bincount(where.ravel(), weights=probabilities))
+        atoms, where = np.unique(np.asarray(values, dtype=np.float64), return_inverse=True)
+        masses = np.bincount(where.ravel(), weights=probabilities)
+        law = _Atoms(atoms, masses.astype(np.float64))
         mean, std = law.mean(), law.std()
         # a lone value repeated has a rounding error for its std
         if len(atoms) < 2 or not std > 1e-14 * np.abs(atoms).max():
             raise SceneError(
-                f"{kind} {name!r}: all {len(values)} values equal {mean:g}; a random parameter needs "
-                "two different ones at least"
+                f"{kind} {name!r}: all {len(values)} values equal {mean:g}; a random parameter "
+                "needs two different ones at least"
             )
         germ = Germ.from_measure((atoms - mean) / std, law.probabilities)
         shown = f"{len(atoms)} values, mean={mean:g}, std={std:g}"
@@ -708,7 +681,7 @@ class _Discrete(_Affine):
         )
 
     def hermite_coefficients(self, degree: int) -> Array:
-        """Exact: the integral of psi_k phi over a step is a difference of psi_{k-1} phi / sqrt(k)."""
+        """Exact: psi_k phi integrated over a step is a difference of psi_{k-1} phi / sqrt(k)."""
         edges = special.ndtri(self._law.cumulated[:-1])
         density = np.exp(-0.5 * edges**2) / math.sqrt(2.0 * math.pi)
         psi = Germ.hermite().evaluate(edges, max(degree - 1, 0))
@@ -752,9 +725,10 @@ def FromDistribution(
         A frozen ``scipy.stats`` distribution, a scipy >= 1.15 random variable, or an OpenTURNS
         ``Distribution`` of dimension 1.
     germ
-        ``"own"``: polynomials of the law itself, by Lanczos; the parameter is affine.  ``"normal"``: a
-        function of a standard normal germ.  ``"auto"`` takes the own ones where they are complete,
-        i.e. unless a tail is heavier than exp(-sqrt(x)) (a lognormal law is such a case).
+        ``"own"``: polynomials of the law itself, by Lanczos; the parameter is affine.
+        ``"normal"``: a function of a standard normal germ.  ``"auto"`` takes the own ones where
+        they are complete, i.e. unless a tail is heavier than exp(-sqrt(x)) (a lognormal law is such
+        a case).
     """
     kind = "FromDistribution"
     if germ not in ("auto", "own", "normal"):
@@ -811,23 +785,23 @@ def FromDistribution(
 # Correlated parameters
 # ---------------------------------------------------------------------------------------------
 class CorrelatedParameter(RandomParameter):
-    """One parameter of a :class:`Correlated` group: its own law, depending on the germs of the group."""
+    """One parameter of a :class:`Correlated` group: its own law, germs of the group."""
 
     def __init__(self, group: Correlated, position: int) -> None:
         self.marginal = group.marginals[position]
         super().__init__(
-            "CorrelatedParameter", self.marginal.name, (group._definition, position), ""
+            "CorrelatedParameter",
+            self.marginal.name,
+            (group._definition, position),
+            "",
+            self.marginal._law,
         )
-        self._shown = f"<{self.marginal!r} correlated with {len(group) - 1} others>"
+        self._shown = f"<{self.marginal!r} correlated with {len(group.marginals) - 1} others>"
         self.group = group
         self.position = position
         self.mean, self.std = self.marginal.mean, self.marginal.std
         self.germ = Germ.hermite()
         self.affine = False
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        return self.marginal.bounds
 
     def value(self, germ: npt.ArrayLike) -> Array:
         """The parameter at its normal scores (N,), which are combinations of the germs."""
@@ -852,8 +826,8 @@ class CorrelatedParameter(RandomParameter):
 class Correlated(Sequence[CorrelatedParameter]):
     """Random parameters with a Gaussian copula (Nataf's model).
 
-    Used as ``k, K = Correlated([Normal("k", ...), LogNormal("K", ...)], matrix)``: the members go into
-    laws like any other parameter.
+    Used as ``k, K = Correlated([Normal("k", ...), LogNormal("K", ...)], matrix)``: the members go
+    into laws like any other parameter.
 
     Parameters
     ----------
@@ -862,9 +836,9 @@ class Correlated(Sequence[CorrelatedParameter]):
     matrix
         (n, n) correlation matrix: symmetric, positive definite, diagonal 1.
     space
-        ``"physical"``: `matrix` holds the correlation coefficients of the parameters themselves, from
-        which those of the normal scores are solved for.  ``"normal"``: `matrix` is that of the normal
-        scores.
+        ``"physical"``: `matrix` holds the correlation coefficients of the parameters themselves,
+        from which those of the normal scores are solved for.  ``"normal"``: `matrix` is that of the
+        normal scores.
 
     Attributes
     ----------
@@ -939,7 +913,7 @@ class Correlated(Sequence[CorrelatedParameter]):
     def _score_correlation(
         self, where: str, i: int, j: int, target: float, a: Array, b: Array
     ) -> float:
-        """Correlation of two normal scores for one of the parameters: a series by Mehler's formula."""
+        """Correlation of two normal scores for a given one of the parameters (Mehler's series)."""
         if target == 0.0:
             return 0.0
         first, second = self.marginals[i], self.marginals[j]
@@ -955,7 +929,8 @@ class Correlated(Sequence[CorrelatedParameter]):
                 f"{where}: {first.name!r} and {second.name!r} cannot have the correlation "
                 f"{target:g}; with their laws it lies between {lowest:.4g} and {highest:.4g}"
             )
-        return float(optimize.brentq(lambda r: float(polynomial(r)) - target, -1.0, 1.0, xtol=1e-15))
+        found = optimize.brentq(lambda r: float(polynomial(r)) - target, -1.0, 1.0, xtol=1e-15)
+        return float(found)
 
     def __len__(self) -> int:
         return len(self._members)
@@ -1000,8 +975,8 @@ def _correlation(where: str, covariance: Any, nu: float | None) -> tuple[Correla
         return covariance, True
     if (nu is None) == (covariance == "matern"):
         raise SceneError(
-            f"{where}: nu = {nu} with covariance {covariance!r}; 'matern' needs its smoothness nu > 0, "
-            "the others have none"
+            f"{where}: nu = {nu} with covariance {covariance!r}; 'matern' needs its smoothness "
+            "nu > 0, the others have none"
         )
     if covariance == "exponential":
         return (lambda r: np.exp(-r)), True
@@ -1034,8 +1009,8 @@ def karhunen_loeve(
 ) -> _Modes:
     """Eigenpairs of int rho(|x - y|) f(y) dy = lambda f(x) by Nystroem's method on given points.
 
-    The symmetric matrix W^1/2 C W^1/2 is dense up to 1 500 points; beyond, Lanczos with products of C
-    (stored up to 1 GB, otherwise recomputed in blocks of rows).
+    The symmetric matrix W^1/2 C W^1/2 is dense up to 1 500 points; beyond, Lanczos with products of
+    C (stored up to 1 GB, otherwise recomputed in blocks of rows).
 
     Parameters
     ----------
@@ -1046,8 +1021,10 @@ def karhunen_loeve(
     variance_captured, modes
         One of them: take modes until this part of the variance is reached, or this number.
     kink
-        The correlation has a kink at distance 0 (exponential).  Then the diagonal holds its average
-        over the cell of a point instead of its value there, which takes away the leading error.
+        The correlation has a kink at distance 0 (exponential).  Then the diagonal holds an average
+        over a piece of the cell of a point, which takes away the leading error: for a lattice of
+        points and a distance |x - y| it is the regularised lattice sum of the distance, -1/6 in one
+        dimension and -0.228824 in two (B. Wu, P.-G. Martinsson, Adv. Comput. Math. 47 (2021) 45).
     cell_dimension
         1 if weights are lengths, 2 if they are areas; default: d - 1, at least 1.
 
@@ -1060,11 +1037,12 @@ def karhunen_loeve(
     m = len(w)
     root = np.sqrt(w)
     dimension = max(1, x.shape[1] - 1) if cell_dimension is None else cell_dimension
-    diagonal = np.ones(m)
+    diagonal: Array = np.ones(m)
     if kink:
         t, gauss = np.polynomial.legendre.leggauss(12)
         t, gauss = 0.5 * (t + 1.0), 0.5 * gauss
-        radius = 0.5 * w if dimension == 1 else np.sqrt(w / math.pi)
+        # the mean distance in the piece is radius / 2 on a line, 2 radius / 3 in a disc
+        radius = w / 3.0 if dimension == 1 else 1.5 * 0.228824 * np.sqrt(w)
         diagonal = correlation(radius[:, None] * t) @ (gauss * dimension * t ** (dimension - 1))
 
     def rows(start: int, stop: int) -> Array:
@@ -1080,7 +1058,7 @@ def karhunen_loeve(
     wanted = m if modes is None else min(modes, m)
     if m <= 1500:
         values, vectors = linalg.eigh(rows(0, m))
-        values, vectors = values[::-1], vectors[:, ::-1]
+        values, vectors = values[::-1].copy(), vectors[:, ::-1]
     else:
         values, vectors = _lanczos(rows, m, total, variance_captured, wanted if modes else None)
     usable = int(np.count_nonzero(values > 1e-14 * values[0]))
@@ -1092,8 +1070,9 @@ def karhunen_loeve(
     functions = vectors[:, :wanted] / root[:, None]
     # eigenvectors have no sign: make the integral positive, or the greatest value
     integral = w @ functions
-    extreme = functions[np.argmax(np.abs(functions) > 0.999 * np.abs(functions).max(0), axis=0),
-                        np.arange(wanted)]
+    # the first of the points that share the greatest value, in spite of rounding
+    summit = np.argmax(np.abs(functions) > 0.999 * np.abs(functions).max(axis=0), axis=0)
+    extreme = functions[summit, np.arange(wanted)]
     clear = np.abs(integral) > 1e-6 * math.sqrt(total)
     functions = functions * np.where(np.where(clear, integral, extreme) < 0.0, -1.0, 1.0)
     kept = values[:wanted]
@@ -1135,8 +1114,8 @@ def _lanczos(
 def exponential_1d_eigenvalues(length: float, size: float, count: int) -> Array:
     """Eigenvalues (count,) of exp(-|x - y| / length) on an interval of this size, descending.
 
-    lambda = 2 c / (w^2 + c^2), c = 1 / length, where w solves c = w tan(w a) and w = -c tan(w a) in turn,
-    a = size / 2 (R. Ghanem, P. Spanos, Stochastic Finite Elements, Springer 1991, section 2.3.3).
+    lambda = 2 c / (w^2 + c^2), c = 1 / length, where w solves c = w tan(w a) and w = -c tan(w a)
+    in turn, a = size / 2 (R. Ghanem, P. Spanos, Stochastic Finite Elements, Springer 1991, 2.3.3).
     """
     c, a = 1.0 / length, 0.5 * size
 
@@ -1176,8 +1155,8 @@ class RandomField:
     nu
         Smoothness of the Matern covariance.
     variance_captured, modes
-        One of them: part of the variance, in (0, 1], that the Karhunen-Loeve modes must hold, or their
-        number.
+        One of them: part of the variance, in (0, 1], that the Karhunen-Loeve modes must hold, or
+        their number.
     distribution
         ``"normal"``, or ``"lognormal"``: exponential of a normal field that has this covariance
         function.  Its mean is exact at every point in spite of the truncation.
@@ -1234,7 +1213,8 @@ class RandomField:
         Raises
         ------
         SceneError
-            Shapes that do not fit, a weight that is not positive, or the wrong number of lengths.
+            Shapes that do not fit, a weight that is not positive, the wrong number of lengths, or
+            more variance is asked for than the points resolve.
         """
         where = f"RandomField {self.name!r}"
         x = np.asarray(points, dtype=np.float64)
@@ -1264,8 +1244,14 @@ class RandomField:
             modes=self.modes,
             kink=kink,
         )
+        if self.variance_captured is not None and captured < self.variance_captured * (1.0 - 1e-9):
+            raise SceneError(
+                f"{where}: {len(x)} points resolve only {100.0 * captured:.4g} % of its variance, "
+                f"{100.0 * self.variance_captured:.4g} % is asked for; lower variance_captured, "
+                "or refine the mesh"
+            )
         return DiscretisedField(
-            self, eigenvalues * scale, functions / math.sqrt(scale), captured, x, w
+            self, eigenvalues * scale, np.asarray(functions / math.sqrt(scale)), captured, x, w
         )
 
 
@@ -1306,7 +1292,7 @@ class DiscretisedField:
 
     @cached_property
     def shapes(self) -> Array:
-        """(m, r) sqrt(eigenvalue) * function: the truncated field of variance <= 1 is shapes @ germs."""
+        """(m, r) sqrt(eigenvalue) * function: the standardised field is shapes @ germs."""
         scaled: Array = self.functions * np.sqrt(self.eigenvalues)
         return scaled
 
@@ -1363,13 +1349,13 @@ class Chaos:
     order
         p >= 0.
     index_set
-        ``"total"``: total degree <= p; ``"tensor"``: degree <= p in each germ; ``"hyperbolic"``: q-norm of
-        the degrees <= p, which thins out interactions.
+        ``"total"``: total degree <= p; ``"tensor"``: degree <= p in each germ; ``"hyperbolic"``:
+        q-norm of the degrees <= p, which thins out interactions.
     q
         Of the hyperbolic set, in (0, 1].
     weights
-        Anisotropy: a positive number a germ, or by name of the parameters (1 for the others); degree i
-        of a germ counts as weight * i.
+        Anisotropy: a positive number a germ, or by name of the parameters (1 for the others);
+        degree i of a germ counts as weight * i.
     max_interaction
         Greatest number of germs in one mode; None: no limit.
     """
@@ -1444,8 +1430,8 @@ class RandomSpace:
     Parameters
     ----------
     sources
-        Random parameters and discretised fields, repeated as often as they are used.  Of a correlated
-        group only the members that occur take part, and they share their germs.
+        Random parameters and discretised fields, repeated as often as they are used.  Of a
+        correlated group only the members that occur take part, and they share their germs.
 
     Attributes
     ----------
@@ -1636,8 +1622,8 @@ class RandomSpace:
     ) -> Expansion:
         """The parameter with every mode that the products of two modes of `basis` can reach.
 
-        This is what an exact Galerkin matrix needs: degree 1 for an affine parameter, otherwise up to
-        twice the degree of the basis.
+        This is what an exact Galerkin matrix needs: degree 1 for an affine parameter, otherwise up
+        to twice the degree of the basis.
 
         Raises
         ------
@@ -1668,13 +1654,13 @@ class RandomSpace:
         return Expansion(self.coefficients_at(source, indices.table), indices)
 
     def galerkin_matrix(self, source: Source, basis: ChaosBasis, row: int = 0) -> Any:
-        """E[a Psi_j Psi_k] of a parameter, or of a field at one of its points: sparse (P + 1, P + 1)."""
+        """E[a Psi_j Psi_k] of a parameter, or of a field at its point `row`: (P + 1, P + 1)."""
         coefficients, indices = self.expansion(source, basis)
         return core.galerkin_matrix(basis, coefficients[row], indices)
 
     # -- points --------------------------------------------------------------------------------
     def values(self, source: Source, points: npt.ArrayLike) -> Array:
-        """A parameter (N,) or field (m, N) at points (N, L) of the germs: exact, not by its chaos."""
+        """A parameter (N,) or field (m, N) at points (N, L) of the germs; not by its chaos."""
         xi = np.asarray(points, dtype=np.float64)
         block, position = self._find(source)
         own = xi[:, list(block.columns)]
@@ -1712,13 +1698,13 @@ class RandomSpace:
                 continue
             scores = np.empty((count, len(block.members)))
             for position, member in enumerate(block.members):
-                value = given.get(member.name, np.array([member.mean]))
+                wanted = given.get(member.name, np.array([member.mean]))
                 with np.errstate(invalid="ignore", divide="ignore"):
-                    scores[:, position] = member.to_germ(value)
+                    scores[:, position] = member.to_germ(wanted)
                 lower, upper = member.bounds
-                bad = ~np.isfinite(scores[:, position]) | (value < lower) | (value > upper)
+                bad = ~np.isfinite(scores[:, position]) | (wanted < lower) | (wanted > upper)
                 if np.any(bad):
-                    worst = np.broadcast_to(value, (count,))[bad][0]
+                    worst = np.broadcast_to(wanted, (count,))[bad][0]
                     raise SceneError(
                         f"{member!r} cannot take the value {worst:g}; it lies between {lower:g} "
                         f"and {upper:g}"
@@ -1783,8 +1769,8 @@ class RandomSpace:
     def sobol(self, coefficients: npt.ArrayLike, basis: ChaosBasis) -> dict[str, Sobol]:
         """Sobol indices of fields (rows, P + 1) by independent source: the keys of :attr:`groups`.
 
-        The germs of a correlated group or of a random field count together; the shares of correlated
-        parameters among each other are not defined.
+        The germs of a correlated group or of a random field count together; the shares of
+        correlated parameters among each other are not defined.
         """
         block = np.asarray(coefficients, dtype=np.float64)
         result = {}

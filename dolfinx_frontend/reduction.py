@@ -131,7 +131,7 @@ def _free_basis(rows: Array) -> Array:
     return basis
 
 
-def _groups(problem: Problem, laws: Mapping[str, Law], eliminate: set[str]) -> list[list[str]]:
+def _groups(problem: Problem, eliminate: set[str]) -> list[list[str]]:
     """Substructures by body, in the order of the problem."""
     names = list(problem.substructures)
     number = {n: k for k, n in enumerate(names)}
@@ -338,7 +338,7 @@ def reduce(
             raise unknown_name("interface", name, problem.interfaces)
         _check(problem.interfaces[name], current[name])
     bodies = []
-    for members in _groups(problem, current, chosen):
+    for members in _groups(problem, chosen):
         inside = [
             i
             for i in problem.interfaces.values()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,14 @@ from dolfinx_frontend.assembly import Problem, stiffnesses
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Elastic
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
-from latin_core import Iteration, Options, State, Summary, _core
+from latin_core import Iteration, Options, State, Summary
+from latin_core import Problem as Kernel
 
-__all__ = ["Result", "solve"]
+if TYPE_CHECKING:
+    from dolfinx_frontend.chaos import ChaosResult
+    from dolfinx_frontend.random import Chaos
+
+__all__ = ["Result", "phase_seconds", "solve"]
 
 Array = npt.NDArray[np.float64]
 
@@ -44,7 +49,7 @@ class Result:
     summary: Summary
     state: State
     seconds: dict[str, float]
-    core: _core.Problem = field(repr=False)
+    core: Kernel = field(repr=False)
     _displacements: dict[str, Array] | None = field(default=None, repr=False)
 
     @property
@@ -102,8 +107,8 @@ class Result:
         fields = bridge.law_fields(interface)
         if fields.kind == "perfect":
             raise SceneError(
-                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is not "
-                f"an unknown: solve with active=[{name!r}] to have it"
+                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
+                f"not an unknown: solve with active=[{name!r}] to have it"
             )
         jump = sum(
             (
@@ -120,20 +125,53 @@ class Result:
 
     def __repr__(self) -> str:
         return (
-            f"Result({self.status}, {self.iterations} iterations, estimated error {self.error:.1e}, "
-            f"{sum(self.seconds.values()):.2f} s)"
+            f"Result({self.status}, {self.iterations} iterations, "
+            f"estimated error {self.error:.1e}, {sum(self.seconds.values()):.2f} s)"
         )
+
+
+@overload
+def solve(
+    problem: Problem,
+    method: Method = "auto",
+    *,
+    chaos: None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    start: Result | State | None = None,
+    callback: Callable[[Iteration], None] | None = None,
+) -> Result: ...
+
+
+@overload
+def solve(
+    problem: Problem,
+    method: Method = "auto",
+    *,
+    chaos: Chaos | int,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    start: Result | State | None = None,
+    indefinite: Literal["refuse", "prove"] = "refuse",
+    callback: Callable[[Iteration], None] | None = None,
+) -> ChaosResult: ...
 
 
 def solve(
     problem: Problem,
     method: Method = "auto",
     *,
+    chaos: Chaos | int | None = None,
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
     plan: Plan | None = None,
     start: Result | State | None = None,
+    indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
 ) -> Result:
     """Solve a problem.
@@ -144,42 +182,72 @@ def solve(
         From :func:`dolfinx_frontend.assemble`.
     method, active, direction, options
         As :func:`dolfinx_frontend.make_plan` takes them; or
+    chaos
+        Expand the answer in polynomial chaos: order and index set, or the order of a total-degree set.
+        None: random parameters are taken at their mean, and the plan says so.
     plan
         a plan made before.
     start
         Start from the interface state of an earlier result of the same plan.
+    indefinite
+        With chaos: ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"``
+        first that the structure as a whole is definite and go on.
     callback
         Called after every iteration; it may raise to end the run.
 
     Returns
     -------
     Result
-        Its ``status`` says whether the tolerance was reached; nothing is raised if it was not.
+        Its ``status`` says whether the tolerance was reached; nothing is raised if it was not. With
+        chaos a :class:`ChaosResult`.
 
     Raises
     ------
     SceneError
         A plan that cannot be carried out.
+    IndefiniteError
+        A Galerkin stiffness is indefinite.
     KeyboardInterrupt
         Within one iteration of Ctrl-C.
     """
+    if chaos is not None:
+        from dolfinx_frontend.chaos import solve_chaos  # which builds on this module
+
+        return solve_chaos(
+            problem,
+            chaos,
+            method,
+            active=active,
+            direction=direction,
+            options=options,
+            plan=plan,
+            start=start,
+            indefinite=indefinite,
+            callback=callback,
+        )
     plan = plan or make_plan(problem, method, active, (), direction, options)
     began = perf_counter()
     core = bridge.build(problem, plan)
     built = perf_counter()
-    states = [start.state if isinstance(start, Result) else start] if start is not None else []
     summary, state = core.solve(
         options=plan.options.kernel(),
         amplitudes=np.ones((1, plan.columns)),
-        start=states,
+        start=start_states(start),
         callback=callback,
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     return Result(problem, plan, summary, state, seconds, core)
 
 
+def start_states(start: Result | State | None) -> list[State]:
+    """Start states for the kernel."""
+    if start is None:
+        return []
+    return [start.state if isinstance(start, Result) else start]
+
+
 def phase_seconds(result: Result) -> dict[str, Any]:
-    """Where the time went: assemble, factorise, condense (over all bodies), global, local, other."""
+    """Where the time went: assemble, factorise, condense (all bodies), global, local, other."""
     costs = result.core.costs
     return {
         "assemble": sum(c["assemble_s"] for c in costs),

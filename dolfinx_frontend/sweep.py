@@ -17,7 +17,7 @@ from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
-from latin_core import Iteration, Options, SweepPoints, SweptParameter, snake_order
+from latin_core import Iteration, Options, Summary, SweepPoints, SweptParameter, snake_order
 from latin_core import sweep as kernel_sweep
 
 __all__ = ["SweepResult", "sweep"]
@@ -67,7 +67,8 @@ class SweepResult:
     @property
     def converged(self) -> npt.NDArray[np.bool_]:
         """Which points reached the tolerance."""
-        return (self.points.status == "converged").reshape(self.shape)
+        status: npt.NDArray[np.bool_] = self.points.status == "converged"
+        return status.reshape(self.shape)
 
     def _field(self, store: dict[str, Array], interface: str) -> Array:
         if interface not in store:
@@ -76,7 +77,7 @@ class SweepResult:
         return store[interface].reshape(*self.shape, points, -1)
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (grid..., m, components), local frame."""
+        """Force per area on side 1 of an active interface, (grid..., m, components), local."""
         return self._field(self.points.forces, interface)
 
     def jump(self, interface: str) -> Array:
@@ -109,7 +110,7 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
 
 
 def _fingerprint(problem: Problem, plan: Plan) -> str:
-    """Hash of what makes two runs the same: parts, interfaces, laws, active set, search direction."""
+    """Hash of what makes two runs the same: parts, interfaces, laws, plan."""
     digest = hashlib.sha256()
     for part in problem.substructures.values():
         digest.update(f"{part.name} {part.size} {part.volume:.9e} {part.modulus:.6e}".encode())
@@ -137,18 +138,20 @@ def sweep(
 ) -> SweepResult:
     """Solve for every point of a grid of law parameters.
 
-    The grid is walked so that neighbours in the order differ in one parameter by one step; each point
-    starts from the combination of the nearest solved interface states that leaves the smallest residual.
+    The grid is walked so that neighbours in the order differ in one parameter by one step; each
+    point starts from the combination of the nearest solved interface states that leaves the
+    smallest residual.
 
     Parameters
     ----------
     grid
-        ``"interface.parameter"`` -> values. A tuple of names is one axis: all of them take its values.
-        The values are in the units of the law (totals where the law is given as a total).
+        ``"interface.parameter"`` -> values. A tuple of names is one axis: all of them take its
+        values, in the units of the law (totals where the law is given as a total).
     method, active, direction, options, plan
         As for :func:`solve`; swept interfaces are always active.
     checkpoint
-        File of finished points. If it exists they are not solved again; an interrupted sweep goes on.
+        File of finished points. If it exists they are not solved again: an interrupted sweep goes
+        on.
     progress
         True: a progress bar if on a terminal.
     callback
@@ -188,27 +191,20 @@ def sweep(
                 raise SceneError(
                     f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
                 )
-            parameters.append(SweptParameter(interface, kernel_name, pattern, values.ravel()))
+            parameters.append(SweptParameter(interface, kernel_name, pattern, values.reshape(1, -1)))
 
     began = perf_counter()
     core = bridge.build(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
-    bar = _Progress(len(order)) if progress else None
+    bar = Progress(len(order), "sweep") if progress else None
     started = perf_counter()
     first = 0.0
 
     def point_done(point: int, summary: Any) -> None:
         nonlocal first
         first = first or perf_counter() - started
-        if summary.status != "converged":
-            _log.warning(
-                "sweep point %d ended as %s after %d iterations (estimated error %.1e)",
-                point,
-                summary.status,
-                summary.iterations,
-                summary.error,
-            )
+        warn_unconverged("sweep point", point, summary)
         if bar is not None:
             bar.step(summary.iterations)
 
@@ -237,16 +233,29 @@ def sweep(
     return SweepResult(problem, plan, named, points, seconds)
 
 
-class _Progress:
-    """Progress bar of a sweep, silent when not on a terminal or without tqdm."""
+def warn_unconverged(what: str, point: int, summary: Summary) -> None:
+    """Log a point that did not reach the tolerance."""
+    if summary.status != "converged":
+        _log.warning(
+            "%s %d ended as %s after %d iterations (estimated error %.1e)",
+            what,
+            point,
+            summary.status,
+            summary.iterations,
+            summary.error,
+        )
 
-    def __init__(self, total: int) -> None:
+
+class Progress:
+    """Progress bar over points, silent when not on a terminal or without tqdm."""
+
+    def __init__(self, total: int, what: str) -> None:
         try:
-            from tqdm import tqdm
+            from tqdm import tqdm  # type: ignore[import-untyped,unused-ignore]
         except ImportError:
             self._bar = None
         else:
-            self._bar = tqdm(total=total, desc="sweep", unit="point", disable=None)
+            self._bar = tqdm(total=total, desc=what, unit="point", disable=None)
         self._iterations = 0
 
     def step(self, iterations: int) -> None:

@@ -112,7 +112,7 @@ void bind_iteration(py::module_& m) {
 
   py::class_<latin::SweptParameter>(m, "SweptParameter", "A law parameter with one value a point")
       .def(py::init([](std::string interface, std::string parameter, latin::Matrix pattern,
-                       latin::Vector values) {
+                       latin::Matrix values) {
              return latin::SweptParameter{std::move(interface), std::move(parameter),
                                           std::move(pattern), std::move(values)};
            }),

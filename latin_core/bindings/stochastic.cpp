@@ -30,18 +30,20 @@ py::tuple pair(stochastic::Rule rule) {
 
 void bind_germ(py::module_& m) {
   py::class_<Germ>(m, "Germ", "One independent random variable and its orthonormal polynomials")
-      .def_static("family",
-                  [](const std::string& name, const std::vector<double>& parameters) {
-                    return Germ::family(name, parameters);
-                  },
-                  "name"_a, "parameters"_a)
+      .def_static(
+          "family",
+          [](const std::string& name, const std::vector<double>& parameters) {
+            return Germ::family(name, parameters);
+          },
+          "name"_a, "parameters"_a)
       .def_static("families", &Germ::families)
       .def_static("from_measure", &Germ::from_measure, "nodes"_a, "weights"_a)
-      .def_static("from_recurrence",
-                  [](latin::Vector alpha, latin::Vector beta) {
-                    return Germ::from_recurrence({std::move(alpha), std::move(beta)});
-                  },
-                  "alpha"_a, "beta"_a)
+      .def_static(
+          "from_recurrence",
+          [](latin::Vector alpha, latin::Vector beta) {
+            return Germ::from_recurrence({std::move(alpha), std::move(beta)});
+          },
+          "alpha"_a, "beta"_a)
       .def_property_readonly("name", &Germ::name)
       .def_property_readonly("capacity",
                              [](const Germ& germ) -> std::optional<Index> {
@@ -49,13 +51,15 @@ void bind_germ(py::module_& m) {
                                           ? std::nullopt
                                           : std::optional(germ.capacity());
                              })
-      .def("recurrence",
-           [](const Germ& germ, Index length) {
-             stochastic::Recurrence r = germ.recurrence(length);
-             return py::make_tuple(std::move(r.alpha), std::move(r.beta));
-           },
-           "length"_a)
-      .def("gauss", [](const Germ& germ, Index count) { return pair(germ.gauss(count)); }, "count"_a)
+      .def(
+          "recurrence",
+          [](const Germ& germ, Index length) {
+            stochastic::Recurrence r = germ.recurrence(length);
+            return py::make_tuple(std::move(r.alpha), std::move(r.beta));
+          },
+          "length"_a)
+      .def(
+          "gauss", [](const Germ& germ, Index count) { return pair(germ.gauss(count)); }, "count"_a)
       .def("evaluate", &Germ::evaluate, "points"_a, "degree"_a, Release())
       .def("__repr__", [](const Germ& germ) { return "<Germ " + germ.name() + ">"; });
 }
@@ -66,29 +70,30 @@ void bind_basis(py::module_& m) {
                        std::vector<double> weights, Index interaction, std::vector<Index> caps,
                        double bytes_per_index, double memory_limit) {
              return MultiIndexSet({stochastic::index_shape(shape), dimension, order, q,
-                                   std::move(weights), interaction, std::move(caps), bytes_per_index,
-                                   memory_limit});
+                                   std::move(weights), interaction, std::move(caps),
+                                   bytes_per_index, memory_limit});
            }),
            py::kw_only(), "shape"_a, "dimension"_a, "order"_a, "q"_a, "weights"_a, "interaction"_a,
            "caps"_a, "bytes_per_index"_a, "memory_limit"_a)
       .def(py::init<stochastic::IndexTable>(), "rows"_a)
-      .def_static("count",
-                  [](const std::string& shape, Index dimension, Index order, double q,
-                     std::vector<double> weights, Index interaction, std::vector<Index> caps,
-                     double stop) {
-                    return MultiIndexSet::count(
-                        {stochastic::index_shape(shape), dimension, order, q, std::move(weights),
-                         interaction, std::move(caps), 0.0, 0.0},
-                        stop);
-                  },
-                  py::kw_only(), "shape"_a, "dimension"_a, "order"_a, "q"_a, "weights"_a,
-                  "interaction"_a, "caps"_a, "stop"_a)
+      .def_static(
+          "count",
+          [](const std::string& shape, Index dimension, Index order, double q,
+             std::vector<double> weights, Index interaction, std::vector<Index> caps, double stop) {
+            return MultiIndexSet::count(
+                {stochastic::index_shape(shape), dimension, order, q, std::move(weights),
+                 interaction, std::move(caps), 0.0, 0.0},
+                stop);
+          },
+          py::kw_only(), "shape"_a, "dimension"_a, "order"_a, "q"_a, "weights"_a, "interaction"_a,
+          "caps"_a, "stop"_a)
       .def_property_readonly("table", [](const MultiIndexSet& set) { return set.table(); })
       .def_property_readonly("dimension", &MultiIndexSet::dimension)
       .def("__len__", &MultiIndexSet::size)
-      .def("find", [](const MultiIndexSet& set,
-                      const std::vector<int>& index) { return set.find(index); },
-           "index"_a);
+      .def(
+          "find",
+          [](const MultiIndexSet& set, const std::vector<int>& index) { return set.find(index); },
+          "index"_a);
 
   py::class_<ChaosBasis>(m, "ChaosBasis", "Orthonormal polynomial chaos")
       .def(py::init<std::vector<Germ>, MultiIndexSet>(), "germs"_a, "indices"_a)
@@ -112,8 +117,8 @@ void bind_galerkin(py::module_& m) {
   m.def("smallest_eigenvalue", &stochastic::smallest_eigenvalue, "matrix"_a, Release());
   m.def("critical_cov", &stochastic::critical_cov, "germ"_a, "order"_a);
 
-  py::class_<stochastic::ColumnTransform>(m, "ColumnTransform",
-                                          "Between chaos modes and columns in which a law is deterministic")
+  py::class_<stochastic::ColumnTransform>(
+      m, "ColumnTransform", "Between chaos modes and columns in which a law is deterministic")
       .def(py::init([](latin::Matrix forward, latin::Matrix backward, latin::Vector values,
                        latin::Matrix points, latin::Vector weights) {
              return stochastic::ColumnTransform{std::move(forward), std::move(backward),
@@ -127,24 +132,27 @@ void bind_galerkin(py::module_& m) {
       .def_readonly("points", &stochastic::ColumnTransform::points)
       .def_readonly("weights", &stochastic::ColumnTransform::weights);
   m.def("galerkin_transform", &stochastic::galerkin_transform, "matrix"_a, Release());
-  m.def("quadrature_transform",
-        [](const ChaosBasis& basis, latin::Matrix points, latin::Vector weights) {
-          return stochastic::quadrature_transform(basis, {std::move(points), std::move(weights)});
-        },
-        "basis"_a, "points"_a, "weights"_a, Release());
+  m.def(
+      "quadrature_transform",
+      [](const ChaosBasis& basis, latin::Matrix points, latin::Vector weights) {
+        return stochastic::quadrature_transform(basis, {std::move(points), std::move(weights)});
+      },
+      "basis"_a, "points"_a, "weights"_a, Release());
 }
 
 void bind_answers(py::module_& m) {
-  m.def("tensor_gauss",
-        [](const std::vector<Germ>& germs, const std::vector<Index>& counts, double memory_limit) {
-          return pair(stochastic::tensor_gauss(germs, counts, memory_limit));
-        },
-        "germs"_a, "counts"_a, "memory_limit"_a);
-  m.def("smolyak",
-        [](const std::vector<Germ>& germs, Index level, double memory_limit) {
-          return pair(stochastic::smolyak(germs, level, memory_limit));
-        },
-        "germs"_a, "level"_a, "memory_limit"_a);
+  m.def(
+      "tensor_gauss",
+      [](const std::vector<Germ>& germs, const std::vector<Index>& counts, double memory_limit) {
+        return pair(stochastic::tensor_gauss(germs, counts, memory_limit));
+      },
+      "germs"_a, "counts"_a, "memory_limit"_a);
+  m.def(
+      "smolyak",
+      [](const std::vector<Germ>& germs, Index level, double memory_limit) {
+        return pair(stochastic::smolyak(germs, level, memory_limit));
+      },
+      "germs"_a, "level"_a, "memory_limit"_a);
   m.def("variance", &stochastic::variance, "coefficients"_a);
   m.def("variance_by_degree", &stochastic::variance_by_degree, "coefficients"_a, "indices"_a);
   m.def("sobol_first", &stochastic::sobol_first, "coefficients"_a, "indices"_a);
@@ -155,7 +163,8 @@ void bind_answers(py::module_& m) {
 }  // namespace
 
 void bind_stochastic(py::module_& m) {
-  py::module_ s = m.def_submodule("stochastic", "Polynomial chaos: germs, bases, Galerkin matrices");
+  py::module_ s =
+      m.def_submodule("stochastic", "Polynomial chaos: germs, bases, Galerkin matrices");
   bind_germ(s);
   bind_basis(s);
   bind_galerkin(s);

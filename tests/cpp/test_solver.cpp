@@ -146,7 +146,7 @@ TEST(Sweep, EveryPointMatchesAndLaterPointsAreCheap) {
   const Vector values = Vector::LinSpaced(points, 0.5, 5.0);
   std::vector<latin::SweptParameter> swept;
   for (int joint = 1; joint < 4; ++joint) {
-    swept.push_back({"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values});
+    swept.push_back({"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values.transpose()});
   }
   std::vector<Index> iterations(points);
   latin::sweep(problem, chain::options(), Matrix::Ones(1, 1), swept, latin::snake_order({points}), {}, {},
@@ -167,7 +167,7 @@ TEST(Sweep, StartsFromStatesOfAnEarlierRun) {
   State state;
   run(problem, state, chain::options());
   const std::vector<latin::SweptParameter> swept{
-      {"joint1", "normal", Matrix::Ones(1, 1), Vector::Constant(1, scene.stiffness)}};
+      {"joint1", "normal", Matrix::Ones(1, 1), Matrix::Constant(1, 1, scene.stiffness)}};
   latin::sweep(problem, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0}, {state}, {0}, {},
                [](Index, const latin::Summary& summary, const State&) {
                  EXPECT_LE(summary.iterations, 3);

@@ -164,6 +164,42 @@ def test_curved_faces_that_do_not_match_are_paired():
     assert np.abs(w[0] - w[1]).max() < sagitta
 
 
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+def test_curved_faces_in_three_dimensions(cell):
+    """A quarter of a cylinder on meshes that do not match, up to the sagitta."""
+
+    def bend(x):
+        r, angle = 1.0 + x[:, 0], 0.5 * np.pi * x[:, 1]
+        return np.stack([r * np.cos(angle), r * np.sin(angle), x[:, 2]], axis=1)
+
+    inner = block(cell, [1, 6, 3], mapping=bend, order=2, seed=1)
+    outer = block(cell, [1, 9, 2], [1, 0, 0], [2, 1, 1], bend, order=2, seed=2)
+    V = space(inner, 2), space(outer, 2)
+    i = make_interface("i", Perfect(), (inner, outer), (("a", "x1"), ("b", "x0")), V)
+    sagitta = 2.0 * (np.pi / 12) ** 4
+    assert i.area == pytest.approx(np.pi, rel=sagitta)
+    assert np.abs(i.gap).max() < sagitta
+    w = [side.shape @ nodes(W, 3) for side, W in zip(i.sides, V, strict=True)]
+    assert np.abs(w[0] - i.points).max() < 1e-13
+    assert np.abs(w[1] - i.points).max() < sagitta
+    assert np.abs(np.linalg.norm(i.normals[:, :2], axis=1) - 1.0).max() < 1e-12
+    assert i.tangent_axis == 2
+
+
+@pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("ratio", [1e-4, 1.0, 1e4])
+def test_thin_facets(cell, ratio):
+    """Facets with an aspect ratio of 1e4 and more find their partners."""
+    size = np.array([ratio, 1.0, 1.0])
+    lower = geometry.box(size, (2, 3, 1), cell=cell)
+    upper = geometry.box(size, (3, 50, 1), (0, 0, 1.0), cell=cell)
+    V = space(lower, 2), space(upper, 2)
+    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V)
+    for side, W in zip(i.sides, V, strict=True):
+        w = side.shape @ polynomial(2, nodes(W, 3) / size)
+        assert np.abs(w - polynomial(2, i.points / size)).max() < 1e-12
+
+
 def test_pairing_ten_thousand_points_takes_seconds():
     lower = geometry.box((1, 1, 0.1), (26, 26, 1), cell="tetrahedron")
     upper = geometry.box((1, 1, 0.1), (31, 31, 1), (0, 0, 0.1), cell="tetrahedron")
@@ -331,7 +367,7 @@ def test_elimination_equals_lagrange_multipliers():
     saddle = np.block([[K, C.T], [C, np.zeros((m, m))]])
     exact = np.linalg.solve(saddle, np.concatenate([F, values]))[:n]
     got = np.concatenate([u["a"], u["b"]])
-    assert np.abs(got - exact).max() < 1e-12 * np.linalg.cond(K) * 1e-2
+    assert np.abs(got - exact).max() < 1e2 * EPS * np.linalg.cond(saddle)
     assert np.abs(C @ got - values).max() < 1e-14
     assert body.n == n - np.linalg.matrix_rank(C)
     Z = sp.vstack([body.Z["a"], body.Z["b"]])
@@ -414,7 +450,7 @@ def test_patch(cell):
     for name, u in solution.u.items():
         x = problem.substructures[name].dof_coordinates
         exact = 10.0 / 2e5 * x * np.array([-0.3, -0.3, 1.0])
-        assert np.abs(u.reshape(-1, 3) - exact).max() < 1e-12 * np.abs(exact).max() * 1e2
+        assert np.abs(u.reshape(-1, 3) - exact).max() < 1e-10 * np.abs(exact).max()
 
 
 def ring(n, nu=0.3):
@@ -438,7 +474,7 @@ def test_lame_ring_converges():
         solution = monolithic(problem)
         errors.append(abs(solution.energy - energy) / energy)
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert rates[-1] == pytest.approx(4.0, abs=0.2)
+    assert rates[-1] == pytest.approx(4.0, abs=0.1)
     s = problem.substructures["ring"]
     r = np.linalg.norm(s.dof_coordinates, axis=1)
     radial = np.einsum("ni,ni->n", solution.u["ring"].reshape(-1, 2), s.dof_coordinates) / r

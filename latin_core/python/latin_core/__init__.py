@@ -1,11 +1,15 @@
 """LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks.
 
-The package knows PETSc matrices and NumPy arrays, and nothing of how they were made: ``dolfinx_frontend``
-assembles scenes into them.
+The package knows PETSc matrices and NumPy arrays, and nothing of how they were made:
+``dolfinx_frontend`` assembles scenes into them.
 """
 
-# petsc4py first: it initialises MPI and PETSc, which the extension never does
-from petsc4py import PETSc as _PETSc
+from typing import Any
+
+import numpy as np
+
+# before the extension: it initialises MPI and PETSc, which the extension never does
+from petsc4py import PETSc
 
 from latin_core import _core
 from latin_core._core import InputError, Iteration, NumericalError, Problem, State, Summary
@@ -13,7 +17,8 @@ from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
 
-if _PETSc.ScalarType(0).dtype.kind != "f":
+_petsc: Any = PETSc  # its stubs know no members
+if not np.issubdtype(_petsc.ScalarType, np.floating):
     raise ImportError(
         "latin_core needs a real PETSc, petsc4py here is complex: install the real flavour "
         "(Debian: python3-petsc4py-real; conda: petsc=*=real*)"

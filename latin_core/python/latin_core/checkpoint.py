@@ -1,7 +1,7 @@
 """Checkpoint file of a long run: one SQLite database, one transaction a finished point.
 
-A point is either in the file whole or not at all, whatever kills the run, and appending costs the size of
-the point, not of the file.
+A point is either in the file whole or not at all, whatever kills the run, and appending costs the
+size of the point, not of the file.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Checkpoint:
     path
         File to create, or to continue.
     header
-        What the run is (JSON-able). A file with another header belongs to another run and is refused,
-        untouched.
+        What the run is (JSON-able). A file with another header belongs to another run and is
+        refused, untouched.
     """
 
     def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
@@ -68,14 +68,16 @@ class Checkpoint:
         elif rows[0][0] != mine:
             self._db.close()
             raise CheckpointError(
-                f"checkpoint {self.path} belongs to another run or version: give another file name, "
-                f"or move it away\n  in the file: {rows[0][0][:300]}\n  this run:    {mine[:300]}"
+                f"checkpoint {self.path} belongs to another run or version: give another file "
+                f"name, or move it away\n  in the file: {rows[0][0][:300]}\n"
+                f"  this run:    {mine[:300]}"
             )
 
     def append(self, number: int, arrays: Mapping[str, npt.ArrayLike]) -> None:
         """Write one finished point; when this returns, it is on the disk."""
         buffer = io.BytesIO()
-        np.savez(buffer, **{name: np.asarray(value) for name, value in arrays.items()})
+        named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
+        np.savez(buffer, **named)
         with self._db:
             self._db.execute(
                 "insert or replace into point values (?, ?)", (number, buffer.getvalue())
@@ -83,8 +85,9 @@ class Checkpoint:
 
     def __iter__(self) -> Iterator[tuple[int, dict[str, npt.NDArray[Any]]]]:
         """Finished points as (number, arrays), by number."""
+        query = "select number, arrays from point order by number"
         try:
-            for number, blob in self._db.execute("select number, arrays from point order by number"):
+            for number, blob in self._db.execute(query):
                 with np.load(io.BytesIO(blob), allow_pickle=False) as arrays:
                     yield number, dict(arrays)
         except (sqlite3.DatabaseError, ValueError, OSError, EOFError) as error:

@@ -20,9 +20,9 @@ class Options:
         Tolerance on the measure named by `criterion`.
     criterion
         ``"error"``: the estimated relative error, the larger of its shares in strain energy and in
-        displacement of the interfaces; it does not depend on the search direction (``History`` in the
-        C++ sources says how it is made). ``"indicator"``: the paper's, which depends on the search
-        direction and may lie a thousand times below the error.
+        displacement of the interfaces; it does not depend on the search direction (``History`` in
+        the C++ sources says how it is made). ``"indicator"``: the paper's, which depends on the
+        search direction and may lie a thousand times below the error.
     max_iterations
         Global stages in one solve.
     acceleration
@@ -35,8 +35,8 @@ class Options:
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
     operator
-        ``"condensed"`` (dense factor of the Schur complement on the active unknowns), ``"factored"``
-        (sparse solves) or ``"automatic"``.
+        ``"condensed"`` (dense factor of the Schur complement on the active unknowns),
+        ``"factored"`` (sparse solves) or ``"automatic"``.
     backend
         ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
     memory_limit
@@ -60,21 +60,26 @@ class Options:
 
     @classmethod
     def plain(cls, **changes: Any) -> Options:
-        """The iteration of the 2004 paper: relaxed, not accelerated, with room for its many iterations.
+        """The iteration of the 2004 paper: relaxed, not accelerated, with room for iterations.
 
         Without relaxation, boundary interfaces leave modes that change sign at every iteration.
         """
-        settings = {
-            "acceleration": 0, "relaxation": 0.9, "max_iterations": 5000, "stagnation_window": 500
+        settings: dict[str, Any] = {
+            "acceleration": 0,
+            "relaxation": 0.9,
+            "max_iterations": 5000,
+            "stagnation_window": 500,
         }
         return cls(**{**settings, **changes})
 
     def __post_init__(self) -> None:
         if self.criterion not in ("error", "indicator"):
-            raise ValueError(f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'")
+            raise ValueError(
+                f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'"
+            )
 
     def kernel(self) -> _core.Options:
-        """The kernel's view of the settings. Raises ``ValueError`` on a value out of range at solve."""
+        """The kernel's view of the settings; it checks their ranges when it solves."""
         return _core.Options(
             rtol=self.rtol,
             stop_on_indicator=self.criterion == "indicator",

@@ -143,8 +143,8 @@ class MultiIndexSet:
     Parameters
     ----------
     shape
-        ``"total"``: sum of w_l i_l <= p; ``"tensor"``: max of w_l i_l <= p; ``"hyperbolic"``: q-norm
-        of w_l i_l <= p.
+        ``"total"``: sum of w_l i_l <= p; ``"tensor"``: max of w_l i_l <= p; ``"hyperbolic"``:
+        q-norm of w_l i_l <= p.
     dimension
         L.
     order
@@ -191,7 +191,7 @@ class MultiIndexSet:
 
     @classmethod
     def from_table(cls, rows: npt.ArrayLike) -> MultiIndexSet:
-        """A set given by its rows (P + 1, L), which must hold the zero row; they are put in order."""
+        """A set given by its rows (P + 1, L), in any order; the zero row must be among them."""
         return cls._wrap(_native.MultiIndexSet(np.ascontiguousarray(rows, dtype=np.int32)))
 
     @classmethod
@@ -253,8 +253,8 @@ class ChaosBasis:
 class ColumnTransform(NamedTuple):
     """Between modes and columns in which a law is deterministic.
 
-    A block of modes u (rows, c) is taken as ``u @ forward`` (rows, q) to the law, whose answer returns
-    as ``answer @ backward`` (rows, c).
+    A block of modes u (rows, c) is taken as ``u @ forward`` (rows, q) to the law, whose answer
+    returns as ``answer @ backward`` (rows, c).
     """
 
     forward: Array  # (c, q)
@@ -271,7 +271,7 @@ def _transform(native: Any) -> ColumnTransform:
 
 
 def triple_products(germ: Germ, first: int, second: int) -> Array:
-    """E[psi_i psi_j psi_k] for i <= first and j, k <= second: (first + 1, second + 1, second + 1)."""
+    """E[psi_i psi_j psi_k], i <= first and j, k <= second: (first + 1, second + 1, second + 1)."""
     return np.array(_native.triple_products(germ._native, first, second))
 
 
@@ -302,7 +302,7 @@ def smallest_eigenvalue(matrix: Sparse) -> float:
 
 
 def critical_cov(germ: Germ, order: int) -> float:
-    """Coefficient of variation from which mean (1 + cov zeta), zeta = standardised germ, is indefinite.
+    """Coefficient of variation from which mean (1 + cov zeta) is indefinite, zeta = standard germ.
 
     For the normal germ the inverse of the greatest root of He_order+1; infinite at order 0.
     """

@@ -28,9 +28,9 @@ class SweptParameter:
     interface, parameter
         Names, as :meth:`latin_core.Problem.set_parameter` takes them.
     pattern
-        (rows or 1, 1) parameter field that a swept value of 1 stands for.
+        (rows or 1, r): the parameter field at a point is ``pattern @ values[:, point]``.
     values
-        (points,) value at every point.
+        (r, points); r = 1 for a number.
     """
 
     interface: str
@@ -46,7 +46,7 @@ class SweepPoints:
     Attributes
     ----------
     iterations, error, seconds
-        (points,) global stages, estimated relative energy error, wall time; -1 and NaN where a point was
+        (points,) global stages, estimated relative error, wall time; -1 and NaN where a point was
         not reached.
     status
         (points,) end of each iteration, "" where not reached.
@@ -56,6 +56,8 @@ class SweepPoints:
         point -> its iterations, in the order of solution (points of this run only).
     order
         points in the order in which they were solved in this run.
+    states
+        (points, 2, rows): s and w of every point, if asked for.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -66,6 +68,7 @@ class SweepPoints:
     jumps: dict[str, Array]
     histories: dict[int, list[_core.Iteration]] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
+    states: Array | None = None
 
 
 def sweep(
@@ -79,8 +82,9 @@ def sweep(
     header: dict[str, Any] | None = None,
     progress: Callable[[int, _core.Summary], None] | None = None,
     callback: Callable[[_core.Iteration], None] | None = None,
+    keep_states: bool = False,
 ) -> SweepPoints:
-    """Solve for every point, each started from the interface states of its nearest solved neighbours.
+    """Solve for every point, each started from the states of its nearest solved neighbours.
 
     Parameters
     ----------
@@ -96,6 +100,8 @@ def sweep(
         Facts that make the run what it is, compared with the file's.
     progress, callback
         Called after every point, and after every iteration.
+    keep_states
+        Keep s and w of every point; not with a checkpoint, which has them.
 
     Raises
     ------
@@ -105,7 +111,7 @@ def sweep(
         Within one iteration of Ctrl-C; finished points are in the checkpoint.
     """
     options = options or Options()
-    points = len(parameters[0].values) if parameters else 1
+    points = parameters[0].values.shape[1] if parameters else 1
     result = SweepPoints(
         iterations=np.full(points, -1, dtype=np.int64),
         error=np.full(points, np.nan),
@@ -113,6 +119,7 @@ def sweep(
         status=np.full(points, "", dtype="<U16"),
         forces={},
         jumps={},
+        states=np.full((points, 2, problem.rows), np.nan) if keep_states else None,
     )
 
     def keep(point: int, arrays: dict[str, Any]) -> None:
@@ -147,6 +154,8 @@ def sweep(
                 arrays[f"force:{name}"] = force[:, 0]
                 arrays[f"jump:{name}"] = jump[:, 0]
             keep(point, arrays)
+            if result.states is not None:
+                result.states[point] = state.data[:, 0], state.traces[:, 0]
             result.histories[point] = summary.history
             result.order.append(point)
             if file is not None:

@@ -8,17 +8,28 @@
 namespace latin {
 namespace {
 
-/// Squared distance of two points, every parameter scaled by its range.
-double distance(const std::vector<SweptParameter>& parameters, Index a, Index b) {
-  double sum = 0.0;
+/// All swept values, one column a point, every one scaled by its range.
+Matrix coordinates(const std::vector<SweptParameter>& parameters) {
+  Index rows = 0;
   for (const SweptParameter& each : parameters) {
-    const double range = each.values.maxCoeff() - each.values.minCoeff();
-    if (range > 0.0) {
-      const double step = (each.values(a) - each.values(b)) / range;
-      sum += step * step;
+    rows += each.values.rows();
+  }
+  Matrix all(rows, parameters.empty() ? 1 : parameters.front().values.cols());
+  rows = 0;
+  for (const SweptParameter& each : parameters) {
+    if (each.values.cols() != all.cols() || each.pattern.cols() != each.values.rows()) {
+      throw InputError("sweep: parameter '" + each.parameter + "' of interface '" + each.interface +
+                       "' has a pattern of " + std::to_string(each.pattern.cols()) +
+                       " columns, values of shape (" + std::to_string(each.values.rows()) + ", " +
+                       std::to_string(each.values.cols()) + ") and " + std::to_string(all.cols()) +
+                       " points");
+    }
+    for (Index i = 0; i < each.values.rows(); ++i) {
+      const double range = each.values.row(i).maxCoeff() - each.values.row(i).minCoeff();
+      all.row(rows++) = (range > 0.0 ? 1.0 / range : 0.0) * each.values.row(i);
     }
   }
-  return sum;
+  return all;
 }
 
 }  // namespace
@@ -31,16 +42,17 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");
   }
+  const Matrix where = coordinates(parameters);
   for (const Index point : order) {
     for (const SweptParameter& each : parameters) {
-      problem.set_parameter(each.interface, each.parameter, each.pattern * each.values(point));
+      problem.set_parameter(each.interface, each.parameter, each.pattern * each.values.col(point));
     }
     std::vector<std::size_t> nearest(known.size());
     std::iota(nearest.begin(), nearest.end(), std::size_t{0});
     const auto wanted = std::min(known.size(), static_cast<std::size_t>(std::max<Index>(options.snapshots, 1)));
     std::vector<double> away(known.size());
     for (std::size_t i = 0; i < known.size(); ++i) {
-      away[i] = distance(parameters, point, known_points[i]);
+      away[i] = (where.col(point) - where.col(known_points[i])).squaredNorm();
     }
     std::ranges::partial_sort(nearest, nearest.begin() + static_cast<std::ptrdiff_t>(wanted),
                               [&away](std::size_t a, std::size_t b) { return away[a] < away[b]; });
@@ -52,7 +64,8 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     State state;
     const Summary summary = solve(problem, options, amplitudes, state, start, callback);
     point_callback(point, summary, state);
-    if (summary.status == Status::converged) {
+    const bool reproduced = summary.iterations <= 1 && wanted >= static_cast<std::size_t>(options.snapshots);
+    if (summary.status == Status::converged && !reproduced) {
       known.push_back(std::move(state));
       known_points.push_back(point);
     }

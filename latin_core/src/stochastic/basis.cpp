@@ -18,7 +18,8 @@ ChaosBasis::ChaosBasis(std::vector<Germ> germs, MultiIndexSet indices)
     const Index degree = indices_.degree(l);
     if (degree >= germ.capacity()) {
       throw InputError("variable " + std::to_string(l) + ", germ '" + germ.name() + "': degree " +
-                       std::to_string(degree) + " is asked for; it has polynomials of degree 0 to " +
+                       std::to_string(degree) +
+                       " is asked for; it has polynomials of degree 0 to " +
                        std::to_string(germ.capacity() - 1));
     }
     recurrences_.push_back(germ.recurrence(std::min(degree + 2, germ.capacity())));

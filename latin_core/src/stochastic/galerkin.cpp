@@ -40,7 +40,8 @@ std::vector<std::vector<Index>> lines_along(const MultiIndexSet& set,
 std::vector<Matrix> triple_products(const Germ& germ, Index first, Index second) {
   // psi_i = 0 beyond the atoms of a discrete measure: the tables stop there
   const Rule rule = germ.gauss_exact(first + 2 * second);
-  const Recurrence recurrence = germ.recurrence(std::max(rule.weights.size(), std::max(first, second) + 1));
+  const Recurrence recurrence =
+      germ.recurrence(std::max(rule.weights.size(), std::max(first, second) + 1));
   const Matrix psi = evaluate(recurrence, rule.points.col(0), std::max(first, second));
   const double scale = std::max(recurrence.alpha.cwiseAbs().maxCoeff(), recurrence.beta.maxCoeff());
   const bool symmetric =
@@ -197,6 +198,7 @@ std::vector<std::vector<Index>> coupled_blocks(const SparseColumns& matrix) {
     groups[root(i)].push_back(i);
   }
   std::vector<std::vector<Index>> blocks;
+  blocks.reserve(groups.size());
   for (auto& [first, rows] : groups) {
     blocks.push_back(std::move(rows));
   }

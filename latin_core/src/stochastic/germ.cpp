@@ -57,9 +57,9 @@ Recurrence jacobi(Index length, std::span<const double> parameters) {
       continue;
     }
     r.alpha(i) = (left - right) * sum / (t * (t + 2.0));
-    const double square = i == 1 ? 4.0 * (1.0 + right) * (1.0 + left) / (t * t * (t + 1.0))
-                                 : 4.0 * k * (k + right) * (k + left) * (k + sum) /
-                                       (t * t * (t + 1.0) * (t - 1.0));
+    const double square =
+        i == 1 ? 4.0 * (1.0 + right) * (1.0 + left) / (t * t * (t + 1.0))
+               : 4.0 * k * (k + right) * (k + left) * (k + sum) / (t * t * (t + 1.0) * (t - 1.0));
     r.beta(i) = std::sqrt(square);
   }
   return r;
@@ -93,8 +93,7 @@ Tail tail(const Recurrence& r, double x, Index n) {
     const double back = k == 0 ? 0.0 : r.beta(k);
     const double scale = k + 1 < n ? r.beta(k + 1) : 1.0;
     const double next = ((x - r.alpha(k)) * current - back * previous) / scale;
-    const double next_slope =
-        (current + (x - r.alpha(k)) * slope - back * previous_slope) / scale;
+    const double next_slope = (current + (x - r.alpha(k)) * slope - back * previous_slope) / scale;
     previous = std::exchange(current, next);
     previous_slope = std::exchange(slope, next_slope);
     if (k + 1 < n) {
@@ -160,9 +159,11 @@ Matrix evaluate(const Recurrence& recurrence, ConstVectorRef points, Index degre
 Recurrence lanczos(ConstVectorRef nodes, ConstVectorRef weights, Index length) {
   const Index atoms = nodes.size();
   if (length < 1 || length > atoms) {
-    throw InputError("a measure with " + std::to_string(atoms) + " atoms has orthogonal polynomials of "
-                     "degree 0 to " + std::to_string(atoms - 1) + "; asked for " +
-                     std::to_string(length) + " of them");
+    throw InputError("a measure with " + std::to_string(atoms) +
+                     " atoms has orthogonal polynomials of "
+                     "degree 0 to " +
+                     std::to_string(atoms - 1) + "; asked for " + std::to_string(length) +
+                     " of them");
   }
   // centred and scaled, so that the end of the process is seen whatever the unit of the nodes
   const double centre = weights.dot(nodes);
@@ -201,6 +202,7 @@ Germ::Germ(std::string name, Maker maker, Index capacity, bool atomic)
 
 std::vector<std::string> Germ::families() {
   std::vector<std::string> names;
+  names.reserve(table.size());
   for (const Family& entry : table) {
     names.emplace_back(entry.name);
   }
@@ -280,15 +282,14 @@ Germ Germ::from_recurrence(Recurrence recurrence) {
   const Index length = recurrence.length();
   if (length < 1 || recurrence.beta.size() != length || !recurrence.alpha.allFinite() ||
       !recurrence.beta.allFinite() || (recurrence.beta.tail(length - 1).array() <= 0.0).any()) {
-    throw InputError("a recurrence needs alpha and beta of one length >= 1, finite, with beta_1, "
-                     "beta_2, ... > 0; got lengths " + std::to_string(length) + " and " +
-                     std::to_string(recurrence.beta.size()));
+    throw InputError(
+        "a recurrence needs alpha and beta of one length >= 1, finite, with beta_1, "
+        "beta_2, ... > 0; got lengths " +
+        std::to_string(length) + " and " + std::to_string(recurrence.beta.size()));
   }
   auto shared = std::make_shared<const Recurrence>(std::move(recurrence));
   return {"recurrence of length " + std::to_string(length),
-          [shared](Index n) {
-            return Recurrence{shared->alpha.head(n), shared->beta.head(n)};
-          },
+          [shared](Index n) { return Recurrence{shared->alpha.head(n), shared->beta.head(n)}; },
           length, false};
 }
 

@@ -149,9 +149,9 @@ double MultiIndexSet::count(const IndexRequest& request, double stop) {
     }
     double sum = 0.0;
     for (double active = 0.0; active <= depth; ++active) {
-      sum += binomial(variables, active) * (request.shape == IndexShape::total
-                                                ? binomial(order, active)
-                                                : std::pow(order, active));
+      sum +=
+          binomial(variables, active) *
+          (request.shape == IndexShape::total ? binomial(order, active) : std::pow(order, active));
     }
     return sum;
   }
@@ -161,8 +161,8 @@ double MultiIndexSet::count(const IndexRequest& request, double stop) {
 }
 
 MultiIndexSet::MultiIndexSet(const IndexRequest& request) {
-  const double each =
-      request.bytes_per_index + static_cast<double>(sizeof(int)) * static_cast<double>(request.dimension);
+  const double each = request.bytes_per_index +
+                      static_cast<double>(sizeof(int)) * static_cast<double>(request.dimension);
   const double limit = request.memory_limit > 0.0 ? request.memory_limit : HUGE_VAL;
   // a set beyond 2^31 columns could not be a matrix index, whatever the memory
   const double most = std::min(each > 0.0 ? limit / each : HUGE_VAL, 2147483647.0);
@@ -172,8 +172,10 @@ MultiIndexSet::MultiIndexSet(const IndexRequest& request) {
     static_cast<void>(std::snprintf(text, sizeof text, "%.6g", number));
     throw InputError("a chaos of order " + std::to_string(request.order) + " in " +
                      std::to_string(request.dimension) + " variables has " + text +
-                     " modes or more and needs " + bytes_text(number * each) + " or more, against a "
-                     "limit of " + bytes_text(std::min(limit, most * each)) +
+                     " modes or more and needs " + bytes_text(number * each) +
+                     " or more, against a "
+                     "limit of " +
+                     bytes_text(std::min(limit, most * each)) +
                      ": lower the order, limit the interaction, or take a hyperbolic set");
   }
   table_.resize(static_cast<Index>(number), request.dimension);

@@ -15,7 +15,8 @@ void check(ConstMatrixRef coefficients, const MultiIndexSet& indices) {
   }
 }
 
-/// (rows, mask columns) sums of squares of the modes that a 0/1 mask (modes, columns) takes, over the variance.
+/// (rows, mask columns) sums of squares of the modes that a 0/1 mask (modes, columns) takes, over
+/// the variance.
 Matrix shares(ConstMatrixRef coefficients, const Matrix& mask) {
   const Vector total = variance(coefficients);
   Matrix result = coefficients.cwiseAbs2() * mask;
@@ -48,7 +49,8 @@ Vector variance(ConstMatrixRef coefficients) {
 Matrix variance_by_degree(ConstMatrixRef coefficients, const MultiIndexSet& indices) {
   check(coefficients, indices);
   // graded order: the last index has the greatest total degree
-  Matrix result = Matrix::Zero(coefficients.rows(), indices.table().row(indices.size() - 1).sum() + 1);
+  Matrix result =
+      Matrix::Zero(coefficients.rows(), indices.table().row(indices.size() - 1).sum() + 1);
   for (Index i = 1; i < indices.size(); ++i) {
     result.col(indices.table().row(i).sum()) += coefficients.col(i).cwiseAbs2();
   }

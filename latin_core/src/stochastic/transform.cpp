@@ -19,8 +19,8 @@ ColumnTransform galerkin_transform(const SparseColumns& matrix) {
     Matrix dense(width, width);
     for (Index a = 0; a < width; ++a) {
       for (Index b = 0; b < width; ++b) {
-        dense(a, b) = matrix.coeff(block[static_cast<std::size_t>(a)],
-                                   block[static_cast<std::size_t>(b)]);
+        dense(a, b) =
+            matrix.coeff(block[static_cast<std::size_t>(a)], block[static_cast<std::size_t>(b)]);
       }
     }
     if (!dense.allFinite() ||

@@ -7,12 +7,12 @@
 
 namespace latin {
 
-/// A law parameter that takes one value a point; the value stands for the whole interface.
+/// A law parameter that changes from point to point: field = pattern * values.col(point).
 struct SweptParameter {
   std::string interface;
   std::string parameter;
-  Matrix pattern;  ///< (rows or 1, 1): what a swept value of 1 means
-  Vector values;   ///< (points)
+  Matrix pattern;  ///< (rows or 1, r): one column for a number, more for a random field
+  Matrix values;   ///< (r, points)
 };
 
 /// Called after each finished point with its position, its summary and its state.
@@ -20,6 +20,8 @@ using PointCallback = std::function<void(Index point, const Summary&, const Stat
 
 /// Multiresolution (paper, section 3): solve for many parameter sets, each started from the interface
 /// states of the nearest points that are solved already.
+///
+/// A state that the combination of others reproduced at once is not kept as start material: it adds nothing.
 ///
 /// @param order      points to solve, in this order (a restarted sweep leaves out finished ones)
 /// @param known      states of points solved earlier: start material, e.g. from a checkpoint

@@ -7,11 +7,12 @@
 
 namespace latin::stochastic {
 
-/// Orthonormal polynomial chaos: Psi_i(xi) = prod_l psi^(l)_{i_l}(xi_l), i in an index set, E[Psi_i Psi_j]
-/// = delta_ij (paper, equation 12, with normalised polynomials; P + 1 = size()).
+/// Orthonormal polynomial chaos: Psi_i(xi) = prod_l psi^(l)_{i_l}(xi_l), i in an index set, E[Psi_i
+/// Psi_j] = delta_ij (paper, equation 12, with normalised polynomials; P + 1 = size()).
 class ChaosBasis {
  public:
-  /// @throws InputError if the numbers of germs and variables differ, or a germ has no polynomial of a
+  /// @throws InputError if the numbers of germs and variables differ, or a germ has no polynomial
+  /// of a
   ///         degree that the set asks for
   ChaosBasis(std::vector<Germ> germs, MultiIndexSet indices);
 

@@ -12,10 +12,10 @@ namespace latin::stochastic {
 
 /// Three-term recurrence of the polynomials psi_k that are orthonormal under a probability measure:
 ///
-///     x psi_k = beta_{k+1} psi_{k+1} + alpha_k psi_k + beta_k psi_{k-1},   psi_0 = 1, psi_{-1} = 0.
-///
-/// n coefficients describe the degrees 0 .. n-1 and the Gauss rule of n points. beta_0 = 1 is not used;
-/// all other beta are positive, so every psi_k has a positive leading coefficient.
+///     x psi_k = beta_{k+1} psi_{k+1} + alpha_k psi_k + beta_k psi_{k-1},   psi_0 = 1, psi_{-1} =
+//0. /
+/// n coefficients describe the degrees 0 .. n-1 and the Gauss rule of n points. beta_0 = 1 is not
+/// used; all other beta are positive, so every psi_k has a positive leading coefficient.
 /// Source: W. Gautschi, Orthogonal Polynomials, Oxford 2004, section 1.3.
 struct Recurrence {
   Vector alpha;  ///< (n)
@@ -32,8 +32,9 @@ struct Rule {
 
 /// Gauss rule of `count` points, exact for polynomials of degree 2 count - 1. Nodes ascend.
 ///
-/// Golub and Welsch (1969): the nodes are the eigenvalues of the Jacobi matrix, improved by one Newton
-/// step; the weights are 1 / sum_k psi_k^2, which keeps the relative accuracy of the small ones.
+/// Golub and Welsch (1969): the nodes are the eigenvalues of the Jacobi matrix, improved by one
+/// Newton step; the weights are 1 / sum_k psi_k^2, which keeps the relative accuracy of the small
+/// ones.
 /// @throws InputError unless 1 <= count <= recurrence.length()
 [[nodiscard]] Rule gauss(const Recurrence& recurrence, Index count);
 
@@ -44,10 +45,12 @@ struct Rule {
 /// Recurrence of a discrete measure by the Lanczos process with full reorthogonalisation
 /// (Gautschi 2004, section 2.2.3).
 /// @param nodes (N) distinct; @param weights (N) positive, sum 1
-/// @throws InputError if `length` exceeds N, NumericalError if the measure has numerically fewer atoms
+/// @throws InputError if `length` exceeds N, NumericalError if the measure has numerically fewer
+/// atoms
 [[nodiscard]] Recurrence lanczos(ConstVectorRef nodes, ConstVectorRef weights, Index length);
 
-/// One independent random variable xi, known by its orthonormal polynomials. Immutable, cheap to copy.
+/// One independent random variable xi, known by its orthonormal polynomials. Immutable, cheap to
+/// copy.
 class Germ {
  public:
   static constexpr Index unlimited = std::numeric_limits<Index>::max();
@@ -67,8 +70,8 @@ class Germ {
   /// Names of the families.
   [[nodiscard]] static std::vector<std::string> families();
 
-  /// Measure with atoms: samples, or a fine quadrature of a density. Equal nodes are merged, atoms of
-  /// weight 0 dropped, and the weights scaled to the sum 1.
+  /// Measure with atoms: samples, or a fine quadrature of a density. Equal nodes are merged, atoms
+  /// of weight 0 dropped, and the weights scaled to the sum 1.
   /// @param nodes (N); @param weights (N) >= 0
   /// @throws InputError on a NaN, a negative weight, different lengths or no atom
   [[nodiscard]] static Germ from_measure(ConstVectorRef nodes, ConstVectorRef weights);
@@ -80,7 +83,8 @@ class Germ {
   /// Family and parameters in words.
   [[nodiscard]] const std::string& name() const { return name_; }
 
-  /// Greatest length that recurrence() can give: `unlimited`, or the number of atoms, or what was given.
+  /// Greatest length that recurrence() can give: `unlimited`, or the number of atoms, or what was
+  /// given.
   [[nodiscard]] Index capacity() const { return capacity_; }
 
   /// @throws InputError unless 1 <= length <= capacity()
@@ -89,7 +93,8 @@ class Germ {
   /// Gauss rule of `count` points; points are (count, 1).
   [[nodiscard]] Rule gauss(Index count) const;
 
-  /// The smallest Gauss rule that is exact up to `degree` (all atoms, if there are not more of them).
+  /// The smallest Gauss rule that is exact up to `degree` (all atoms, if there are not more of
+  /// them).
   [[nodiscard]] Rule gauss_exact(Index degree) const;
 
   /// psi_0 .. psi_degree at the points (N): (N, degree + 1).

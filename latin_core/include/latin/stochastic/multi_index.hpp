@@ -24,26 +24,27 @@ enum class IndexShape { total, tensor, hyperbolic };
 /// What a set is made of.
 struct IndexRequest {
   IndexShape shape;
-  Index dimension;             ///< L >= 0
-  Index order;                 ///< p >= 0
-  double q;                    ///< of the hyperbolic shape
-  std::vector<double> weights; ///< (L), or empty: all 1. A larger weight means lower degrees
-  Index interaction;           ///< greatest number of variables in one index; 0: no limit
-  std::vector<Index> caps;     ///< (L) greatest degree of each variable, or empty: no limit
-  double bytes_per_index;      ///< what one index costs its user, beside its own storage
-  double memory_limit;         ///< bytes; 0: no limit
+  Index dimension;              ///< L >= 0
+  Index order;                  ///< p >= 0
+  double q;                     ///< of the hyperbolic shape
+  std::vector<double> weights;  ///< (L), or empty: all 1. A larger weight means lower degrees
+  Index interaction;            ///< greatest number of variables in one index; 0: no limit
+  std::vector<Index> caps;      ///< (L) greatest degree of each variable, or empty: no limit
+  double bytes_per_index;       ///< what one index costs its user, beside its own storage
+  double memory_limit;          ///< bytes; 0: no limit
 };
 
-/// Finite set of multi-indices in graded order: by total degree, then lexicographically with the first
-/// variable leading, e.g. (0,0) (1,0) (0,1) (2,0) (1,1) (0,2). Index 0 is the mean.
+/// Finite set of multi-indices in graded order: by total degree, then lexicographically with the
+/// first variable leading, e.g. (0,0) (1,0) (0,1) (2,0) (1,1) (0,2). Index 0 is the mean.
 class MultiIndexSet {
  public:
-  /// @throws InputError on an inadmissible request, or if the set would need more than memory_limit;
+  /// @throws InputError on an inadmissible request, or if the set would need more than
+  /// memory_limit;
   ///         the size is found before anything is allocated
   explicit MultiIndexSet(const IndexRequest& request);
 
-  /// A set given by its rows, in any order. @throws InputError on a negative degree, a repeated row, or
-  /// if the zero row is missing
+  /// A set given by its rows, in any order. @throws InputError on a negative degree, a repeated
+  /// row, or if the zero row is missing
   explicit MultiIndexSet(IndexTable rows);
 
   [[nodiscard]] Index size() const { return table_.rows(); }

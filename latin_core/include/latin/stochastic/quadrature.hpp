@@ -7,7 +7,8 @@
 namespace latin::stochastic {
 
 /// Product of Gauss rules with counts[l] points in germ l; the last germ varies fastest.
-/// @throws InputError if a count is < 1, or the points would take more than memory_limit bytes (0: none)
+/// @throws InputError if a count is < 1, or the points would take more than memory_limit bytes (0:
+/// none)
 [[nodiscard]] Rule tensor_gauss(const std::vector<Germ>& germs, const std::vector<Index>& counts,
                                 double memory_limit);
 

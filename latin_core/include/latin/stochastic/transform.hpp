@@ -4,10 +4,9 @@
 
 namespace latin::stochastic {
 
-/// Change of columns between chaos modes and the columns in which a law is deterministic (DESIGN.md, "where
-/// chaos enters"): a block of modes (rows, c) becomes modes * forward (rows, q), the law is applied with
-/// the values of its random parameter in each of the q columns, and the answer returns as
-/// answer * backward (rows, c).
+/// Change of columns between chaos modes and the columns in which a law is deterministic: a block of
+/// modes (rows, c) becomes modes * forward (rows, q), the law is applied with the values of its
+/// random parameter in each of the q columns, and the answer returns as answer * backward (rows, c).
 struct ColumnTransform {
   Matrix forward;   ///< (c, q)
   Matrix backward;  ///< (q, c)
@@ -16,14 +15,15 @@ struct ColumnTransform {
   Vector weights;   ///< (q) their probabilities; empty for a Galerkin transform
 };
 
-/// Exact Galerkin: A = V diag(values) V^T, forward = V, backward = V^T. A linear law with the parameter
-/// `values` then solves the coupled systems of size P + 1 of the paper's section 4.3 exactly.
+/// Exact Galerkin: A = V diag(values) V^T, forward = V, backward = V^T. A linear law with the
+/// parameter `values` then solves the coupled systems of size P + 1 of the paper's section 4.3
+/// exactly.
 /// @param matrix (c, c) symmetric, of galerkin_matrix() or germ_matrix()
 [[nodiscard]] ColumnTransform galerkin_transform(const SparseColumns& matrix);
 
 /// Pseudo-spectral: forward evaluates the modes at the points, backward projects,
-/// forward = Psi^T, backward = diag(weights) Psi. Inverse of each other on the modes if the rule is exact
-/// for products of two of them.
+/// forward = Psi^T, backward = diag(weights) Psi. Inverse of each other on the modes if the rule is
+/// exact for products of two of them.
 /// @param rule points (q, L), weights (q)
 [[nodiscard]] ColumnTransform quadrature_transform(const ChaosBasis& basis, const Rule& rule);
 

@@ -1,0 +1,337 @@
+"""Sampling: many deterministic solves at points of the germs, each warm-started from its neighbours.
+
+The comparison for chaos, and the way out where it does not converge: Monte Carlo, quasi-Monte Carlo,
+tensor and sparse quadrature are the same run over different points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from latin_core import Options, State, SweepPoints, SweptParameter, stochastic
+from latin_core import sweep as kernel_sweep
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend import bridge
+from dolfinx_frontend.assembly import Problem
+from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.plan import Plan, make_plan
+from dolfinx_frontend.quantities import Quantity
+from dolfinx_frontend.random import DiscretisedField
+from dolfinx_frontend.stochastic import RandomLaws
+from dolfinx_frontend.sweep import Progress, warn_unconverged
+
+__all__ = [
+    "SampleFields",
+    "SampleResult",
+    "monte_carlo",
+    "quasi_monte_carlo",
+    "sample",
+    "sparse_quadrature",
+    "tensor_quadrature",
+]
+
+Array = npt.NDArray[np.float64]
+Kind = Literal["random", "qmc", "quadrature"]
+
+
+@dataclass(frozen=True)
+class SampleFields:
+    """Interface fields at all points; what a quantity of interest is computed from."""
+
+    germs: Array
+    _result: SampleResult = field(repr=False)
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, (N, m, components), local frame: component 0 is normal."""
+        return self._result.force(interface)
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1, (N, m, components), local frame."""
+        return self._result.jump(interface)
+
+
+@dataclass
+class SampleResult:
+    """Answers at points of the germs.
+
+    Attributes
+    ----------
+    germs
+        (N, L) points.
+    weights
+        (N,) quadrature weights, or None: all points count the same.
+    kind
+        ``"random"``, ``"qmc"`` or ``"quadrature"``.
+    points
+        Iterations, estimated errors, statuses and interface fields of every point.
+    seconds
+        Wall time: ``setup``, ``solve``.
+    """
+
+    problem: Problem
+    plan: Plan
+    random: RandomLaws = field(repr=False)
+    germs: Array = field(repr=False)
+    weights: Array | None = field(repr=False)
+    kind: Kind
+    points: SweepPoints = field(repr=False)
+    seconds: dict[str, float]
+    core: Any = field(repr=False)
+
+    @property
+    def iterations(self) -> npt.NDArray[np.int64]:
+        """(N,) global stages of every point."""
+        return self.points.iterations
+
+    @property
+    def error(self) -> Array:
+        """(N,) estimated relative error of every point."""
+        return self.points.error
+
+    @property
+    def converged(self) -> bool:
+        """Whether all points reached the tolerance."""
+        return bool((self.points.status == "converged").all())
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1 of an active interface, (N, m, components), local frame."""
+        return self._field(self.points.forces, interface)
+
+    def jump(self, interface: str) -> Array:
+        """Jump of an active interface, (N, m, components), local frame."""
+        return self._field(self.points.jumps, interface)
+
+    def _field(self, store: dict[str, Array], interface: str) -> Array:
+        if interface not in store:
+            raise unknown_name("active interface", interface, store, "samples")
+        points = self.problem.interfaces[interface].num_points
+        return store[interface].reshape(len(self.germs), points, -1)
+
+    @property
+    def _probabilities(self) -> Array:
+        count = len(self.germs)
+        return self.weights if self.weights is not None else np.full(count, 1.0 / count)
+
+    def displacements(self, chunk: int = 64) -> Iterator[tuple[slice, dict[str, Array]]]:
+        """Unknowns of all substructures, some points at a time: (points, substructure -> (n, points)).
+
+        Interior fields are recovered here, one solve a point.
+        """
+        if self.points.states is None:
+            raise SceneError("the states of the points were not kept: sample with keep_states=True")
+        for start in range(0, len(self.germs), chunk):
+            part = slice(start, min(start + chunk, len(self.germs)))
+            states = self.points.states[part]
+            state = State(
+                np.asfortranarray(states[:, 0].T), np.asfortranarray(states[:, 1].T)
+            )
+            yield part, self.core.displacements(state, np.ones((1, len(states))))
+
+    def moments(self) -> dict[str, tuple[Array, Array]]:
+        """Substructure -> mean and standard deviation (n,) of its unknowns."""
+        first = {n: np.zeros(s.size) for n, s in self.problem.substructures.items()}
+        second = {n: np.zeros(s.size) for n, s in self.problem.substructures.items()}
+        shift: dict[str, Array] = {}
+        for part, fields in self.displacements():
+            weights = self._probabilities[part]
+            for name, values in fields.items():
+                # deviations from the first point: no cancellation where the spread is small
+                base = shift.setdefault(name, values[:, 0].copy())
+                first[name] += (values - base[:, None]) @ weights
+                second[name] += (values - base[:, None]) ** 2 @ weights
+        total = float(self._probabilities.sum())
+        out = {}
+        for name, base in shift.items():
+            mean = first[name] / total
+            variance = second[name] / total - mean**2
+            out[name] = (base + mean, np.sqrt(np.maximum(variance, 0.0)))
+        return out
+
+    def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
+        """Non-intrusive chaos: coefficients (n, P + 1) of the unknowns by projection with the weights."""
+        weighted = basis.evaluate(self.germs) * self._probabilities[:, None]
+        out = {
+            n: np.zeros((s.size, len(basis))) for n, s in self.problem.substructures.items()
+        }
+        for part, fields in self.displacements():
+            for name, values in fields.items():
+                out[name] += values @ weighted[part]
+        return out
+
+    def quantity(
+        self,
+        function: Callable[[SampleFields], npt.ArrayLike],
+        name: str = "quantity",
+        unit: str = "",
+    ) -> Quantity:
+        """A scalar quantity of interest; `function` takes the fields and returns (N,) values."""
+        values = np.asarray(function(SampleFields(self.germs, self)), dtype=np.float64)
+        if values.shape != (len(self.germs),):
+            raise SceneError(
+                f"quantity {name!r}: the function returned shape {values.shape} for "
+                f"{len(self.germs)} samples; return one number a sample"
+            )
+        return Quantity(name=name, unit=unit, values=values, weights=self.weights, kind=self.kind)
+
+    def __repr__(self) -> str:
+        return (
+            f"SampleResult({self.kind}, {len(self.germs)} points, "
+            f"{int(self.iterations.sum())} iterations, largest estimated error "
+            f"{np.nanmax(self.error):.1e}, {sum(self.seconds.values()):.2f} s)"
+        )
+
+
+def _short_steps(germs: Array) -> list[int]:
+    """An order in which every point comes after a near neighbour: a walk over the spanning tree.
+
+    The tree is that of the nearest-neighbour graph; what it does not reach follows in the given order.
+    """
+    count = len(germs)
+    if count < 3:
+        return list(range(count))
+    first = int(np.argmin(np.sum(germs**2, axis=1)))
+    neighbours = min(8, count - 1)
+    distances, columns = cKDTree(germs).query(germs, k=neighbours + 1)
+    rows = np.repeat(np.arange(count), neighbours)
+    # a zero distance would be no edge
+    edges = np.maximum(distances[:, 1:].ravel(), 1e-300)
+    matrix = sp.csr_matrix((edges, (rows, columns[:, 1:].ravel())), shape=(count, count))
+    tree = minimum_spanning_tree(matrix)
+    walk = breadth_first_order(tree, first, directed=False, return_predecessors=False)
+    seen = np.zeros(count, dtype=bool)
+    seen[walk] = True
+    return [int(i) for i in walk] + [int(i) for i in np.flatnonzero(~seen)]
+
+
+def _swept(random: RandomLaws, germs: Array) -> list[SweptParameter]:
+    parameters = []
+    for (name, parameter), source in random.sources.items():
+        interface = random.problem.interfaces[name]
+        values = np.atleast_2d(random.space.values(source, germs))
+        kernel_name, unit = bridge.kernel_parameter(interface, parameter)
+        if isinstance(source, DiscretisedField):
+            # one row of values a point of the interface, spread over the rows of the parameter
+            points = interface.num_points
+            pattern = np.zeros((len(unit), points))
+            pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // points)] = unit[:, 0]
+            unit = pattern
+        if parameter in ("normal", "tangential") and values.min() < 0.0:
+            count = int((values < 0.0).any(axis=0).sum())
+            raise SceneError(
+                f"sampling: {count} of {len(germs)} samples give interface {name!r} a negative "
+                f"{parameter} stiffness (smallest {values.min():.4g}): {source!r} is not a law for a "
+                "stiffness at this spread; use LogNormal, Gamma or TruncatedNormal"
+            )
+        parameters.append(SweptParameter(name, kernel_name, np.asfortranarray(unit), values))
+    return parameters
+
+
+def sample(
+    problem: Problem,
+    germs: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
+    kind: Kind = "random",
+    *,
+    plan: Plan | None = None,
+    plan_options: Options | None = None,
+    keep_states: bool = False,
+    checkpoint: str | Path | None = None,
+    progress: bool = True,
+) -> SampleResult:
+    """Solve at given points of the germs.
+
+    Parameters
+    ----------
+    germs
+        (N, L) points.
+    weights
+        (N,) quadrature weights; None: equal.
+    plan, plan_options
+        A plan, or the settings for one.
+    keep_states
+        Keep the interface states, from which displacements can be recovered.
+    checkpoint
+        As for :func:`dolfinx_frontend.sweep`.
+    progress
+        A progress bar if on a terminal.
+
+    Raises
+    ------
+    SceneError
+        Nothing is random, or a sample is no admissible law (a negative stiffness).
+    """
+    random = RandomLaws.of(problem)
+    if not random.sources:
+        raise SceneError("sampling: nothing is random: give a law a random parameter")
+    points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+    if points.shape[1] != random.space.dimension:
+        raise SceneError(
+            f"sampling: points of {points.shape[1]} germs, the problem has "
+            f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
+        )
+    if plan is None:
+        plan = make_plan(problem, "auto", None, random.interfaces, None, plan_options)
+    began = perf_counter()
+    core = bridge.build(problem, plan)
+    built = perf_counter()
+    bar = Progress(len(points), "samples") if progress else None
+
+    def done(point: int, summary: Any) -> None:
+        warn_unconverged("sample", point, summary)
+        if bar is not None:
+            bar.step(summary.iterations)
+
+    try:
+        swept = kernel_sweep(
+            core,
+            np.ones((1, 1)),
+            _swept(random, points),
+            _short_steps(points),
+            plan.active,
+            plan.options,
+            checkpoint,
+            {"points": points.tolist(), "rtol": plan.options.rtol} if checkpoint else None,
+            done,
+            keep_states=keep_states,
+        )
+    finally:
+        if bar is not None:
+            bar.close()
+    seconds = {"setup": built - began, "solve": perf_counter() - built}
+    rule = None if weights is None else np.asarray(weights, dtype=np.float64)
+    return SampleResult(problem, plan, random, points, rule, kind, swept, seconds, core)
+
+
+def monte_carlo(problem: Problem, samples: int, seed: int = 0, **settings: Any) -> SampleResult:
+    """Monte Carlo with `samples` independent points; `settings` as for :func:`sample`."""
+    space = RandomLaws.of(problem).space
+    return sample(problem, space.sample(samples, seed), kind="random", **settings)
+
+
+def quasi_monte_carlo(
+    problem: Problem, samples: int, seed: int = 0, **settings: Any
+) -> SampleResult:
+    """Scrambled Sobol points, a power of two of them; `settings` as for :func:`sample`."""
+    space = RandomLaws.of(problem).space
+    return sample(problem, space.sample_sobol(samples, seed), kind="qmc", **settings)
+
+
+def tensor_quadrature(problem: Problem, points: int, **settings: Any) -> SampleResult:
+    """Tensor Gauss rule with `points` in each germ; `settings` as for :func:`sample`."""
+    rule = RandomLaws.of(problem).space.tensor_gauss(points)
+    return sample(problem, rule.points, rule.weights, "quadrature", **settings)
+
+
+def sparse_quadrature(problem: Problem, level: int, **settings: Any) -> SampleResult:
+    """Smolyak rule, exact for total degree 2 level + 1; `settings` as for :func:`sample`."""
+    rule = RandomLaws.of(problem).space.sparse_gauss(level)
+    return sample(problem, rule.points, rule.weights, "quadrature", **settings)

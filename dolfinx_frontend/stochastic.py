@@ -1,0 +1,133 @@
+"""What is random in a problem: the random parameters of its laws, and the space that they span.
+
+Shared by everything that treats uncertainty (LATIN-PCE, monolithic SSFEM, sampling), so that all of them
+speak of the same germs in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.assembly import Problem
+from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.laws import Elastic, Law, Perfect
+from dolfinx_frontend.random import DiscretisedField, RandomField, RandomParameter, RandomSpace
+
+__all__ = ["RandomLaws", "Source", "is_random"]
+
+Array = npt.NDArray[np.float64]
+Source = RandomParameter | DiscretisedField
+
+
+def is_random(value: object) -> bool:
+    """Whether a law's value is a random parameter or field."""
+    return isinstance(value, (RandomParameter, RandomField))
+
+
+@dataclass(frozen=True)
+class RandomLaws:
+    """The random law parameters of a problem.
+
+    Attributes
+    ----------
+    problem
+        The problem.
+    sources
+        (interface, parameter) -> random parameter, or random field on the interface points.
+    dropped
+        Random parameters that no answer depends on, with the reason: they get no germ.
+    space
+        Their germs.
+    """
+
+    problem: Problem
+    sources: dict[tuple[str, str], Source]
+    dropped: tuple[str, ...]
+    space: RandomSpace = field(repr=False)
+
+    @classmethod
+    def of(cls, problem: Problem, declared: Iterable[Source] = ()) -> RandomLaws:
+        """Collect the random parameters in the order of the interfaces.
+
+        Parameters
+        ----------
+        problem
+            The problem.
+        declared
+            Random parameters that the user named besides; those in no law are dropped and said so.
+
+        Raises
+        ------
+        SceneError
+            Two parameters of one name, or a random value where a law takes none.
+        """
+        sources: dict[tuple[str, str], Source] = {}
+        fields: dict[tuple[str, RandomField], DiscretisedField] = {}
+        dropped = []
+        for name, interface in problem.interfaces.items():
+            for parameter, value in interface.law.parameters().items():
+                if not is_random(value):
+                    continue
+                if not _matters(interface.law, parameter):
+                    dropped.append(f"{name}.{parameter}: the interface has no stiffness")
+                    continue
+                if isinstance(value, RandomField):
+                    key = (name, value)
+                    if key not in fields:
+                        fields[key] = value.on(interface.points, interface.weights)
+                    sources[name, parameter] = fields[key]
+                else:
+                    sources[name, parameter] = value
+        known = {source.name for source in sources.values()}
+        for extra in declared:
+            if extra.name not in known:
+                dropped.append(f"{extra.name}: on no interface of the scene")
+        return cls(problem, sources, tuple(dropped), RandomSpace(sources.values()))
+
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """Interfaces with something random, in the scene's order."""
+        return tuple(dict.fromkeys(name for name, _ in self.sources))
+
+    def source(self, interface: str, parameter: str) -> Source | None:
+        """The random parameter of a law, or None if the value is fixed."""
+        return self.sources.get((interface, parameter))
+
+    def area_factor(self, interface: str, parameter: str) -> float:
+        """What turns a value in the law's unit into one per area: 1, or 1 / area for a total stiffness."""
+        law = self.problem.interfaces[interface].law
+        if isinstance(law, Elastic) and law.total and parameter in ("normal", "tangential"):
+            return 1.0 / self.problem.interfaces[interface].area
+        return 1.0
+
+    def at(self, point: Array) -> dict[str, Law]:
+        """The laws of one sample: interface -> law with numbers instead of random values.
+
+        Parameters
+        ----------
+        point
+            (L,) values of the germs.
+        """
+        xi = np.asarray(point, dtype=np.float64).reshape(1, -1)
+        if xi.shape[1] != self.space.dimension:
+            raise SceneError(
+                f"a point has {xi.shape[1]} germs, the problem has {self.space.dimension}: "
+                f"{', '.join(self.space.germ_names)}"
+            )
+        laws = {name: i.law for name, i in self.problem.interfaces.items()}
+        for (name, parameter), source in self.sources.items():
+            values = self.space.values(source, xi)
+            value = values[:, 0] if isinstance(source, DiscretisedField) else float(values[0])
+            laws[name] = laws[name].with_(**{parameter: value})
+        return laws
+
+
+def _matters(law: Law, parameter: str) -> bool:
+    """Whether any answer depends on a law's parameter."""
+    if isinstance(law, Elastic) and parameter == "jump":
+        return any(law.holds(3))
+    return isinstance(law, Elastic | Perfect) or bool(law.parameters())

@@ -1,0 +1,335 @@
+"""Types of the compiled kernel. Blocks are float64, (rows, columns), Fortran order preferred.
+
+Arguments have no defaults: those live in ``latin_core.options``. Every function raises ``InputError``
+on what cannot be used and ``NumericalError`` where arithmetic broke down.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypeAlias, TypedDict, overload
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+IndexTable: TypeAlias = npt.NDArray[np.int32]
+Mat: TypeAlias = Any  # petsc4py.PETSc.Mat, sequential; petsc4py has no types of its own
+Sparse: TypeAlias = Any  # scipy.sparse matrix, float64
+Backend: TypeAlias = Literal["automatic", "cholmod", "mumps"]
+Operator: TypeAlias = Literal["automatic", "condensed", "factored"]
+Status: TypeAlias = Literal["converged", "max_iterations", "stagnated", "diverged"]
+
+class InputError(ValueError): ...
+class NumericalError(RuntimeError): ...
+
+class Member:
+    def __init__(
+        self,
+        *,
+        name: str,
+        stiffness: Mat,  # (n, n), force / length
+        prolongation: Sparse | None,  # (n, unknowns of the body); None: the identity
+        load: Array,  # (n, loads), force
+        offset: Array | None,  # (n, loads), length
+    ) -> None: ...
+
+class Spring:
+    def __init__(
+        self,
+        *,
+        name: str,
+        members: Sequence[int],
+        traces: Sequence[Mat],  # (d * points, n) each, global components
+        frames: Array,  # (components * points, d)
+        stiffness: Array,  # (components * points,), times the weights
+        jump: Array,  # (components * points,), length
+    ) -> None: ...
+
+class Body:
+    def __init__(
+        self, *, name: str, size: int, members: Sequence[Member], springs: Sequence[Spring]
+    ) -> None: ...
+
+class Side:
+    def __init__(
+        self,
+        *,
+        member: str,
+        trace: Mat,  # (d * points, n), global components
+        direction: Array,  # (components * points,), force / length^3
+        scale: float,  # modulus / length
+    ) -> None: ...
+
+class Interface:
+    def __init__(
+        self,
+        *,
+        name: str,
+        law: str,
+        weights: Array,  # (points,), areas
+        frames: Array,  # (components * points, d)
+        sides: Sequence[Side],
+    ) -> None: ...
+
+class Iteration:
+    @property
+    def number(self) -> int: ...
+    @property
+    def error(self) -> float: ...
+    @property
+    def indicator(self) -> float: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+
+class Summary:
+    @property
+    def status(self) -> Status: ...
+    @property
+    def iterations(self) -> int: ...
+    @property
+    def error(self) -> float: ...
+    @property
+    def indicator(self) -> float: ...
+    @property
+    def energy(self) -> float: ...
+    @property
+    def global_s(self) -> float: ...
+    @property
+    def local_s(self) -> float: ...
+    @property
+    def other_s(self) -> float: ...
+    @property
+    def restarts(self) -> int: ...
+    @property
+    def history(self) -> list[Iteration]: ...
+
+class State:
+    def __init__(self, data: Array, traces: Array) -> None: ...
+    @property
+    def data(self) -> Array: ...
+    @property
+    def traces(self) -> Array: ...
+
+class SweptParameter:
+    def __init__(
+        self,
+        *,
+        interface: str,
+        parameter: str,
+        pattern: Array,  # (rows or 1, 1)
+        values: Array,  # (points,)
+    ) -> None: ...
+
+class Options:
+    def __init__(
+        self,
+        *,
+        rtol: float,
+        stop_on_indicator: bool,
+        max_iterations: int,
+        acceleration: int,
+        relaxation: float,
+        stagnation_window: int,
+        snapshots: int,
+    ) -> None: ...
+
+class BodyCost(TypedDict):
+    """What a body took; an ordinary dictionary at run time."""
+
+    body: str
+    unknowns: int
+    active: int
+    rows: int
+    condensed: bool
+    backend: str
+    assemble_s: float
+    factorise_s: float
+    condense_s: float
+    factor_numbers: float
+    dense_numbers: float
+
+LawColumns: TypeAlias = dict[str, Any]
+"""begin, end: components; forward: no, one or one a point (c, q); backward: (q, c); parameters."""
+
+class Problem:
+    def __init__(
+        self,
+        *,
+        bodies: Sequence[Body],
+        interfaces: Sequence[Interface],
+        operator: Operator,
+        backend: Backend,
+        memory_limit: float,
+    ) -> None: ...
+    @property
+    def rows(self) -> int: ...
+    @property
+    def loads(self) -> int: ...
+    @property
+    def unknowns(self) -> int: ...
+    @property
+    def active_unknowns(self) -> int: ...
+    @property
+    def weights(self) -> Array: ...
+    @property
+    def directions(self) -> Array: ...
+    @property
+    def costs(self) -> list[BodyCost]: ...
+    def set_parameter(self, interface: str, parameter: str, values: Array) -> None: ...
+    def parameter(self, interface: str, parameter: str) -> Array: ...
+    def set_columns(self, interface: str, groups: list[LawColumns]) -> None: ...
+    def global_stage(self, data: Array, amplitudes: Array) -> Array: ...
+    def local_stage(self, data: Array, traces: Array) -> Array: ...
+    def local_fields(self, interface: str, state: State) -> tuple[Array, Array]: ...
+    def first_rows(self, interface: str) -> list[int]: ...
+    def displacements(self, state: State, amplitudes: Array) -> dict[str, Array]: ...
+    def solve(
+        self,
+        *,
+        options: Options,
+        amplitudes: Array,
+        start: Sequence[State],
+        callback: Callable[[Iteration], object] | None,
+    ) -> tuple[Summary, State]: ...
+    def sweep(
+        self,
+        *,
+        options: Options,
+        amplitudes: Array,
+        parameters: Sequence[SweptParameter],
+        order: Sequence[int],
+        known: Sequence[State],
+        known_points: Sequence[int],
+        callback: Callable[[Iteration], object] | None,
+        point_callback: Callable[[int, Summary, State], object],
+    ) -> None: ...
+
+def snake_order(shape: Sequence[int]) -> list[int]: ...
+def available_backends() -> str: ...
+
+class stochastic:
+    """The submodule ``latin_core._core.stochastic``."""
+
+    class Germ:
+        @staticmethod
+        def family(name: str, parameters: Sequence[float]) -> stochastic.Germ: ...
+        @staticmethod
+        def families() -> list[str]: ...
+        @staticmethod
+        def from_measure(nodes: Array, weights: Array) -> stochastic.Germ: ...
+        @staticmethod
+        def from_recurrence(alpha: Array, beta: Array) -> stochastic.Germ: ...
+        @property
+        def name(self) -> str: ...
+        @property
+        def capacity(self) -> int | None: ...
+        def recurrence(self, length: int) -> tuple[Array, Array]: ...
+        def gauss(self, count: int) -> tuple[Array, Array]: ...
+        def evaluate(self, points: Array, degree: int) -> Array: ...
+
+    class MultiIndexSet:
+        @overload
+        def __init__(
+            self,
+            *,
+            shape: str,
+            dimension: int,
+            order: int,
+            q: float,
+            weights: Sequence[float],
+            interaction: int,
+            caps: Sequence[int],
+            bytes_per_index: float,
+            memory_limit: float,
+        ) -> None: ...
+        @overload
+        def __init__(self, rows: IndexTable) -> None: ...
+        @staticmethod
+        def count(
+            *,
+            shape: str,
+            dimension: int,
+            order: int,
+            q: float,
+            weights: Sequence[float],
+            interaction: int,
+            caps: Sequence[int],
+            stop: float,
+        ) -> float: ...
+        @property
+        def table(self) -> IndexTable: ...
+        @property
+        def dimension(self) -> int: ...
+        def __len__(self) -> int: ...
+        def find(self, index: Sequence[int]) -> int | None: ...
+
+    class ChaosBasis:
+        def __init__(
+            self, germs: Sequence[stochastic.Germ], indices: stochastic.MultiIndexSet
+        ) -> None: ...
+        def __len__(self) -> int: ...
+        @property
+        def dimension(self) -> int: ...
+        @property
+        def germs(self) -> list[stochastic.Germ]: ...
+        @property
+        def indices(self) -> stochastic.MultiIndexSet: ...
+        def evaluate(self, points: Array) -> Array: ...
+        def evaluate_fields(self, coefficients: Array, points: Array) -> Array: ...
+
+    class ColumnTransform:
+        def __init__(
+            self, *, forward: Array, backward: Array, values: Array, points: Array, weights: Array
+        ) -> None: ...
+        @property
+        def forward(self) -> Array: ...
+        @property
+        def backward(self) -> Array: ...
+        @property
+        def values(self) -> Array: ...
+        @property
+        def points(self) -> Array: ...
+        @property
+        def weights(self) -> Array: ...
+
+    @staticmethod
+    def triple_products(germ: stochastic.Germ, first: int, second: int) -> list[Array]: ...
+    @staticmethod
+    def galerkin_matrix(
+        basis: stochastic.ChaosBasis, coefficients: Array, property: stochastic.MultiIndexSet
+    ) -> Sparse: ...
+    @staticmethod
+    def germ_matrix(basis: stochastic.ChaosBasis, germ: int) -> Sparse: ...
+    @staticmethod
+    def coupled_blocks(matrix: Sparse) -> list[list[int]]: ...
+    @staticmethod
+    def smallest_eigenvalue(matrix: Sparse) -> float: ...
+    @staticmethod
+    def critical_cov(germ: stochastic.Germ, order: int) -> float: ...
+    @staticmethod
+    def galerkin_transform(matrix: Sparse) -> stochastic.ColumnTransform: ...
+    @staticmethod
+    def quadrature_transform(
+        basis: stochastic.ChaosBasis, points: Array, weights: Array
+    ) -> stochastic.ColumnTransform: ...
+    @staticmethod
+    def tensor_gauss(
+        germs: Sequence[stochastic.Germ], counts: Sequence[int], memory_limit: float
+    ) -> tuple[Array, Array]: ...
+    @staticmethod
+    def smolyak(
+        germs: Sequence[stochastic.Germ], level: int, memory_limit: float
+    ) -> tuple[Array, Array]: ...
+    @staticmethod
+    def variance(coefficients: Array) -> Array: ...
+    @staticmethod
+    def variance_by_degree(coefficients: Array, indices: stochastic.MultiIndexSet) -> Array: ...
+    @staticmethod
+    def sobol_first(coefficients: Array, indices: stochastic.MultiIndexSet) -> Array: ...
+    @staticmethod
+    def sobol_total(coefficients: Array, indices: stochastic.MultiIndexSet) -> Array: ...
+    @staticmethod
+    def sobol_closed(
+        coefficients: Array, indices: stochastic.MultiIndexSet, group: Sequence[int]
+    ) -> Array: ...

@@ -1,0 +1,28 @@
+"""The coarse vessel, meshed and assembled once."""
+
+from __future__ import annotations
+
+import pytest
+
+from dolfinx_frontend import geometry
+from dolfinx_frontend.assembly import Problem
+from dolfinx_frontend.reference import ReferenceSolution, monolithic
+from tests.verification import scenes
+
+
+@pytest.fixture(scope="session")
+def vessel_shape() -> geometry.BoltedVessel:
+    """Mesh of the coarse vessel, mm."""
+    return geometry.bolted_vessel("coarse")
+
+
+@pytest.fixture(scope="session")
+def vessel(vessel_shape: geometry.BoltedVessel) -> Problem:
+    """The coarse vessel in N and mm."""
+    return scenes.vessel(vessel_shape)
+
+
+@pytest.fixture(scope="session")
+def vessel_reference(vessel: Problem) -> ReferenceSolution:
+    """Its monolithic solution."""
+    return monolithic(vessel)
