@@ -1,46 +1,96 @@
 """Assemblies of elastic parts joined by uncertain interfaces, on dolfinx.
 
-Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -> :func:`solve` or
-:func:`sweep` -> results. The iterations are the kernel's (:mod:`latin_core`); nothing iterates here.
+Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -> :func:`solve`,
+:func:`sweep` or sampling -> results. The iterations are the kernel's (:mod:`latin_core`); nothing iterates
+here.
 """
 
-from dolfinx_frontend import geometry, reference
+from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ssfem
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
+from dolfinx_frontend.chaos import ChaosResult, IndefiniteError, NearlyIndefiniteWarning
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.laws import Displacement, Elastic, Law, Perfect, Pressure, Symmetry, Traction
 from dolfinx_frontend.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Plan, make_plan
+from dolfinx_frontend.quantities import Estimate, Quantity
+from dolfinx_frontend.random import (
+    Beta,
+    Chaos,
+    Correlated,
+    FromDistribution,
+    FromSamples,
+    Gamma,
+    LogNormal,
+    Normal,
+    RandomField,
+    TruncatedNormal,
+    Uniform,
+)
+from dolfinx_frontend.sampling import (
+    SampleResult,
+    monte_carlo,
+    quasi_monte_carlo,
+    sparse_quadrature,
+    tensor_quadrature,
+)
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import Result, solve
+from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import SweepResult, sweep
 from latin_core import Options
 
 __all__ = [
+    "Beta",
+    "Chaos",
+    "ChaosResult",
+    "Correlated",
     "Direction",
     "Displacement",
     "Elastic",
+    "Estimate",
+    "FromDistribution",
+    "FromSamples",
+    "Gamma",
+    "IndefiniteError",
     "Interface",
     "Law",
     "LinearElastic",
+    "LogNormal",
     "Material",
+    "NearlyIndefiniteWarning",
+    "Normal",
     "Options",
     "OrthotropicElastic",
     "Perfect",
     "Plan",
     "Pressure",
     "Problem",
+    "Quantity",
+    "RandomField",
+    "RandomLaws",
     "Result",
+    "SampleResult",
     "Scene",
     "SceneError",
     "Substructure",
     "SweepResult",
     "Symmetry",
     "Traction",
+    "TruncatedNormal",
+    "Uniform",
     "assemble",
+    "fields",
     "geometry",
     "make_plan",
+    "monte_carlo",
+    "plotting",
+    "quasi_monte_carlo",
     "reference",
+    "sampling",
     "solve",
+    "sparse_quadrature",
+    "ssfem",
     "sweep",
+    "tensor_quadrature",
 ]

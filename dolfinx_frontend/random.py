@@ -1039,11 +1039,11 @@ def karhunen_loeve(
     dimension = max(1, x.shape[1] - 1) if cell_dimension is None else cell_dimension
     diagonal: Array = np.ones(m)
     if kink:
-        t, gauss = np.polynomial.legendre.leggauss(12)
-        t, gauss = 0.5 * (t + 1.0), 0.5 * gauss
+        nodes, gauss = np.polynomial.legendre.leggauss(12)
+        t = 0.5 * (nodes + 1.0)
         # the mean distance in the piece is radius / 2 on a line, 2 radius / 3 in a disc
         radius = w / 3.0 if dimension == 1 else 1.5 * 0.228824 * np.sqrt(w)
-        diagonal = correlation(radius[:, None] * t) @ (gauss * dimension * t ** (dimension - 1))
+        diagonal = correlation(radius[:, None] * t) @ (0.5 * gauss * dimension * t ** (dimension - 1))
 
     def rows(start: int, stop: int) -> Array:
         square = np.zeros((stop - start, m))

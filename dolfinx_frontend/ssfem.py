@@ -18,13 +18,12 @@ it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov solver, ``latin_refer
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from latin_core import stochastic as core
 from latin_core.stochastic import ChaosBasis
@@ -44,7 +43,7 @@ from dolfinx_frontend.laws import (
 )
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomParameter, RandomSpace
-from dolfinx_frontend.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
+from dolfinx_frontend.reduction import Body, body_matrix, reduce, spring_operator
 from dolfinx_frontend.reference import Cholesky
 from dolfinx_frontend.stochastic import RandomLaws
 
@@ -118,12 +117,30 @@ class _Coupling:
             out[:, k] = np.add.reduceat(self.values * u[:, k, self.first], self._starts, axis=1)
         return out
 
+    def _bounds(self) -> Array:
+        """Lower bounds (rows,) of the eigenvalues, by Gershgorin."""
+        c = int(self.second[-1]) + 1
+        diagonal = np.zeros((len(self.values), c))
+        on = self.first == self.second
+        diagonal[:, self.first[on]] = self.values[:, on]
+        sums = np.add.reduceat(np.abs(self.values), self._starts, axis=1)
+        out: Array = (diagonal + np.abs(diagonal) - sums).min(axis=1)
+        return out
+
     @property
     def smallest(self) -> float:
         """Smallest eigenvalue over all points."""
-        return min(
-            float(np.linalg.eigvalsh(self.matrix(row))[0]) for row in range(len(self.values))
-        )
+        bounds, smallest = self._bounds(), np.inf
+        for row in np.argsort(bounds):
+            if bounds[row] >= smallest:
+                break
+            smallest = min(smallest, float(np.linalg.eigvalsh(self.matrix(row))[0]))
+        return float(smallest)
+
+    @property
+    def definite(self) -> bool:
+        """Whether the matrices of all points are positive definite."""
+        return bool(self._bounds().min() > 0.0) or self.smallest > 0.0
 
 
 @dataclass(frozen=True)
@@ -213,37 +230,38 @@ class _System:
 
     def _offsets(self) -> dict[str, Array]:
         """Substructure -> prescribed part (n_e, P + 1) of the displacement."""
-        out = {name: np.zeros((s.size, self.columns)) for name, s in self.problem.substructures.items()}
+        parts = self.problem.substructures
+        out = {name: np.zeros((s.size, self.columns)) for name, s in parts.items()}
 
         def add(laws: Mapping[str, Law], modes: Array) -> None:
-            for body in reduce(self.problem, self.problem.interfaces, laws):
+            again = reduce(self.problem, self.problem.interfaces, laws) if laws else self.bodies
+            for body in again:
                 for m in body.members:
                     out[m] += body.offset[m][:, None] * modes
 
         values = {
-            name: (parameter, value)
+            name: parameter
             for name, i in self.problem.interfaces.items()
             if isinstance(i.law, (Displacement, Perfect))
-            for parameter, value in i.law.parameters().items()
+            for parameter in i.law.parameters()
         }
-        zero = {name: self.problem.interfaces[name].law.with_(**{p: 0.0}) for name, (p, _) in values.items()}
         sources: dict[str, list[str]] = {}
-        for name, (parameter, _) in values.items():
+        for name, parameter in values.items():
             source = self.random.source(name, parameter)
             if isinstance(source, DiscretisedField):
                 raise SceneError(
-                    f"interface {name!r}: the random field {source.name!r} cannot be prescribed: "
+                    f"interface {name!r}: the random field {source.name!r} cannot be prescribed, "
                     f"{parameter} is needed at nodes; use a random parameter"
                 )
             if source is not None:
                 sources.setdefault(source.name, []).append(name)
-        random = {name for names in sources.values() for name in names}
-        first = np.eye(1, self.columns)[0]
-        # what is linear in several variables is the sum of what each of them alone does
-        add({name: law for name, law in zero.items() if name in random}, first)
+        # linear in the values: the sum of what each random parameter alone and the fixed ones do
+        laws = {n: self.problem.interfaces[n].law.with_(**{p: 0.0}) for n, p in values.items()}
+        random = {n: laws[n] for names in sources.values() for n in names}
+        add(random, np.eye(1, self.columns)[0])
         for names in sources.values():
-            one = {n: zero[n].with_(**{values[n][0]: 1.0}) for n in names}
-            add(zero | one, self._modes(names[0], values[names[0]][0])[0])
+            unit = {n: laws[n].with_(**{values[n]: 1.0}) for n in names}
+            add(laws | unit, self._modes(names[0], values[names[0]])[0])
         return out
 
     def _assemble(self, body: Body) -> None:
@@ -349,13 +367,11 @@ class _System:
         bad = []
         for name, s in self.springs.items():
             for parameter, _, product in s.random:
-                smallest = product.smallest
-                if smallest <= 0.0:
-                    source = self.random.source(name, parameter)
-                    assert source is not None
+                source = self.random.source(name, parameter)
+                if source is not None and not product.definite:
                     bad.append(
                         f"interface {name!r}, {parameter} stiffness {source.name!r}: smallest "
-                        f"eigenvalue {smallest:.4g} of its Galerkin matrix"
+                        f"eigenvalue {product.smallest:.4g} of its Galerkin matrix"
                     )
         return SceneError(
             "the stochastic Galerkin operator is not positive definite ("
@@ -471,6 +487,8 @@ def ssfem(
     callback
         Called with the iteration and the relative residual norm; it may raise to end the run.
 
+    Where one stiffness is indefinite but the whole operator is not, the solution is given.
+
     Raises
     ------
     SceneError
@@ -499,6 +517,10 @@ def ssfem(
         converged, residuals, spectrum = True, np.zeros(1), (float("nan"), float("nan"))
     else:
         precondition = system.factor()
+        # a right-hand side may hide an indefinite operator from conjugate gradients
+        suspect = any(not p.definite for s in system.springs.values() for _, _, p in s.random)
+        if suspect and _smallest(system, precondition, 1e-3) <= 0.0:
+            raise system.indefinite()
         seconds["factor"] = perf_counter() - began
         began = perf_counter()
         q, converged, residuals, spectrum = _conjugate_gradients(
@@ -591,15 +613,18 @@ def _conjugate_gradients(
 def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> float:
     """Smallest eigenvalue of the monolithic operator relative to its mean block, no unit.
 
-    A x = lambda (K_mean (x) I) x by Lanczos with the factor of the mean block, without shifts.  The operator
-    is positive definite if and only if it is positive.  1 without randomness; 1 - cov * root * share for one
-    normal stiffness, with the greatest root of He_p+1 and the greatest share of the mean strain energy
-    that a displacement can have in the springs.
+    A x = lambda (K_mean (x) I) x by Lanczos with the factor of the mean block, without shifts.  The
+    operator is positive definite if and only if it is positive.  1 without randomness; for one normal
+    stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share of the
+    mean strain energy that a displacement can have in the springs.
     """
     system = _System(problem, chaos)
-    solve = system.factor()
+    return _smallest(system, system.factor(), rtol)
+
+
+def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> float:
     size = system.load.size
-    if not any(products for products in system.products):
+    if not any(system.products):
         return 1.0
 
     def operator(function: Callable[[Array], Array]) -> Any:
@@ -608,14 +633,13 @@ def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> f
 
         return sparse_linalg.LinearOperator((size, size), matvec=multiply, dtype=np.float64)
 
-    start = np.random.default_rng(0).standard_normal(size)
     values = sparse_linalg.eigsh(
         operator(system.apply),
         k=1,
         M=operator(system.apply_mean),
         Minv=operator(solve),
         which="SA",
-        v0=start,
+        v0=np.random.default_rng(0).standard_normal(size),
         tol=rtol,
         return_eigenvectors=False,
     )

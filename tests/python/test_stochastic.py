@@ -486,7 +486,7 @@ def test_normal_space_correlation_is_taken_as_it_is() -> None:
 def test_impossible_correlations_are_refused() -> None:
     three = [Normal(n, 1.0, 0.1) for n in "abc"]
     bad = [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]
-    with pytest.raises(SceneError, match=r"not positive definite: its smallest eigenvalue is -0\.8"):
+    with pytest.raises(SceneError, match=r"not positive definite: .* eigenvalue is -0\.8"):
         Correlated(three, bad)
     with pytest.raises(SceneError, match="not symmetric"):
         Correlated(three[:2], [[1.0, 0.5], [0.4, 1.0]])
@@ -536,7 +536,7 @@ def segment(facets: int, points: int = 3, size: float = 1.0) -> tuple[Array, Arr
 
 
 def test_exponential_eigenvalues_solve_the_integral_equation() -> None:
-    """The trace is the size, and lambda_1 is the one tabulated for correlation length = size = 1."""
+    """Their sum is the size; lambda_1 is the one tabulated for correlation length = size = 1."""
     values = rnd.exponential_1d_eigenvalues(0.5, 1.0, 4000)
     assert (np.diff(values) < 0.0).all()
     tail = 2.0 / 0.5 / (math.pi**2 * 4000.0)
@@ -579,7 +579,8 @@ def test_modes_are_orthonormal_and_rebuild_the_covariance(covariance: str, nu: f
         s = math.sqrt(5.0) * r
         exact = np.exp(-r) if nu == 0.5 else (1.0 + s + s * s / 3.0) * np.exp(-s)
     error = field.shapes @ field.shapes.T - exact
-    assert math.sqrt(w @ error**2 @ w) < 6e-3
+    # root of the sum of squares of the lost eigenvalues, whose sum is 1 % at most
+    assert math.sqrt(w @ error**2 @ w) < 0.01
     space = RandomSpace([field])
     assert space.germ_names[0] == "k[0]" and space.groups["k"] == tuple(range(space.dimension))
 
