@@ -48,7 +48,7 @@ class Estimate(NamedTuple):
             numbers = ["0", "0", "0"]
         else:
             # two digits of the width of the interval
-            last = math.floor(math.log10(max(width, 1e-12 * largest))) - 1
+            last = math.floor(math.log10(max(width, 1e-5 * largest))) - 1
             first = math.floor(math.log10(largest))
             form = f".{max(-last, 0)}f" if -4 <= first < 6 else f".{max(first - last, 0)}e"
             numbers = [format(v, form) for v in self[:3]]
@@ -333,7 +333,7 @@ class Quantity:
                 yield f"{percent} %", self.quantile(percent / 100.0)
 
     def __repr__(self) -> str:
-        kinds = {"random": "random samples", "qmc": "Sobol points", "quadrature": "points of a rule"}
+        kinds = {"random": "samples", "qmc": "Sobol points", "quadrature": "points of a rule"}
         unit = f" [{self.unit}]" if self.unit else ""
         lines = [f"{self.name}{unit}, {len(self)} {kinds[self.kind]}"]
         lines += [f"  {label:<9}{estimate}" for label, estimate in self._rows()]
@@ -397,7 +397,10 @@ def sobol_of(
             )
         return values
 
-    engine = stats.qmc.Sobol(2 * dimension, scramble=True, seed=generator)
+    try:
+        engine = stats.qmc.Sobol(2 * dimension, scramble=True, rng=generator)
+    except TypeError:  # the name of the argument before scipy 1.15
+        engine = stats.qmc.Sobol(2 * dimension, scramble=True, seed=generator)
     uniform = engine.random_base2(n.bit_length() - 1)
     first, second = (
         space.from_uniform(uniform[:, part])

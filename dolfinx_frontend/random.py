@@ -1043,7 +1043,8 @@ def karhunen_loeve(
         t = 0.5 * (nodes + 1.0)
         # the mean distance in the piece is radius / 2 on a line, 2 radius / 3 in a disc
         radius = w / 3.0 if dimension == 1 else 1.5 * 0.228824 * np.sqrt(w)
-        diagonal = correlation(radius[:, None] * t) @ (0.5 * gauss * dimension * t ** (dimension - 1))
+        density = 0.5 * gauss * dimension * t ** (dimension - 1)
+        diagonal = correlation(radius[:, None] * t) @ density
 
     def rows(start: int, stop: int) -> Array:
         square = np.zeros((stop - start, m))

@@ -593,7 +593,12 @@ def _conjugate_gradients(
     ksp.setComputeEigenvalues(True)
     ksp.setMonitor(monitor)
     ksp.setFromOptions()
-    ksp.solve(b, x)
+    try:
+        ksp.solve(b, x)
+    except PETSc.Error as error:
+        if error.__cause__ is not None:  # what the callback raised
+            raise error.__cause__ from None
+        raise
     reason = ksp.getConvergedReason()
     spectrum = (float("nan"), float("nan"))
     if ksp.getIterationNumber() > 0 and ksp.getType() == PETSc.KSP.Type.CG:

@@ -54,7 +54,7 @@ def everything() -> list[RandomParameter]:
 
 
 def inverse_mean(parameter: RandomParameter, order: int) -> float:
-    """E[mean / parameter] by Galerkin at an order: random spring of TARGETS 2.7."""
+    """E[mean / parameter] by Galerkin at an order: a random spring under a force."""
     space = RandomSpace([parameter])
     basis = space.basis(Chaos(order))
     matrix = space.galerkin_matrix(parameter, basis).toarray()

@@ -4,9 +4,10 @@
 
 namespace latin::stochastic {
 
-/// Change of columns between chaos modes and the columns in which a law is deterministic: a block of
-/// modes (rows, c) becomes modes * forward (rows, q), the law is applied with the values of its
-/// random parameter in each of the q columns, and the answer returns as answer * backward (rows, c).
+/// Change of columns between chaos modes and the columns in which a law is deterministic: a block
+/// of modes (rows, c) becomes modes * forward (rows, q), the law is applied with the values of its
+/// random parameter in each of the q columns, and the answer returns as answer * backward
+/// (rows, c).
 struct ColumnTransform {
   Matrix forward;   ///< (c, q)
   Matrix backward;  ///< (q, c)

@@ -1,0 +1,124 @@
+"""What the benchmarks share: timing, the unit of cost, the environment, JSON files and tables.
+
+Times are compared within one run: same machine, same libraries, same number of threads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import platform
+import re
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from types import ModuleType
+from typing import Any, Generic, TypeVar
+
+import dolfinx
+import numpy as np
+from petsc4py import PETSc
+
+ROOT = Path(__file__).resolve().parents[2]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Timed(Generic[T]):
+    """What a timed call returned, its median wall time and the number of times it ran."""
+
+    value: T
+    seconds: float
+    repeats: int
+
+
+def timed(call: Callable[[], T], repeats: int = 3, budget: float = 120.0) -> Timed[T]:
+    """Median wall time of a call, repeated until `repeats` times or `budget` seconds are reached."""
+    seconds: list[float] = []
+    while True:
+        start = perf_counter()
+        value = call()
+        seconds.append(perf_counter() - start)
+        if len(seconds) >= repeats or sum(seconds) >= budget:
+            return Timed(value, statistics.median(seconds), len(seconds))
+
+
+def demo(name: str) -> ModuleType:
+    """A script of ``demos`` as a module, for its scene."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "demos" / f"{name}.py")
+    if spec is None or spec.loader is None:
+        raise FileNotFoundError(f"there is no demo named {name}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _loaded(pattern: str) -> list[str]:
+    """Names of the shared libraries in this process that match a pattern (Linux; else none)."""
+    maps = Path("/proc/self/maps")
+    if not maps.exists():
+        return []
+    names = {Path(line.split()[-1]).name for line in maps.read_text().splitlines() if "/" in line}
+    return sorted(name for name in names if re.search(pattern, name, re.IGNORECASE))
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    text = info.read_text() if info.exists() else ""
+    found = re.search(r"model name\s*:\s*(.+)", text)
+    return found[1].strip() if found else platform.processor() or platform.machine()
+
+
+def environment() -> dict[str, Any]:
+    """What the times depend on."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return {
+        "processor": _processor(),
+        "cpus": len(affinity(0)) if affinity else os.cpu_count(),
+        "threads": os.environ.get("OMP_NUM_THREADS", "not set"),
+        "blas": _loaded(r"^lib(open)?blas|mkl|blis"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "dolfinx": dolfinx.__version__,
+        "petsc": ".".join(str(n) for n in PETSc.Sys.getVersion()),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+    }
+
+
+def size(text: str) -> str | float:
+    """A named size of a mesh, or the size of its cells."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def parser(name: str, description: str | None) -> argparse.ArgumentParser:
+    """Options that all benchmarks have."""
+    made = argparse.ArgumentParser(prog=f"./run bench {name}", description=description)
+    made.add_argument("--json", type=Path, help="file to write the record to")
+    made.add_argument("--repeats", type=int, default=3, help="of every timed run; the median counts")
+    return made
+
+
+def write_json(record: dict[str, Any], path: Path | None) -> None:
+    """Write a record, if a file is wanted."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        print(f"\nwritten to {path}")
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Print columns: the first to the left, the others to the right."""
+    cells = [["-" if c is None else str(c) for c in row] for row in (header, *rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    for number, row in enumerate(cells):
+        line = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:]))]
+        print("  " + "  ".join(line).rstrip())
+        if number == 0:
+            print("  " + "-" * (sum(widths) + 2 * len(widths) - 2))

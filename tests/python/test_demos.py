@@ -1,0 +1,95 @@
+"""Every demo runs alone, ends with its own check, and writes what it promises."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
+
+# demo -> arguments that make it short; "{}" is a folder to write to
+SHORT = {
+    "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
+}
+WRITTEN = {
+    "bolted_vessel.py": [
+        "vessel.vtm",
+        "figure_3_4_assembly.png",
+        "figure_5_convergence_1.png",
+        "figure_5_convergence_2.png",
+        "figure_6_joint_stress.png",
+        "figure_7_response_surface.png",
+    ],
+}
+VESSEL_PARTS = ("cylinder", "flange", "ring", "cover", "shank", "head")
+
+
+def run(script: str, *arguments: str) -> str:
+    """What a script printed; it must end well and warn of nothing."""
+    # in a process of its own: what a user types, and nothing of the tests is loaded
+    done = subprocess.run(
+        [sys.executable, str(ROOT / script), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
+    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+    assert "Warning" not in done.stderr, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DEMOS)
+def test_demo(name: str, tmp_path: Path) -> None:
+    printed = run(f"demos/{name}", *(a.format(tmp_path) for a in SHORT.get(name, [])))
+    assert max(len(line) for line in printed.splitlines()) <= 100
+    for file in WRITTEN.get(name, []):
+        assert (tmp_path / file).stat().st_size > 200, file
+    if name == "bolted_vessel.py":
+        assert printed.rstrip().endswith("all checks passed")
+        grids = sorted((tmp_path / "vessel").iterdir())
+        assert [grid.name for grid in grids] == [
+            f"{i}_{part}.vtu" for i, part in enumerate(VESSEL_PARTS)
+        ]
+        assert min(grid.stat().st_size for grid in grids) > 10_000
+
+
+def test_vessel_by_the_method_of_2004_only(tmp_path: Path) -> None:
+    arguments = ["--size", "coarse", "--quick", "--no-figures", "--method", "latin"]
+    printed = run("demos/bolted_vessel.py", *arguments, "--output", str(tmp_path))
+    assert printed.rstrip().endswith("all checks passed")
+    assert "accelerated" not in printed
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["vessel", "vessel.vtm"]
+
+
+@pytest.mark.slow
+def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
+    """Its record is complete, its answers are right; its times are nobody's business here."""
+    file = tmp_path / "record.json"
+    run("tests/benchmarks/vessel.py", "--size", "coarse", "--repeats", "1", "--json", str(file))
+    record = json.loads(file.read_text())
+    assert record["dof"] > 5000 and record["unit_s"] > 0.0
+    assert record["unit_solver"] in ("cholmod", "mumps")
+    for name in ("latin_plain", "latin_all", "latin", "direct"):
+        run_record = record[name]
+        assert run_record["status"] == "converged"
+        assert run_record["seconds"] > 0.0 and run_record["units"] > 0.0
+        # the estimate may be off by a factor of 3
+        assert run_record["energy_error"] <= max(3.0 * run_record["rtol"], 1e-10)
+    assert record["direct"]["iterations"] == 0
+    assert record["latin"]["iterations"] <= 60
+    assert 100 <= record["latin_plain"]["indicator_1e-5"]["iterations"] <= 1000
+    for name in ("sweep", "sweep_plain"):
+        assert record[name]["points"] == record[name]["converged"] == 91
+    assert record["sweep"]["max_energy_error"] <= 10.0 * record["sweep"]["rtol"]
+    assert record["sweep"]["iterations_rest"] <= 10 * 90
+    # the paper's regime: hundreds, then single digits for most of the points
+    assert record["sweep_plain"]["iterations_first"] >= 100
+    assert record["sweep_plain"]["iterations_median"] <= 9
