@@ -1,39 +1,39 @@
 """A bolted pressure vessel whose screws and joint have an uncertain stiffness.
 
-The example of Blanzé, Champaney and Boucard (ECCOMAS 2004, section 5), solved by the LATIN method and
-held against a direct solution of the whole structure:
+The example of Blanzé, Champaney and Boucard (ECCOMAS 2004, section 5), solved by the LATIN method
+and held against a direct solution of the whole structure:
 
-    ./run demo                     the paper's mesh, under a minute of computing
-    ./run demo --size coarse       a coarse mesh; --size 5 is a cell size in mm (105 000 unknowns)
+    ./run demo                     the paper's mesh, a minute of computing
+    ./run demo --size coarse       a coarse mesh; --size 5: cells of 5 mm (105 000 unknowns)
     ./run demo --method latin      the iteration of 2004 only
 
 Problem
-    A cylinder under internal pressure is closed by a cover, which eight prestressed screws hold. By
-    symmetry 1/16 is modelled, with half a screw: 6 parts, 20 interfaces (4 perfect, 2 elastic, 3
-    pressure, 10 symmetry, 1 support). The vessel is tight as long as the joint stays in compression
-    everywhere: the largest normal stress on the joint must not become positive.
+    A cylinder under internal pressure is closed by a cover, which eight prestressed screws hold.
+    By symmetry 1/16 is modelled, with half a screw: 6 parts, 20 interfaces (4 perfect, 2 elastic,
+    3 pressure, 10 symmetry, 1 support). The vessel is tight as long as the joint stays in
+    compression everywhere: the largest normal stress on the joint must not become positive.
 
-Laws                                                             (N, mm, MPa throughout)
+Laws (N, mm, MPa throughout)
     steel       E = 200 000 MPa, nu = 0.3
     pressure    1.6 MPa (16 bar) on the inside of cylinder, ring and cover
-    screw       elastic interface between shank and head, K = 5e4 (1 + 0.1 xi1) N/mm for a whole screw, in
-                all directions, shortened by 0.2 mm
+    screw       elastic interface between shank and head, K = 5e4 (1 + 0.1 xi1) N/mm for a whole
+                screw, in all directions, shortened by 0.2 mm
     joint       elastic interface between ring and cover, k = 100 (1 + 0.2 xi2) N/mm^3, in all
                 directions
 
 Choices, where the paper leaves one open
-    Its units (N/m and N/m/m^2) do not fit the rest: we read N/mm and N/mm^3, so that 5e4 N/mm x 0.2 mm =
-    10 kN preload a screw. Its text and its figure swap which variable belongs to the joint: here xi1 is the
-    screw and xi2 the joint. Its dimensions are not legible. Ours (mm): bore radius 90, wall 20, height
-    100, flange 30 thick with outer radius 160, joint ring 6 thick, cover 30 thick, screws of radius 9
-    on a circle of radius 135, heads of radius 16, 14 high. With them the joint is compressed at the mean
-    and in traction somewhere with a probability of about 4 %.
+    Its units (N/m and N/m/m^2) do not fit the rest: we read N/mm and N/mm^3, so that 5e4 N/mm x
+    0.2 mm = 10 kN preload a screw. Its text and its figure swap which variable belongs to the
+    joint: here xi1 is the screw and xi2 the joint. Its dimensions are not legible. Ours (mm): bore
+    radius 90, wall 20, height 100, flange 30 thick with outer radius 160, joint ring 6 thick, cover
+    30 thick, screws of radius 9 on a circle of radius 135, heads of radius 16, 14 high. With them
+    the joint is compressed at the mean, and in traction somewhere with a probability of about 4 %.
 
 Comparison with the paper
-    The paper needs 350 iterations for the first of 91 parameter sets and 235 for the other 90. It does
-    not say which error that is; here every count comes with the true error. The example is linear, and a
-    linear problem that is solved once is best solved directly: the plan does that. Iterations pay from
-    the second parameter set on, and only on the interfaces that change.
+    The paper needs 350 iterations for the first of 91 parameter sets and 235 for the other 90. It
+    does not say to which error; here every count comes with one. The example is linear, and a
+    linear problem that is solved once is best solved directly: the plan does that. Iterations pay
+    from the second parameter set on, and only on the interfaces that change.
 """
 
 from __future__ import annotations
@@ -188,8 +188,8 @@ def report_deterministic(
 ) -> None:
     """Tables of cost and accuracy; time is also given in units of one direct solution."""
     print(
-        f"\nOne unit = one direct solution ({unit.solver.upper()}, {unit.dof} unknowns): "
-        f"analysis, factorisation,\nsolve = {unit.seconds:.3f} s. True errors are against it, in the "
+        f"\nOne unit = one direct solution ({unit.solver.upper()}, {unit.dof} unknowns): analysis, "
+        f"factorisation and\nsolve in {unit.seconds:.3f} s. True errors are against it, in the "
         "energy norm."
     )
     table(
@@ -319,8 +319,8 @@ def report_sweeps(
         rows,
     )
     print(
-        f"Iterations and time for all {total} points; force error: the largest on the joint, relative "
-        "(rms over\nthe joint), at a sample of points solved directly. "
+        f"Time for all {total} points. Force error: of the force on the joint (rms over the "
+        "joint), the largest in\na sample of points solved directly. "
         f"{total} direct solutions would take {total} units."
     )
 
@@ -332,7 +332,8 @@ def traction_probability(xi: tuple[Array, Array], largest: Array, samples: int =
     """
     from scipy.interpolate import RectBivariateSpline
 
-    surface = RectBivariateSpline(*xi, largest, kx=min(3, len(xi[0]) - 1), ky=min(3, len(xi[1]) - 1))
+    degrees = [min(3, len(values) - 1) for values in xi]
+    surface = RectBivariateSpline(*xi, largest, kx=degrees[0], ky=degrees[1])
     drawn = np.random.default_rng(2004).standard_normal((2, samples))
     return float(np.mean(surface(*drawn, grid=False) > 0.0))
 
@@ -406,8 +407,11 @@ def wrapped(text: object, width: int = 100) -> str:
     """The text of an object with its long lines broken, their rest indented further."""
     lines = []
     for line in str(text).splitlines():
-        indent = " " * (len(line) - len(line.lstrip()) + 6)
-        lines += textwrap.wrap(line, width, subsequent_indent=indent) if len(line) > width else [line]
+        if len(line) <= width:
+            lines.append(line)
+        else:
+            indent = " " * (len(line) - len(line.lstrip()) + 6)
+            lines += textwrap.wrap(line, width, subsequent_indent=indent)
     return "\n".join(lines)
 
 
@@ -477,8 +481,8 @@ def main(given: Sequence[str] | None = None) -> None:
     print(
         f"\nNormal stress on the joint: {mean['smallest']:.3f} to {mean['largest']:.3f} MPa "
         "(compression is negative)."
-        f"\nOne screw carries {mean['screw']:.3f} kN: {-mean['joint']:.3f} kN press its part of the "
-        f"joint, {pressure_force:.3f} kN balance the pressure."
+        f"\nOne screw carries {mean['screw']:.3f} kN: {-mean['joint']:.3f} kN press its part of "
+        f"the joint, {pressure_force:.3f} kN balance the pressure."
     )
 
     xi = (XI_SCREW[::4], XI_JOINT[::3]) if options.quick else (XI_SCREW, XI_JOINT)
@@ -492,8 +496,8 @@ def main(given: Sequence[str] | None = None) -> None:
     print(
         f"\nThe largest normal stress on the joint goes from {largest.min():.3f} to "
         f"{largest.max():.3f} MPa; the joint is in traction\nsomewhere with a probability of "
-        f"{100 * traction_probability(xi, largest):.1f} % (spline through these points, independent "
-        "normal variables)."
+        f"{100 * traction_probability(xi, largest):.1f} % (spline through these points, "
+        "independent normal variables)."
     )
 
     say(f"writing to {output}")

@@ -82,7 +82,7 @@ its standard deviation              {deviation.min():8.3f} to {deviation.max():8
 largest normal stress, mean         {largest.mean()} MPa
 largest normal stress, deviation    {largest.std()} MPa
 probability of traction somewhere   {largest.probability(above=0.0)}
-truncation error of the joint force {100 * truncation.sample:.2f} % of its deviation ({truncation.points} solves)
+truncation error of the joint force {100 * truncation.sample:.2f} % of its deviation
 difference to monolithic SSFEM      {error:.1e} (energy norm, all coefficients)""")
 
 if not given.no_figures:

@@ -24,9 +24,8 @@ from dolfinx import fem
 from latin_core import Iteration, Options, State, stochastic
 
 from dolfinx_frontend import bridge
-from dolfinx_frontend.assembly import Problem, resolve
+from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
-from dolfinx_frontend.laws import Elastic
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol

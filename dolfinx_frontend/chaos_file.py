@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 import numpy as np
 import numpy.typing as npt
@@ -94,7 +94,7 @@ class ParameterMap:
         """Values (rows, N) at points (N, L)."""
         a: Array = self.offset[:, None] + self.matrix @ germ_points[:, list(self.germs)].T
         if self.map == "exponential":
-            a = np.exp(a)
+            a = np.asarray(np.exp(a))
         elif self.argument is not None and self.value is not None:
             a = np.asarray(np.interp(a, self.argument, self.value))
         return a
@@ -109,7 +109,8 @@ class ParameterMap:
             argument = np.asarray(
                 np.interp(values, self.value, self.argument, left=np.nan, right=np.nan)
             )
-        return argument - self.offset[0]
+        score: Array = argument - self.offset[0]
+        return score
 
 
 # ---------------------------------------------------------------------------------------------
@@ -165,13 +166,14 @@ class ChaosFile:
         found = self.fields.get(name)
         if found is None:
             raise unknown_name("field", name, self.fields, str(self.path))
-        return found.coefficients, found.shape or (len(found.coefficients),)
+        rows = len(found.coefficients)
+        return found.coefficients, (rows,) if found.shape is None else found.shape
 
     def modes(self, germ_points: npt.ArrayLike) -> Array:
         """All modes at points (N, L): (N, P + 1)."""
         xi = np.atleast_2d(np.asarray(germ_points, dtype=np.float64))
         if xi.shape[1] != self.dimension:
-            raise ValueError(
+            raise SceneError(
                 f"{self.path}: points have {xi.shape[1]} coordinates, the chaos has "
                 f"{self.dimension} germs: {', '.join(self.germ_names)}"
             )
@@ -236,9 +238,8 @@ class ChaosFile:
         Raises
         ------
         SceneError
-            An unknown name, a random field, or different lengths.
-        ValueError
-            A value that the parameter cannot take.
+            An unknown name, a random field, different lengths, or a value that the parameter
+            cannot take.
         """
         numbers = {n: p for n, p in self.parameters.items() if len(p.offset) == 1}
         given = {}
@@ -257,7 +258,7 @@ class ChaosFile:
             matrix[row, list(found.germs)] = found.matrix[0]
             scores[row] = found.score(given.get(name, found.mean))
             if not np.isfinite(scores[row]).all():
-                raise ValueError(f"{self.path}: parameter {name!r} cannot take the values given")
+                raise SceneError(f"{self.path}: parameter {name!r} cannot take the values given")
         used = np.flatnonzero(matrix.any(axis=0))
         # square, and triangular in each correlated group
         points[:, used] = np.linalg.solve(matrix[:, used], scores).T
@@ -295,7 +296,7 @@ def _parameter_maps(space: RandomSpace) -> Iterator[tuple[str, Tree]]:
 
 
 def _one_dimensional(parameter: RandomParameter) -> Tree:
-    """map, offset, scale (and table) of a parameter over the one number that it is a function of."""
+    """map, offset, scale (and table) of a parameter over its germ or normal score."""
     unit = parameter.value(np.array([0.0, 1.0]))
     if parameter.affine:
         return {"map": "affine", "offset": unit[:1], "scale": unit[1] - unit[0]}
@@ -437,7 +438,7 @@ def _h5py() -> Any:
 
 
 def _key(name: str) -> str:
-    """A name as a link of HDF5, which knows no slash and no name "."."""
+    """A name as a link of HDF5, which knows no slash and no "."; :func:`unquote` is the inverse."""
     name = name.replace("%", "%25").replace("/", "%2F")
     return name.replace(".", "%2E") if name.strip(".") == "" else name
 
@@ -448,9 +449,7 @@ def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
     def put(group: Any, node: Tree) -> None:
         for key, value in node.items():
             if isinstance(value, dict):
-                child = group.create_group(_key(key), track_order=True)
-                child.attrs["name"] = key
-                put(child, value)
+                put(group.create_group(_key(key), track_order=True), value)
             elif isinstance(value, np.ndarray):
                 group.create_dataset(_key(key), data=value)
             elif isinstance(value, list):
@@ -472,21 +471,22 @@ def _read_hdf5(path: Path) -> Tree:
         return value.decode() if isinstance(value, bytes) else value
 
     def get(group: Any, depth: int = 0) -> Tree:
-        node: Tree = {k: text(v) for k, v in group.attrs.items() if k != "name"}
+        node: Tree = {key: text(value) for key, value in group.attrs.items()}
         for key in group:
+            name = unquote(key)
             if depth > 3 or not isinstance(group.get(key, getlink=True), h5py.HardLink):
                 raise ValueError(f"a link that does not belong there: {key!r}")
             child = group[key]
             if isinstance(child, h5py.Group):
-                node[str(text(child.attrs["name"]))] = get(child, depth + 1)
+                node[name] = get(child, depth + 1)
             elif child.id.get_create_plist().get_layout() not in plain or child.external:
                 raise ValueError(f"{key!r} is not stored in one piece in this file")
             elif child.nbytes > path.stat().st_size:
                 raise ValueError(f"{key!r} is larger than the file")
             elif h5py.check_string_dtype(child.dtype) is not None:
-                node[key] = child.asstr()[()].tolist()
+                node[name] = child.asstr()[()].tolist()
             else:
-                node[key] = child[()]
+                node[name] = child[()]
         return node
 
     with h5py.File(path, "r") as file:

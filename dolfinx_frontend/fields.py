@@ -1,8 +1,9 @@
 """Displacements and stresses as files that ParaView, VisIt, pyvista and meshio read.
 
 The format is VTK's XML: a multi-block index (``.vtm``) and one unstructured grid (``.vtu``) per
-part.  The cells are Lagrange cells of the displacement's degree, so curved parts and quadratic fields are
-kept as they are; every cell has nodes of its own, so stresses may jump between cells, as they do.
+part.  The cells are Lagrange cells of the displacement's degree, so curved parts and quadratic
+fields are kept as they are; every cell has nodes of its own, so stresses may jump between cells,
+as they do.
 """
 
 from __future__ import annotations
@@ -77,8 +78,8 @@ def stress_function(
     stress = getattr(material, "stress", None)
     if stress is None:
         raise SceneError(
-            f"material {material!r} gives no stress: it needs a method stress(u) that returns a UFL "
-            "expression of shape (d, d)"
+            f"material {material!r} gives no stress: it needs a method stress(u) that returns a "
+            "UFL expression of shape (d, d)"
         )
     d = int(displacement.function_space.mesh.geometry.dim)
     if degree is None:
@@ -104,8 +105,8 @@ def write_fields(
     """Write displacements, and stresses where the materials are known.
 
     The grid of each part has the point data ``displacement`` (length; 3 components), and, with a
-    material that has a ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D XX, YY, XY)
-    and in 3D ``von Mises``.  Their units are those of the scene.
+    material that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D
+    XX, YY, XY) and in 3D ``von Mises``.  Their units are those of the scene.
 
     Parameters
     ----------
@@ -215,7 +216,8 @@ def _write_vtu(
     header = (
         '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="2.2" '
         f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64">\n'
-        f'  <UnstructuredGrid>\n    <Piece NumberOfPoints="{len(x)}" NumberOfCells="{len(types)}">\n'
+        "  <UnstructuredGrid>\n"
+        f'    <Piece NumberOfPoints="{len(x)}" NumberOfCells="{len(types)}">\n'
         f"      <Points>\n{array(x, 'Points')}      </Points>\n"
         f"      <Cells>\n{array(cells.ravel(), 'connectivity')}{array(offsets, 'offsets')}"
         f"{array(types, 'types')}      </Cells>\n      <PointData>\n"

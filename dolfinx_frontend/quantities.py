@@ -220,7 +220,8 @@ class Quantity:
         """Skewness E[z^3], z the standardised quantity; NaN without variance.
 
         The interval is that of large samples, from the influence function
-        z^3 - 3 z - g - 3/2 g (z^2 - 1) of the skewness g (delta method).
+        z^3 - 3 z - g - 3/2 g (z^2 - 1) of the skewness g (delta method); from 1 000 samples of a
+        gamma law of skewness 1 a 95 % interval holds the truth in 90 % of the cases.
         """
         _check_level(level)
         variance = self._moment(2)

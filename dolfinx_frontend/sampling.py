@@ -159,7 +159,7 @@ class SampleResult:
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients (n, P + 1) of the unknowns by projection with the weights."""
         weighted = basis.evaluate(self.germs) * self._probabilities[:, None]
-        out = {
+        out: dict[str, Array] = {
             n: np.zeros((s.size, len(basis))) for n, s in self.problem.substructures.items()
         }
         for part, fields in self.displacements():

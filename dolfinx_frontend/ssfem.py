@@ -1,18 +1,20 @@
-"""Monolithic stochastic finite elements (SSFEM): the oracle of LATIN-PCE and its strong baseline.
+"""Monolithic stochastic finite elements (SSFEM): oracle of LATIN-PCE and its strong baseline.
 
-All interfaces are assembled across and the displacement is a chaos, u = sum_j u_j Psi_j (paper, equations
-14 to 19).  With random spring stiffnesses a = sum_i a_i Psi_i and jumps j = B u of the springs,
+All interfaces are assembled across and the displacement is a chaos, u = sum_j u_j Psi_j (Blanze,
+Champaney, Boucard, ECCOMAS 2004, equations 14 to 19).  With random spring stiffnesses
+a = sum_i a_i Psi_i and jumps j_k = B u_k of the springs,
 
     K_0 u_k + B^T W sum_j A_kj (B u_j - Delta_j) = F_k,    A_kj = sum_i a_i E[Psi_i Psi_j Psi_k],
 
-for all modes k: one system of n (P + 1) unknowns.  K_0 holds the parts and the fixed springs; A is one matrix
-for a uniform parameter and one a point for a random field.  Delta_j and F_j are the coefficients of imposed
-jumps and loads on the basis, so a random stiffness times a random jump is A(a) times the projection of the
-jump: the same definition as in LATIN-PCE.
+for all modes k: one system of n (P + 1) unknowns.  K_0 holds the parts and the fixed springs; A is
+one matrix for a uniform parameter and one a point for a random field.  Delta_j and F_j are the
+coefficients of imposed jumps and loads on the basis, so a random stiffness times a random jump is
+A(a) times the projection of the jump: the same definition as in LATIN-PCE.
 
-The operator is applied and never formed, and conjugate gradients are preconditioned by the factor of its mean
-block, which solves for all modes at once.  Only ``solver="direct"``, for small cases, forms and factorises
-it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov solver, ``latin_reference_`` for the factors.
+The operator is applied and never formed, and conjugate gradients are preconditioned by the factor
+of its mean block, which solves for all modes at once.  Only ``solver="direct"``, for small cases,
+forms and factorises it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov solver,
+``latin_reference_`` for the factors.
 """
 
 from __future__ import annotations
@@ -231,7 +233,7 @@ class _System:
     def _offsets(self) -> dict[str, Array]:
         """Substructure -> prescribed part (n_e, P + 1) of the displacement."""
         parts = self.problem.substructures
-        out = {name: np.zeros((s.size, self.columns)) for name, s in parts.items()}
+        out: dict[str, Array] = {n: np.zeros((s.size, self.columns)) for n, s in parts.items()}
 
         def add(laws: Mapping[str, Law], modes: Array) -> None:
             again = reduce(self.problem, self.problem.interfaces, laws) if laws else self.bodies
@@ -397,12 +399,12 @@ class SSFEMSolution:
     iterations
         Of conjugate gradients; 0 if direct.
     residuals
-        (iterations + 1,) norm of the residual in the inverse of the mean block, relative to the first:
-        the energy error up to the square root of the condition number that `spectrum` tells.
+        (iterations + 1,) norm of the residual in the inverse of the mean block, relative to the
+        first: the energy error up to the square root of the condition number of `spectrum`.
     residual
         True |F - A u| / |F|, Euclidean norm.
     spectrum
-        Smallest and largest Ritz value of the operator, relative to its mean block; (nan, nan) if direct.
+        Smallest and largest Ritz value of the operator relative to its mean block; nan if direct.
     seconds
         ``assembly``, ``factor``, ``iterations`` -> wall time.
     """
@@ -478,8 +480,8 @@ def ssfem(
     chaos
         The basis.
     solver
-        ``"cg"``: conjugate gradients with the mean block as preconditioner; ``"direct"``: Cholesky of the
-        operator, whose memory grows with the square of the number of modes.
+        ``"cg"``: conjugate gradients with the mean block as preconditioner; ``"direct"``: Cholesky
+        of the operator, for small cases: its memory grows faster than the number of modes squared.
     rtol
         Of the residual norm in the inverse of the mean block, which estimates the energy error.
     max_iterations
@@ -492,9 +494,9 @@ def ssfem(
     Raises
     ------
     SceneError
-        An interface that cannot be eliminated, see :func:`reduction.reduce`; a basis that needs more
-        memory than there is; a random field that is prescribed at nodes; an operator that is not
-        positive definite.
+        An interface that cannot be eliminated, see :func:`reduction.reduce`; a basis that needs
+        more memory than there is; a random field that is prescribed at nodes; an operator that is
+        not positive definite.
     """
     if solver not in ("cg", "direct"):
         raise unknown_name("solver", str(solver), ("cg", "direct"), "ssfem")
@@ -504,7 +506,7 @@ def ssfem(
     seconds = {"assembly": perf_counter() - began}
     began = perf_counter()
     if solver == "direct":
-        q = np.empty_like(system.load)
+        q: Array = np.empty_like(system.load)
         try:
             factors = [Cholesky(A) for A in matrices]
             seconds["factor"] = perf_counter() - began
@@ -514,13 +516,15 @@ def ssfem(
         except SceneError as error:
             raise system.indefinite() from error
         seconds["iterations"] = perf_counter() - began
-        converged, residuals, spectrum = True, np.zeros(1), (float("nan"), float("nan"))
+        converged, spectrum = True, (float("nan"), float("nan"))
+        residuals: Array = np.zeros(1)
     else:
         precondition = system.factor()
         # a right-hand side may hide an indefinite operator from conjugate gradients
-        suspect = any(not p.definite for s in system.springs.values() for _, _, p in s.random)
-        if suspect and _smallest(system, precondition, 1e-3) <= 0.0:
-            raise system.indefinite()
+        products = [p for s in system.springs.values() for _, _, p in s.random]
+        if not all(p.definite for p in products):
+            if _smallest(system, precondition, 1e-3) <= 0.0:
+                raise system.indefinite()
         seconds["factor"] = perf_counter() - began
         began = perf_counter()
         q, converged, residuals, spectrum = _conjugate_gradients(
@@ -559,7 +563,7 @@ def _conjugate_gradients(
 ) -> tuple[Array, bool, Array, tuple[float, float]]:
     """Solution (n, P + 1), whether converged, residual history, extreme Ritz values."""
     shape = system.load.shape
-    first = [0.0]
+    norms: list[float] = []
 
     class Operator:
         def mult(self, _: Any, x: Any, y: Any) -> None:
@@ -570,10 +574,9 @@ def _conjugate_gradients(
             y.setArray(precondition(x.getArray(readonly=True).reshape(shape)).ravel())
 
     def monitor(_: Any, iteration: int, norm: float) -> None:
-        if iteration == 0:
-            first[0] = norm
+        norms.append(norm)
         if callback is not None:
-            callback(iteration, norm / first[0] if first[0] > 0.0 else 0.0)
+            callback(iteration, norm / norms[0] if norms[0] > 0.0 else 0.0)
 
     size = system.load.size
     A = PETSc.Mat().createPython(((size, size), (size, size)), Operator(), PETSc.COMM_SELF)
@@ -589,7 +592,6 @@ def _conjugate_gradients(
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(MeanBlock())
-    ksp.setConvergenceHistory(length=max_iterations + 1)
     ksp.setComputeEigenvalues(True)
     ksp.setMonitor(monitor)
     ksp.setFromOptions()
@@ -607,8 +609,7 @@ def _conjugate_gradients(
     R = PETSc.KSP.ConvergedReason
     if reason in (R.DIVERGED_INDEFINITE_MAT, R.DIVERGED_INDEFINITE_PC) or spectrum[0] <= 0.0:
         raise system.indefinite()
-    history = np.array(ksp.getConvergenceHistory())
-    residuals = history / history[0] if len(history) and history[0] > 0.0 else np.zeros(1)
+    residuals = np.array(norms) / norms[0] if norms[0] > 0.0 else np.zeros(1)
     q = np.array(x.getArray()).reshape(shape)
     for petsc in (ksp, A, x, b):
         petsc.destroy()
@@ -619,9 +620,9 @@ def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> f
     """Smallest eigenvalue of the monolithic operator relative to its mean block, no unit.
 
     A x = lambda (K_mean (x) I) x by Lanczos with the factor of the mean block, without shifts.  The
-    operator is positive definite if and only if it is positive.  1 without randomness; for one normal
-    stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share of the
-    mean strain energy that a displacement can have in the springs.
+    operator is positive definite if and only if it is positive.  1 without randomness; for one
+    normal stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share
+    of the mean strain energy that a displacement can have in the springs.
     """
     system = _System(problem, chaos)
     return _smallest(system, system.factor(), rtol)
@@ -654,18 +655,18 @@ def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> 
 def energy_error_modes(
     problem: Problem, coefficients: Mapping[str, Array], reference: Mapping[str, Array]
 ) -> float:
-    """Relative error of displacement modes in the energy norm of the mean structure, over all modes.
+    """Relative error of displacement modes in the energy norm of the mean structure.
 
-    sqrt( a(u - ur) / a(ur) ), where a sums up v_j^T K v_j of the parts and the energy of the elastic
-    interfaces with their mean stiffness, capped as in :func:`reference.energy_error`, over the modes j.
-    The energy of the reference is that of the jumps without the mean of the imposed ones.
+    sqrt( a(u - ur) / a(ur) ), where a sums up v_j^T K v_j of the parts over all modes j, plus the
+    energy of the elastic interfaces with their mean stiffness, capped as in
+    :func:`reference.energy_error`.  Jumps of the reference count without the mean of imposed ones.
 
     Parameters
     ----------
     problem
         Assembled scene.
     coefficients, reference
-        Substructure -> modes (n_e, P + 1) on the same basis; a lower-order chaos may have fewer modes.
+        Substructure -> modes (n_e, P + 1) on the same basis; absent last modes count as 0.
     """
     columns = max(np.shape(u)[1] for group in (coefficients, reference) for u in group.values())
 

@@ -23,7 +23,19 @@ from typing import NamedTuple
 
 LAYERS = ("petsc", "interface", "stochastic", "substructure", "latin")
 COMMON = "common"
-FACE_USERS = ("__init__.py", "bridge.py", "plan.py", "solve.py", "sweep.py")
+FACE_USERS = (
+    "__init__.py",
+    "bridge.py",
+    "chaos.py",
+    "chaos_file.py",
+    "plan.py",
+    "quantities.py",
+    "random.py",
+    "sampling.py",
+    "solve.py",
+    "ssfem.py",
+    "sweep.py",
+)
 FRONTEND_WORDS = ("dolfinx", "dolfinx_frontend", "ufl", "basix", "ffcx")
 
 _INCLUDE = re.compile(r'\s*#\s*include\s*(?:"([^"]+)"|<(latin/[^>]+)>)')

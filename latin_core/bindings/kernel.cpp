@@ -29,8 +29,9 @@ latin::Callback guarded(const py::object& callback) {
 
 void bind_descriptions(py::module_& m) {
   py::class_<latin::Member>(m, "Member", "One substructure of a body: u = Z q + u0")
-      .def(py::init([](std::string name, Mat stiffness, std::optional<latin::SparseRows> prolongation,
-                       latin::Matrix load, std::optional<latin::Matrix> offset) {
+      .def(py::init([](std::string name, Mat stiffness,
+                       std::optional<latin::SparseRows> prolongation, latin::Matrix load,
+                       std::optional<latin::Matrix> offset) {
              latin::SparseRows sparse = latin::petsc::to_sparse(stiffness, name);
              return latin::Member{std::move(name), std::move(sparse),
                                   prolongation ? std::move(*prolongation) : latin::SparseRows{},
@@ -68,14 +69,14 @@ void bind_descriptions(py::module_& m) {
   py::class_<latin::SideDescription>(m, "Side", "One side of an active interface")
       .def(py::init([](std::string member, Mat trace, latin::Vector direction, double scale) {
              latin::SparseRows sparse = latin::petsc::to_sparse(trace, "trace of " + member);
-             return latin::SideDescription{std::move(member), std::move(sparse), std::move(direction),
-                                           scale};
+             return latin::SideDescription{std::move(member), std::move(sparse),
+                                           std::move(direction), scale};
            }),
            py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a);
 
   py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
-      .def(py::init([](std::string name, std::string law, latin::Vector weights, latin::Matrix frames,
-                       std::vector<latin::SideDescription> sides) {
+      .def(py::init([](std::string name, std::string law, latin::Vector weights,
+                       latin::Matrix frames, std::vector<latin::SideDescription> sides) {
              return latin::InterfaceDescription{std::move(name), std::move(law), std::move(weights),
                                                 std::move(frames), std::move(sides)};
            }),
@@ -119,13 +120,14 @@ void bind_iteration(py::module_& m) {
            py::kw_only(), "interface"_a, "parameter"_a, "pattern"_a, "values"_a);
 
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
-      .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations, latin::Index acceleration,
-                       double relaxation, latin::Index stagnation_window, latin::Index snapshots) {
+      .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations,
+                       latin::Index acceleration, double relaxation, latin::Index stagnation_window,
+                       latin::Index snapshots) {
              return latin::Options{rtol,       stop_on_indicator, max_iterations, acceleration,
                                    relaxation, stagnation_window, snapshots};
            }),
-           py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a, "relaxation"_a,
-           "stagnation_window"_a, "snapshots"_a);
+           py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a,
+           "relaxation"_a, "stagnation_window"_a, "snapshots"_a);
 }
 
 py::dict cost_of(const latin::Body& body) {
@@ -166,7 +168,8 @@ void bind_problem(py::module_& m) {
                        const std::string& backend, double memory_limit) {
              const auto options = operator_options(kind, backend, memory_limit);
              const py::gil_scoped_release release;
-             return std::make_unique<latin::Problem>(std::move(bodies), std::move(interfaces), options);
+             return std::make_unique<latin::Problem>(std::move(bodies), std::move(interfaces),
+                                                     options);
            }),
            py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a)
       .def_property_readonly("rows", &latin::Problem::rows)
@@ -183,7 +186,8 @@ void bind_problem(py::module_& m) {
                                }
                                return costs;
                              })
-      .def("set_parameter", &latin::Problem::set_parameter, "interface"_a, "parameter"_a, "values"_a)
+      .def("set_parameter", &latin::Problem::set_parameter, "interface"_a, "parameter"_a,
+           "values"_a)
       .def("parameter", &latin::Problem::parameter, "interface"_a, "parameter"_a)
       .def(
           "set_columns",
@@ -197,8 +201,9 @@ void bind_problem(py::module_& m) {
               entry.forward = py::cast<std::vector<latin::Matrix>>(group["forward"]);
               entry.backward = py::cast<std::vector<latin::Matrix>>(group["backward"]);
               for (const auto& [name, values] : py::cast<py::dict>(group["parameters"])) {
-                entry.parameters.emplace_back(py::cast<std::string>(name),
-                                              latin::ParameterField(py::cast<latin::Matrix>(values)));
+                entry.parameters.emplace_back(
+                    py::cast<std::string>(name),
+                    latin::ParameterField(py::cast<latin::Matrix>(values)));
               }
               columns.push_back(std::move(entry));
             }
@@ -251,8 +256,9 @@ void bind_problem(py::module_& m) {
           "state"_a, "amplitudes"_a)
       .def(
           "solve",
-          [](const latin::Problem& p, const latin::Options& options, const latin::Matrix& amplitudes,
-             const std::vector<const latin::State*>& start, const py::object& callback) {
+          [](const latin::Problem& p, const latin::Options& options,
+             const latin::Matrix& amplitudes, const std::vector<const latin::State*>& start,
+             const py::object& callback) {
             latin::State state;
             latin::Summary summary;
             const auto guard = guarded(callback);

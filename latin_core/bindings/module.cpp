@@ -6,7 +6,8 @@ void bind_kernel(pybind11::module_& m);
 void bind_stochastic(pybind11::module_& m);
 
 PYBIND11_MODULE(_core, m) {
-  m.doc() = "LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks";
+  m.doc() =
+      "LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks";
   pybind11::register_exception<latin::InputError>(m, "InputError", PyExc_ValueError);
   pybind11::register_exception<latin::NumericalError>(m, "NumericalError", PyExc_RuntimeError);
   bind_kernel(m);

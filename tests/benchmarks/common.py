@@ -37,7 +37,7 @@ class Timed(Generic[T]):
 
 
 def timed(call: Callable[[], T], repeats: int = 3, budget: float = 120.0) -> Timed[T]:
-    """Median wall time of a call, repeated until `repeats` times or `budget` seconds are reached."""
+    """Median wall time of a call that runs `repeats` times, fewer if `budget` seconds are over."""
     seconds: list[float] = []
     while True:
         start = perf_counter()
@@ -101,7 +101,7 @@ def parser(name: str, description: str | None) -> argparse.ArgumentParser:
     """Options that all benchmarks have."""
     made = argparse.ArgumentParser(prog=f"./run bench {name}", description=description)
     made.add_argument("--json", type=Path, help="file to write the record to")
-    made.add_argument("--repeats", type=int, default=3, help="of every timed run; the median counts")
+    made.add_argument("--repeats", type=int, default=3, help="timed runs; the median counts")
     return made
 
 

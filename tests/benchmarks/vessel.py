@@ -5,11 +5,11 @@
 * ``dof`` unknowns of all parts, ``unit_s`` seconds of one analysis, factorisation and solve of the
   assembled structure by the faster of PETSc's Cholesky solvers (``unit_solver``);
 * ``latin_plain`` (iteration of 2004, all interfaces), ``latin_all`` (accelerated, all interfaces),
-  ``latin`` (accelerated, joint and screw only) and ``direct`` (what the plan chooses): ``iterations``,
-  ``seconds``, ``units`` = seconds / unit_s, ``energy_error`` against the monolithic solution,
-  ``error_estimate``, ``criterion`` and ``rtol`` at which it stopped. The seconds begin with the
-  matrices of the parts and end with all displacements: they include elimination, factorisation and
-  condensation;
+  ``latin`` (accelerated, joint and screw only) and ``direct`` (what the plan chooses):
+  ``iterations``, ``seconds``, ``units`` = seconds / unit_s, ``energy_error`` against the monolithic
+  solution, ``error_estimate``, ``criterion`` and ``rtol`` at which it stopped. The seconds begin
+  with the matrices of the parts and end with all displacements: they include elimination,
+  factorisation and condensation;
 * ``sweep``, ``sweep_plain``: 13 x 7 parameter sets, ``seconds`` from the matrices to the interface
   fields of all; ``max_energy_error`` at a sample of points that are also solved directly.
 """
@@ -75,7 +75,7 @@ def one_solve(
 
 
 def sweep_energy_errors(vessel: Any, problem: Problem, surface: SweepResult) -> list[float]:
-    """Energy errors at a sample of points, from the interface states of the same sweep run again."""
+    """Energy errors at a sample of points, from the states that the same sweep leaves again."""
     plan = surface.plan
     xi = (vessel.XI_SCREW, vessel.XI_JOINT)
     core = bridge.build(problem, plan)
@@ -91,7 +91,7 @@ def sweep_energy_errors(vessel: Any, problem: Problem, surface: SweepResult) -> 
         core, np.ones((1, 1)), swept, order, plan.active, plan.options, keep_states=True
     )
     assert points.states is not None
-    assert np.array_equal(points.iterations, surface.points.iterations), "the sweep is not repeatable"
+    assert np.array_equal(points.iterations, surface.points.iterations), "not repeatable"
     solver = reference.Monolithic(problem)
     errors = []
     for i, j in vessel.sample(xi):
@@ -132,9 +132,9 @@ def one_sweep(
 def report(record: Mapping[str, Any]) -> None:
     """The record as tables."""
     print(
-        f"{record['dof']} unknowns ({record['unit_dof']} assembled). Unit: {record['unit_s']:.3f} s, "
-        f"{record['unit_solver'].upper()}, the faster of\nPETSc's Cholesky solvers; "
-        f"{record['environment']['threads']} thread(s)\n"
+        f"{record['dof']} unknowns ({record['unit_dof']} assembled). Unit: "
+        f"{record['unit_s']:.3f} s, {record['unit_solver'].upper()}, the faster of\nPETSc's "
+        f"Cholesky solvers; {record['environment']['threads']} thread(s)\n"
     )
     names = ("direct", "latin_plain", "latin_all", "latin")
     rows = [record[name] for name in names]
@@ -155,7 +155,7 @@ def report(record: Mapping[str, Any]) -> None:
     )
     print()
     common.table(
-        ["", "points", "first", "others", "median", "seconds", "units", "max energy error", "stopped at"],
+        ["", "points", "first", "others", "median", "seconds", "units", "max error", "stopped at"],
         [
             [
                 name,

@@ -52,7 +52,9 @@ struct Sample {
   }
 
   [[nodiscard]] Body body(latin::OperatorKind kind, latin::petsc::FactorBackend backend) const {
-    return {{"part", size, {{"part", stiffness, z, load, offset}},
+    return {{"part",
+             size,
+             {{"part", stiffness, z, load, offset}},
              {{"ground", {0}, {ground}, Vector::Constant(1, kappa), Vector::Constant(1, jump)}}},
             {{0, left, weights, direction}, {0, right, weights, direction}},
             {kind, backend, 0.0}};
@@ -84,11 +86,13 @@ TEST_P(BodyOperators, AgreeWithDenseAlgebra) {
   const Matrix full = Matrix(sample.stiffness) + sample.kappa * ground.transpose() * ground +
                       trace.transpose() * w.cwiseProduct(k).asDiagonal() * trace;
   Matrix force = sample.load;
-  force.col(0) -= sample.kappa * sample.jump * ground.transpose();  // f = kappa (-w - jump) on the part
+  force.col(0) -=
+      sample.kappa * sample.jump * ground.transpose();  // f = kappa (-w - jump) on the part
   const Matrix data = random(4, 3, 4);
   const Matrix amplitudes = random(2, 3, 5);
-  const Matrix rhs = z.transpose() * (force * amplitudes + trace.transpose() * w.asDiagonal() * data -
-                                      full * sample.offset * amplitudes);
+  const Matrix rhs =
+      z.transpose() * (force * amplitudes + trace.transpose() * w.asDiagonal() * data -
+                       full * sample.offset * amplitudes);
   const Matrix q = (z.transpose() * full * z).ldlt().solve(rhs);
   const Matrix u = z * q + sample.offset * amplitudes;
 
@@ -115,7 +119,8 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST(Body, CondensesOntoTheUnknownsOfItsSides) {
   const Sample sample;
-  const Body body = sample.body(latin::OperatorKind::automatic, latin::petsc::FactorBackend::automatic);
+  const Body body =
+      sample.body(latin::OperatorKind::automatic, latin::petsc::FactorBackend::automatic);
   EXPECT_EQ(body.active(), 4);
   EXPECT_EQ(body.size(), 8);
 }
@@ -123,7 +128,8 @@ TEST(Body, CondensesOntoTheUnknownsOfItsSides) {
 TEST(Body, SaysWhichPartIsNotDefinite) {
   const Index n = 4;
   try {
-    const Body body({"loose", n, {{"loose", chain::bar(n), {}, chain::end_load(n, 1.0), {}}}, {}}, {}, {});
+    const Body body({"loose", n, {{"loose", chain::bar(n), {}, chain::end_load(n, 1.0), {}}}, {}},
+                    {}, {});
     FAIL() << "a floating bar was factorised";
   } catch (const latin::NumericalError& error) {
     EXPECT_NE(std::string(error.what()).find("loose"), std::string::npos);
@@ -131,6 +137,7 @@ TEST(Body, SaysWhichPartIsNotDefinite) {
 }
 
 TEST(Body, RefusesShapesThatDisagree) {
-  EXPECT_THROW(Body({"bad", 5, {{"bad", chain::bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {}, {}),
-               latin::InputError);
+  EXPECT_THROW(
+      Body({"bad", 5, {{"bad", chain::bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {}, {}),
+      latin::InputError);
 }

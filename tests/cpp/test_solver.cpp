@@ -100,9 +100,9 @@ TEST(Solver, CallbackSeesEveryIterationAndMayStopTheRun) {
   const latin::Problem problem = scene.build();
   State state;
   std::vector<Index> seen;
-  const auto summary = run(problem, state, chain::options(), [&seen](const latin::Iteration& iteration) {
-    seen.push_back(iteration.number);
-  });
+  const auto summary =
+      run(problem, state, chain::options(),
+          [&seen](const latin::Iteration& iteration) { seen.push_back(iteration.number); });
   EXPECT_EQ(static_cast<Index>(seen.size()), summary.iterations);
   State stopped;
   EXPECT_THROW(run(problem, stopped, chain::options(),
@@ -146,11 +146,12 @@ TEST(Sweep, EveryPointMatchesAndLaterPointsAreCheap) {
   const Vector values = Vector::LinSpaced(points, 0.5, 5.0);
   std::vector<latin::SweptParameter> swept;
   for (int joint = 1; joint < 4; ++joint) {
-    swept.push_back({"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values.transpose()});
+    swept.push_back(
+        {"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values.transpose()});
   }
   std::vector<Index> iterations(points);
-  latin::sweep(problem, chain::options(), Matrix::Ones(1, 1), swept, latin::snake_order({points}), {}, {},
-               {}, [&](Index point, const latin::Summary& summary, const State& state) {
+  latin::sweep(problem, chain::options(), Matrix::Ones(1, 1), swept, latin::snake_order({points}),
+               {}, {}, {}, [&](Index point, const latin::Summary& summary, const State& state) {
                  EXPECT_EQ(summary.status, Status::converged);
                  iterations[static_cast<std::size_t>(point)] = summary.iterations;
                  chain::Scene exact = scene;
@@ -168,10 +169,9 @@ TEST(Sweep, StartsFromStatesOfAnEarlierRun) {
   run(problem, state, chain::options());
   const std::vector<latin::SweptParameter> swept{
       {"joint1", "normal", Matrix::Ones(1, 1), Matrix::Constant(1, 1, scene.stiffness)}};
-  latin::sweep(problem, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0}, {state}, {0}, {},
-               [](Index, const latin::Summary& summary, const State&) {
-                 EXPECT_LE(summary.iterations, 3);
-               });
+  latin::sweep(
+      problem, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0}, {state}, {0}, {},
+      [](Index, const latin::Summary& summary, const State&) { EXPECT_LE(summary.iterations, 3); });
 }
 
 TEST(SnakeOrder, VisitsAllPointsInSingleSteps) {

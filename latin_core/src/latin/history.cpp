@@ -78,7 +78,8 @@ void History::fit(ConstMatrixRef residual) {
     projection(slot) = product(slot, residual);
   }
   // unit columns, then drop directions that rounding of the Gram matrix has made meaningless
-  Vector scale = gram_.diagonal().head(size_).cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  Vector scale =
+      gram_.diagonal().head(size_).cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
   scale = scale.cwiseInverse();
   const Matrix scaled = scale.asDiagonal() * gram_.topLeftCorner(size_, size_) * scale.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);

@@ -93,8 +93,8 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
       SideDescription& side = interface.sides[s];
       const auto found = where.find(side.member);
       if (found == where.end()) {
-        throw InputError("interface '" + interface.name + "': unknown substructure '" + side.member +
-                         "'");
+        throw InputError("interface '" + interface.name + "': unknown substructure '" +
+                         side.member + "'");
       }
       entry.flexibility += side.direction.cwiseInverse();
       const auto [body, member] = found->second;
@@ -129,8 +129,9 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
   }
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     if (bodies_[b].loads() != loads_) {
-      throw InputError("body '" + bodies_[b].name() + "' has " + std::to_string(bodies_[b].loads()) +
-                       " load patterns, another has " + std::to_string(loads_));
+      throw InputError("body '" + bodies_[b].name() + "' has " +
+                       std::to_string(bodies_[b].loads()) + " load patterns, another has " +
+                       std::to_string(loads_));
     }
     weights_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].weights();
     directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
@@ -154,7 +155,8 @@ Index Problem::active_unknowns() const {
 }
 
 std::size_t Problem::find_interface(const std::string& name) const {
-  const auto found = std::ranges::find(interfaces_, name, [](const Entry& e) { return e.geometry.name; });
+  const auto found =
+      std::ranges::find(interfaces_, name, [](const Entry& e) { return e.geometry.name; });
   if (found == interfaces_.end()) {
     std::string names;
     for (const Entry& entry : interfaces_) {
@@ -178,7 +180,8 @@ void Problem::set_parameter(const std::string& interface, const std::string& par
                                : entry.geometry.points * entry.geometry.components;
     if (values.rows() != expected && !(values.rows() == 1 && info.shape == Law::Shape::per_point)) {
       throw InputError("interface '" + interface + "': parameter '" + parameter + "' has " +
-                       std::to_string(values.rows()) + " rows, expected " + std::to_string(expected) +
+                       std::to_string(values.rows()) + " rows, expected " +
+                       std::to_string(expected) +
                        (info.shape == Law::Shape::per_point ? " (one a point) or 1"
                                                             : " (one a point and component)"));
     }
@@ -326,7 +329,8 @@ Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef am
     const Index rows = bodies_[b].rows();
     const auto s = data.middleRows(body_rows_[b], rows);
     const auto w = traces.middleRows(body_rows_[b], rows);
-    size.strain += bodies_[b].energy(s, w, s - bodies_[b].directions().asDiagonal() * w, amplitudes);
+    size.strain +=
+        bodies_[b].energy(s, w, s - bodies_[b].directions().asDiagonal() * w, amplitudes);
   }
   size.strain = std::abs(size.strain);
   size.trace = squared_traces(traces);
@@ -353,11 +357,12 @@ double Problem::squared_traces(ConstMatrixRef traces) const {
   return sum;
 }
 
-std::vector<std::pair<std::string, Matrix>> Problem::displacements(ConstMatrixRef data,
-                                                                   ConstMatrixRef amplitudes) const {
+std::vector<std::pair<std::string, Matrix>> Problem::displacements(
+    ConstMatrixRef data, ConstMatrixRef amplitudes) const {
   std::vector<std::pair<std::string, Matrix>> fields;
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
-    auto of_body = bodies_[b].displacements(data.middleRows(body_rows_[b], bodies_[b].rows()), amplitudes);
+    auto of_body =
+        bodies_[b].displacements(data.middleRows(body_rows_[b], bodies_[b].rows()), amplitudes);
     for (std::size_t e = 0; e < of_body.size(); ++e) {
       fields.emplace_back(member_names_[b][e], std::move(of_body[e]));
     }

@@ -26,8 +26,8 @@ void check_options(const Options& options) {
   };
   demand(options.rtol > 0.0 && options.rtol < 1.0,
          "rtol is " + std::to_string(options.rtol) + ": it must lie in (0, 1)");
-  demand(options.max_iterations >= 1, "max_iterations is " + std::to_string(options.max_iterations) +
-                                          ": it must be at least 1");
+  demand(options.max_iterations >= 1,
+         "max_iterations is " + std::to_string(options.max_iterations) + ": it must be at least 1");
   demand(options.acceleration >= 0 && options.acceleration <= 100,
          "acceleration is " + std::to_string(options.acceleration) + ": it must lie in 0..100");
   demand(options.relaxation > 0.0 && options.relaxation <= 1.0,
@@ -220,8 +220,8 @@ std::string to_string(Status status) {
   return "unknown";
 }
 
-Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes, State& state,
-              const std::vector<const State*>& snapshots, const Callback& callback) {
+Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
   check_options(options);
   const Index columns = amplitudes.cols();
   const auto fits = [&problem, columns](const State& each) {

@@ -49,7 +49,8 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     }
     std::vector<std::size_t> nearest(known.size());
     std::iota(nearest.begin(), nearest.end(), std::size_t{0});
-    const auto wanted = std::min(known.size(), static_cast<std::size_t>(std::max<Index>(options.snapshots, 1)));
+    const auto wanted =
+        std::min(known.size(), static_cast<std::size_t>(std::max<Index>(options.snapshots, 1)));
     std::vector<double> away(known.size());
     for (std::size_t i = 0; i < known.size(); ++i) {
       away[i] = (where.col(point) - where.col(known_points[i])).squaredNorm();
@@ -64,7 +65,8 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     State state;
     const Summary summary = solve(problem, options, amplitudes, state, start, callback);
     point_callback(point, summary, state);
-    const bool reproduced = summary.iterations <= 1 && wanted >= static_cast<std::size_t>(options.snapshots);
+    const bool reproduced =
+        summary.iterations <= 1 && wanted >= static_cast<std::size_t>(options.snapshots);
     if (summary.status == Status::converged && !reproduced) {
       known.push_back(std::move(state));
       known_points.push_back(point);

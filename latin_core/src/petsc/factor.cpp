@@ -45,7 +45,8 @@ class CholmodFactor final : public Factor {
       common_.nmethods = 1;
       common_.method[0].ordering = CHOLMOD_METIS;
     }
-    factor_ = cholmod_analyze_p(&matrix, order.empty() ? nullptr : order.data(), nullptr, 0, &common_);
+    factor_ =
+        cholmod_analyze_p(&matrix, order.empty() ? nullptr : order.data(), nullptr, 0, &common_);
     if (factor_ == nullptr) {
       fail(name);
     }
@@ -54,8 +55,8 @@ class CholmodFactor final : public Factor {
       fail(name);
     }
     if (common_.status == CHOLMOD_NOT_POSDEF || factor_->minor < factor_->n) {
-      const std::string where = " (pivot " + std::to_string(factor_->minor) + " of " +
-                                std::to_string(factor_->n) + ")";
+      const std::string where =
+          " (pivot " + std::to_string(factor_->minor) + " of " + std::to_string(factor_->n) + ")";
       release();
       throw NumericalError(not_definite(name, where));
     }
@@ -86,7 +87,8 @@ class CholmodFactor final : public Factor {
       throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
                            " columns (status " + std::to_string(common_.status) + ")");
     }
-    block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(), block.cols());
+    block =
+        Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(), block.cols());
     cholmod_free_dense(&output, &common_);
     return block;
   }
@@ -151,11 +153,11 @@ class CholmodFactor final : public Factor {
   [[noreturn]] void fail(const std::string& name) {
     const int status = common_.status;
     release();
-    throw NumericalError(status == CHOLMOD_OUT_OF_MEMORY
-                             ? "not enough memory to factorise '" + name + "' (" +
-                                   std::to_string(size_) + " unknowns): use a coarser mesh or cut the part"
-                             : "CHOLMOD could not factorise '" + name + "' (status " +
-                                   std::to_string(status) + ")");
+    throw NumericalError(
+        status == CHOLMOD_OUT_OF_MEMORY
+            ? "not enough memory to factorise '" + name + "' (" + std::to_string(size_) +
+                  " unknowns): use a coarser mesh or cut the part"
+            : "CHOLMOD could not factorise '" + name + "' (status " + std::to_string(status) + ")");
   }
 
   void release() {

@@ -21,11 +21,13 @@ void check(PetscErrorCode code, std::string_view doing) {
 
 SparseRows to_sparse(Mat matrix, std::string_view name) {
   PetscMPIInt ranks = 0;
-  if (MPI_Comm_size(PetscObjectComm(reinterpret_cast<PetscObject>(matrix)), &ranks) != MPI_SUCCESS ||
+  if (MPI_Comm_size(PetscObjectComm(reinterpret_cast<PetscObject>(matrix)), &ranks) !=
+          MPI_SUCCESS ||
       ranks != 1) {
-    throw InputError("matrix of '" + std::string(name) +
-                     "' is spread over several ranks: a substructure belongs to one rank, build its "
-                     "mesh on MPI.COMM_SELF");
+    throw InputError(
+        "matrix of '" + std::string(name) +
+        "' is spread over several ranks: a substructure belongs to one rank, build its "
+        "mesh on MPI.COMM_SELF");
   }
   PetscInt rows = 0;
   PetscInt cols = 0;

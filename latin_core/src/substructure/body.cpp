@@ -101,12 +101,13 @@ void check_shapes(const BodyDescription& body) {
     const Index n = member.stiffness.rows();
     const Index loads = body.members.front().load.cols();
     if (member.stiffness.cols() != n || member.load.rows() != n || member.load.cols() != loads ||
-        (member.offset.size() > 0 && (member.offset.rows() != n || member.offset.cols() != loads)) ||
+        (member.offset.size() > 0 &&
+         (member.offset.rows() != n || member.offset.cols() != loads)) ||
         (member.prolongation.size() > 0
              ? (member.prolongation.rows() != n || member.prolongation.cols() != body.size)
              : n != body.size)) {
-      throw InputError("substructure '" + member.name + "': stiffness " + std::to_string(n) + " x " +
-                       std::to_string(member.stiffness.cols()) + ", load " +
+      throw InputError("substructure '" + member.name + "': stiffness " + std::to_string(n) +
+                       " x " + std::to_string(member.stiffness.cols()) + ", load " +
                        std::to_string(member.load.rows()) + " x " +
                        std::to_string(member.load.cols()) + " and prolongation " +
                        std::to_string(member.prolongation.rows()) + " x " +
@@ -125,7 +126,8 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   check_shapes(description);
   std::vector<Member>& members = description.members;
   for (Member& member : members) {
-    prolongations_.push_back(member.prolongation.size() > 0 ? member.prolongation : identity(size_));
+    prolongations_.push_back(member.prolongation.size() > 0 ? member.prolongation
+                                                            : identity(size_));
     member.prolongation = {};
   }
 
@@ -170,7 +172,8 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
 
   // loads, offsets and springs; offsets act through everything elastic: Z^T K u0
   const Index loads = members.empty() ? 0 : members.front().load.cols();
-  const bool shifted = std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
+  const bool shifted =
+      std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
   Matrix load = Matrix::Zero(size_, loads);
   Matrix of_offset = Matrix::Zero(shifted ? size_ : 0, loads);
   Matrix offset_energy = Matrix::Zero(loads, loads);

@@ -15,8 +15,8 @@ namespace latin {
 struct Interface {
   std::string name;
   Index points;
-  Index components;    ///< unknown components at a point, at most the space dimension
-  Vector weights;      ///< (rows) area of the point, repeated for its components
+  Index components;  ///< unknown components at a point, at most the space dimension
+  Vector weights;    ///< (rows) area of the point, repeated for its components
   std::shared_ptr<Law> law;
 };
 

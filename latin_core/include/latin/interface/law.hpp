@@ -30,9 +30,10 @@ class ParameterField {
 /// Rows are point-major: row = components * point + component, in the local frame (normal, then
 /// tangents); columns are whatever the columns of the run are, after the column transform.
 struct LocalProblem {
-  Index components;         ///< unknown components at a point
-  ConstMatrixRef jump;      ///< (rows, c) j0: the jump w2 - w1 that no interface force would leave
-  ConstVectorRef flexibility;  ///< (rows) c = 1/k1 + 1/k2 > 0: how much a unit force closes the jump
+  Index components;     ///< unknown components at a point
+  ConstMatrixRef jump;  ///< (rows, c) j0: the jump w2 - w1 that no interface force would leave
+  ConstVectorRef
+      flexibility;  ///< (rows) c = 1/k1 + 1/k2 > 0: how much a unit force closes the jump
 };
 
 /// A pointwise interface law: a relation f = R(j) between the force f per unit area that the interface

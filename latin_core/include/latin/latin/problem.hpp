@@ -31,9 +31,9 @@ struct Size {
 /// An active interface: the caller's description. One side: boundary interface.
 struct InterfaceDescription {
   std::string name;
-  std::string law;                    ///< see make_law()
-  Vector weights;                     ///< (points) areas, > 0
-  Matrix frames;                      ///< (components * points, dim), orthonormal rows
+  std::string law;                     ///< see make_law()
+  Vector weights;                      ///< (points) areas, > 0
+  Matrix frames;                       ///< (components * points, dim), orthonormal rows
   std::vector<SideDescription> sides;  ///< one or two
 };
 
@@ -75,7 +75,9 @@ class Problem {
   [[nodiscard]] Index active_unknowns() const;
   [[nodiscard]] const std::vector<Body>& bodies() const { return bodies_; }
   [[nodiscard]] std::size_t interfaces() const { return interfaces_.size(); }
-  [[nodiscard]] const Interface& interface(std::size_t i) const { return interfaces_.at(i).geometry; }
+  [[nodiscard]] const Interface& interface(std::size_t i) const {
+    return interfaces_.at(i).geometry;
+  }
   /// @throws InputError with the known names
   [[nodiscard]] std::size_t find_interface(const std::string& name) const;
 

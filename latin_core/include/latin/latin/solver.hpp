@@ -20,19 +20,20 @@ std::string to_string(Status status);
 
 /// All settings of the iteration. Defaults are in Python (latin_core.Options), nowhere else.
 struct Options {
-  double rtol;              ///< tolerance on the measure below
-  bool stop_on_indicator;   ///< false: the k-free error estimate; true: the paper's indicator
+  double rtol;             ///< tolerance on the measure below
+  bool stop_on_indicator;  ///< false: the k-free error estimate; true: the paper's indicator
   Index max_iterations;
   Index acceleration;       ///< depth of Anderson's history; 0: the plain iteration
   double relaxation;        ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)
   Index stagnation_window;  ///< iterations without progress before the run is called stagnated
-  Index snapshots;          ///< earlier states combined for the start of a new point; 0: the nearest alone
+  Index snapshots;  ///< earlier states combined for the start of a new point; 0: the nearest alone
 };
 
 /// One iteration as a callback sees it.
 struct Iteration {
-  Index number;      ///< from 0, of this solve
-  double error;      ///< estimated relative error (k-free, see Size::relative_to), infinity while unknown
+  Index number;  ///< from 0, of this solve
+  double
+      error;  ///< estimated relative error (k-free, see Size::relative_to), infinity while unknown
   double indicator;  ///< the paper's error indicator (depends on k)
   double residual;   ///< |r| in sqrt(W/k), absolute
   double seconds;    ///< since the solve began
@@ -46,7 +47,7 @@ struct Summary {
   Index iterations = 0;  ///< global stages
   double error = 0.0;    ///< last estimate
   double indicator = 0.0;
-  double energy = 0.0;   ///< u^T K u of the answer, summed over columns
+  double energy = 0.0;  ///< u^T K u of the answer, summed over columns
   double global_s = 0.0;
   double local_s = 0.0;
   double other_s = 0.0;  ///< acceleration and error measure
@@ -60,7 +61,7 @@ struct Summary {
 /// @param snapshots  states of other parameter sets with the same loads; the start is the affine
 ///                   combination of them that leaves the smallest residual, at the cost of local stages only
 /// @throws InputError on options out of range
-Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes, State& state,
-              const std::vector<const State*>& snapshots, const Callback& callback);
+Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback);
 
 }  // namespace latin

@@ -117,10 +117,10 @@ class Body {
   Vector weights_;
   Vector direction_;
   std::unique_ptr<petsc::Factor> factor_;
-  Matrix condensed_;         ///< L of the Schur complement, or empty
-  Matrix load_;              ///< right-hand side of the load patterns, with offsets
-  Matrix load_traces_;       ///< T u of the load patterns at s = 0
-  Matrix offset_traces_;     ///< T u0
+  Matrix condensed_;      ///< L of the Schur complement, or empty
+  Matrix load_;           ///< right-hand side of the load patterns, with offsets
+  Matrix load_traces_;    ///< T u of the load patterns at s = 0
+  Matrix offset_traces_;  ///< T u0
   // energy = a^T work_loads a + a^T work_traces^T W s + (w - T u0)^T W f, see energy()
   Matrix work_loads_;
   Matrix work_traces_;

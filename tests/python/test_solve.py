@@ -1,0 +1,374 @@
+"""The plan and its overrides, one solve, and what can be read from its answer."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from time import perf_counter, sleep
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+from dolfinx_frontend import geometry
+from dolfinx_frontend.assembly import Problem, assemble
+from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.laws import Elastic, Law, Perfect
+from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.plan import Direction, make_plan
+from dolfinx_frontend.reference import energy_error, monolithic
+from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.solve import phase_seconds, solve
+from latin_core import InputError, NumericalError, Options, available_backends
+
+TIGHT = Options(rtol=1e-10)
+ENDLESS = Options(rtol=1e-15, max_iterations=10**8, stagnation_window=10**8, acceleration=0)
+"""Together with `FAR` a run that takes minutes."""
+FAR = 1e6
+
+
+def bars(layer: Law | None = None) -> Problem:
+    """Three plates in a row (2D): glue, then an elastic layer; the first is held, the last pulled."""
+    scene = Scene()
+    for k, name in enumerate("abc"):
+        part = geometry.box((1.0, 1.0), (2, 2), (float(k), 0.0))
+        scene.substructure(name, part, LinearElastic(100.0, 0.3), degree=2)
+    scene.interface("glue", "a:x1", "b:x0", Perfect())
+    layer = layer or Elastic(normal=30.0, tangential=10.0, jump=0.01)
+    scene.interface("layer", "b:x1", "c:x0", layer)
+    scene.fix("a:x0", name="wall")
+    scene.traction("c:x1", (1.0, 0.2), name="pull")
+    return assemble(scene)
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return bars()
+
+
+@pytest.fixture(scope="module")
+def reference(problem):
+    return monolithic(problem)
+
+
+# ---------------------------------------------------------------------------------------------
+# Plan
+# ---------------------------------------------------------------------------------------------
+def test_plan_decides_what_is_active(problem):
+    auto = make_plan(problem)
+    assert auto.method == "direct" and auto.active == ()
+    assert auto.eliminated == {
+        "glue": "nodes glued",
+        "layer": "springs assembled",
+        "wall": "unknowns removed",
+        "pull": "load assembled",
+    }
+    assert make_plan(problem, "accelerated").active == ("layer",)
+    assert make_plan(problem, vary=["layer"]).active == ("layer",)
+    assert make_plan(problem, "accelerated", active=["wall", "glue"]).active == ("glue", "wall")
+    paper = make_plan(problem, "latin")
+    assert paper.active == tuple(problem.interfaces) and paper.eliminated == {}
+    assert paper.options.acceleration == 0 and paper.method == "latin"
+    assert make_plan(problem, "latin", active=["layer"]).active == ("layer",)
+    assert make_plan(problem, active="all").active == tuple(problem.interfaces)
+    no_history = make_plan(problem, active="all", options=Options(acceleration=0))
+    assert no_history.method == "latin"
+
+
+def test_plan_tells_its_reasons(problem):
+    text = str(make_plan(problem, "accelerated", direction=2.5))
+    for word in ("layer", "nodes glued", "elastic, between two parts", "k = 2.5 E/L", "1e-06"):
+        assert word in text
+    assert text.count("because") == len(make_plan(problem, "accelerated").decisions)
+
+
+def test_plan_refuses(problem):
+    with pytest.raises(SceneError, match=r"unknown interface 'layr'.*did you mean 'layer'"):
+        make_plan(problem, active=["layr"])
+    with pytest.raises(SceneError, match=r"search direction: unknown interface 'gleu'.*'glue'"):
+        make_plan(problem, direction=Direction(given={"gleu": 1.0}))
+    with pytest.raises(SceneError, match=r"'direct' cannot be used: layer must stay active"):
+        make_plan(problem, "direct", active=["layer"])
+    with pytest.raises(SceneError, match=r"method 'newton' is not known: use 'auto', 'direct'"):
+        make_plan(problem, "newton")
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_directions_are_positive(problem, bad):
+    with pytest.raises(SceneError, match=f"factor is {bad}: it must be positive"):
+        make_plan(problem, direction=bad)
+    with pytest.raises(SceneError, match=f"length is {bad}"):
+        Direction(length=bad)
+    with pytest.raises(SceneError, match="'layer' must be positive and finite"):
+        Direction(given={"layer": bad})
+
+
+def test_directions_are_what_was_asked_for(problem):
+    """One factor, one length, one interface, one value a point."""
+    points = problem.interfaces["glue"].num_points
+    rising = np.linspace(1.0, 2.0, points)
+    direction = Direction(factor=2.0, length=4.0, given={"layer": 7.0, "glue": rising})
+    core = solve(problem, active="all", direction=direction).core
+    modulus = problem.substructures["a"].modulus
+    for name, exact in (
+        ("wall", 2.0 * modulus / 4.0), ("layer", 7.0), ("glue", np.repeat(rising, 2))
+    ):
+        rows = core.first_rows(name)
+        assert len(rows) == len(problem.interfaces[name].sides)
+        for row in rows:
+            values = core.directions[row : row + 2 * problem.interfaces[name].num_points]
+            assert values == pytest.approx(exact)
+    wrong = Direction(given={"layer": np.ones(points + 1)})
+    with pytest.raises(SceneError, match=r"'layer', parameter 'search direction'.*wrong shape"):
+        solve(problem, active="all", direction=wrong)
+
+
+# ---------------------------------------------------------------------------------------------
+# Answer
+# ---------------------------------------------------------------------------------------------
+def test_direct_solution_is_the_monolithic_one(problem, reference):
+    result = solve(problem)
+    assert result.converged and result.iterations == 0 and result.error == 0.0
+    assert energy_error(problem, result.displacements, reference) < 1e-12
+
+
+@pytest.mark.parametrize("active", [(), ["layer"], "all"])
+def test_energy_is_that_of_the_parts(active):
+    """u^T K u, whatever is eliminated (springs that are assembled into a body would count in it)."""
+    problem = bars(Perfect()) if not active else bars()
+    result = solve(problem, active=active, options=TIGHT)
+    exact = sum(
+        u @ (problem.substructures[name].matrix @ u) for name, u in monolithic(problem).u.items()
+    )
+    assert result.summary.energy == pytest.approx(exact, rel=1e-8)
+
+
+def test_fields_of_active_and_eliminated_interfaces_agree(problem, reference):
+    kept = solve(problem, active="all", options=TIGHT)
+    for name in ("layer", "pull", "wall"):
+        assert name in kept.plan.active
+        gone = solve(problem) if name != "wall" else None
+        force, jump = kept.force(name), kept.jump(name)
+        assert force.shape == jump.shape == (problem.interfaces[name].num_points, 2)
+        if gone is not None:
+            assert gone.force(name) == pytest.approx(force, rel=1e-7, abs=1e-8)
+            assert gone.jump(name) == pytest.approx(jump, rel=1e-7, abs=1e-9)
+    assert kept.force("layer") == pytest.approx(reference.forces["layer"], rel=1e-7)
+    assert np.abs(kept.jump("glue")).max() < 1e-9
+    # the glue and the wall carry the load: action and reaction over the whole section
+    for name in ("glue", "layer", "wall"):
+        interface = problem.interfaces[name]
+        total = interface.weights @ kept.force(name)
+        axes = interface.frames[0] if name != "wall" else np.eye(2)
+        assert axes.T @ total == pytest.approx([1.0, 0.2] if name != "wall" else [-1.0, -0.2])
+
+
+def test_force_of_an_eliminated_perfect_interface_is_not_known(problem):
+    result = solve(problem)
+    for name in ("glue", "wall"):
+        with pytest.raises(SceneError, match=rf"'{name}' was eliminated .*active=\['{name}'\]"):
+            result.force(name)
+    with pytest.raises(SceneError, match=r"unknown interface 'leyer'.*'layer'"):
+        result.force("leyer")
+    with pytest.raises(SceneError, match=r"unknown substructure 'd'.*'a', 'b', 'c'"):
+        result.displacement("d")
+
+
+def test_frictionless_interfaces_have_normal_components_only():
+    scene = Scene()
+    for k, name in enumerate("ab"):
+        part = geometry.box((1.0, 1.0), (2, 2), (float(k), 0.0))
+        scene.substructure(name, part, LinearElastic(100.0, 0.3), degree=1)
+    scene.interface("layer", "a:x1", "b:x0", Elastic(normal=30.0))
+    scene.symmetry(["a:y0", "b:y0"])
+    scene.fix("a:x0", components=0)
+    scene.traction("b:x1", (1.0, 0.0))
+    result = solve(assemble(scene), active="all", options=TIGHT)
+    assert result.force("layer").shape == (4, 1)
+    assert result.force("layer") == pytest.approx(1.0)
+    assert result.jump("layer") == pytest.approx(1.0 / 30.0)
+
+
+def test_displacement_is_a_dolfinx_function(problem, reference):
+    result = solve(problem, "accelerated", options=TIGHT)
+    u = result.displacement("c")
+    assert isinstance(u, fem.Function) and u.function_space == problem.substructures["c"].V
+    assert u.x.array == pytest.approx(reference.u["c"], rel=1e-8)
+    assert "converged" in repr(result) and f"{result.iterations} iterations" in repr(result)
+
+
+def test_time_is_accounted_for(problem):
+    result = solve(problem, "accelerated")
+    phases = phase_seconds(result)
+    assert set(phases) == {"assemble", "factorise", "condense", "global", "local", "other"}
+    assert all(value >= 0.0 for value in phases.values())
+    assert sum(phases.values()) <= sum(result.seconds.values())
+    assert result.summary.history[-1].seconds <= result.seconds["solve"]
+    assert sum(cost["unknowns"] for cost in result.core.costs) == result.core.unknowns
+
+
+# ---------------------------------------------------------------------------------------------
+# Start
+# ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("active", [None, "all"])
+def test_starting_from_the_answer_takes_no_time(problem, active):
+    first = solve(problem, "accelerated", active=active, options=TIGHT)
+    for start in (first, first.state):
+        again = solve(problem, plan=first.plan, start=start)
+        assert again.converged and again.iterations <= 2
+        for name, u in first.displacements.items():
+            assert again.displacements[name] == pytest.approx(u, rel=1e-8, abs=1e-10)
+
+
+def test_start_does_not_change_the_answer(problem, reference):
+    """A state of other directions, whose data mean something else, is only a start like any other."""
+    other = solve(problem, active="all", direction=30.0, options=TIGHT)
+    result = solve(problem, active="all", direction=1.0, options=TIGHT, start=other)
+    assert result.converged
+    assert energy_error(problem, result.displacements, reference) < 1e-8
+
+
+def test_start_of_another_plan(problem):
+    other = solve(problem, active="all")
+    with pytest.raises(InputError, match=r"start state has shape \(\d+, 1\), this problem needs"):
+        solve(problem, "accelerated", start=other)
+
+
+# ---------------------------------------------------------------------------------------------
+# End
+# ---------------------------------------------------------------------------------------------
+def test_statuses(problem):
+    short = solve(problem, active="all", options=Options(rtol=1e-12, max_iterations=7))
+    assert short.status == "max_iterations" and short.iterations == 7 and not short.converged
+    assert len(short.summary.history) == 7
+    # below rounding nothing can be reached: the run says so instead of going on for ever
+    options = Options(rtol=1e-15, max_iterations=10**6, stagnation_window=50)
+    floor = solve(problem, active="all", direction=1e-3, options=options)
+    assert floor.status == "stagnated" and floor.iterations < 10_000
+    assert solve(problem, active="all", options=TIGHT).status == "converged"
+
+
+def test_criterion_is_what_is_stopped_on(problem):
+    by_error = solve(problem, active="all", options=Options(rtol=1e-5))
+    assert by_error.error <= 1e-5
+    by_indicator = solve(problem, active="all", options=Options(rtol=1e-5, criterion="indicator"))
+    assert by_indicator.summary.indicator <= 1e-5
+    assert by_indicator.iterations != by_error.iterations
+    with pytest.raises(ValueError, match="criterion 'residual' is not known: use 'error' or"):
+        Options(criterion="residual")
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"rtol": 0.0}, r"rtol is 0\.0+: it must lie in \(0, 1\)"),
+        ({"rtol": 1.5}, r"rtol is 1\.50+"),
+        ({"rtol": np.nan}, r"rtol is nan"),
+        ({"max_iterations": 0}, r"max_iterations is 0: it must be at least 1"),
+        ({"acceleration": -1}, r"acceleration is -1: it must lie in 0\.\.100"),
+        ({"acceleration": 101}, r"acceleration is 101"),
+        ({"relaxation": 0.0}, r"relaxation is 0\.0+: it must lie in \(0, 1\]"),
+        ({"relaxation": 1.1}, r"relaxation is 1\.10+"),
+        ({"operator": "inverse"}, r"operator 'inverse': use 'automatic', 'condensed' or"),
+        ({"backend": "lu"}, r"backend 'lu': use 'automatic' or one of .*mumps"),
+    ],
+)
+def test_options_out_of_range(problem, change, message):
+    with pytest.raises(ValueError, match=message):
+        solve(problem, "accelerated", options=Options().with_(**change))
+
+
+def test_callback_sees_every_iteration(problem):
+    seen = []
+    result = solve(problem, active="all", callback=seen.append)
+    assert [each.number for each in seen] == list(range(1, result.iterations + 1))
+    assert [each.error for each in seen] == [each.error for each in result.summary.history]
+    assert seen[-1].error == result.error and seen[-1].indicator == result.summary.indicator
+    assert all(a.seconds <= b.seconds for a, b in zip(seen, seen[1:], strict=False))
+    assert seen[-1].residual < 1e-3 * seen[0].residual
+
+
+def test_exceptions_of_callbacks_end_the_run(problem):
+    class Enough(Exception):
+        pass
+
+    seen = []
+
+    def stop(iteration):
+        seen.append(iteration.number)
+        if iteration.number == 3:
+            raise Enough("three")
+
+    with pytest.raises(Enough, match="three"):
+        solve(problem, active="all", options=TIGHT, callback=stop)
+    assert seen == [1, 2, 3]
+    assert solve(problem, active="all", options=TIGHT).converged
+
+
+def test_interrupt_in_a_callback(problem):
+    seen = []
+
+    def stop(iteration):
+        seen.append(iteration.number)
+        if iteration.number == 5:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem, active="all", direction=FAR, options=ENDLESS, callback=stop)
+    assert seen == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("with_callback", [False, True])
+def test_interrupt_from_outside(problem, with_callback):
+    """Ctrl-C while the kernel computes is answered within one iteration, with or without a callback."""
+    pressed: list[float] = []
+    seen: list[float] = []
+
+    def press():
+        sleep(0.2)
+        pressed.append(perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=press)
+    thread.start()
+    callback = (lambda iteration: seen.append(perf_counter())) if with_callback else None
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem, active="all", direction=FAR, options=ENDLESS, callback=callback)
+    answered = perf_counter()
+    thread.join()
+    assert answered - pressed[0] < 1.0
+    assert sum(time > pressed[0] for time in seen) <= 2
+
+
+# ---------------------------------------------------------------------------------------------
+# Matrices
+# ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_not_a_number_in_a_matrix(value):
+    spoilt = bars()
+    matrix = spoilt.substructures["b"].stiffness
+    matrix.setValue(3, 3, value)
+    matrix.assemble()
+    with pytest.raises(InputError, match="'b' holds a NaN or infinity in row 3"):
+        solve(spoilt, "accelerated")
+
+
+def test_indefinite_matrix():
+    spoilt = bars()
+    matrix = spoilt.substructures["c"].stiffness
+    matrix.scale(-1.0)
+    with pytest.raises(NumericalError, match=r"'c'.*not positive definite"):
+        solve(spoilt, "accelerated")
+
+
+def test_unlimited_or_no_memory_for_condensation(problem):
+    """A limit of one byte leaves the sparse factor; asking for what a backend cannot do is an error."""
+    sparse = solve(problem, active="all", options=TIGHT.with_(memory_limit=1.0))
+    dense = solve(problem, active="all", options=TIGHT.with_(memory_limit=0.0))
+    assert not any(cost["condensed"] for cost in sparse.core.costs)
+    assert all(cost["condensed"] for cost in dense.core.costs) == ("cholmod" in available_backends())
+    for name, u in dense.displacements.items():
+        assert sparse.displacements[name] == pytest.approx(u, rel=1e-7, abs=1e-9)
+    with pytest.raises(InputError, match="'mumps' does not condense: use operator 'factored'"):
+        solve(problem, active="all", options=Options(operator="condensed", backend="mumps"))
