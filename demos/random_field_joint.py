@@ -74,8 +74,7 @@ largest = result.quantity(
     samples=20_000,
 )
 truncation = result.truncation("joint", points=8)
-stress = result.force("joint")[:, 0]
-deviation = result.force_std("joint")[:, 0]
+stress, deviation = (moment[:, 0] for moment in result.force_moments("joint"))
 print(f"""
 mean normal stress on the joint     {stress.min():8.3f} to {stress.max():8.3f} MPa
 its standard deviation              {deviation.min():8.3f} to {deviation.max():8.3f} MPa

@@ -38,6 +38,7 @@ from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import Result, solve
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import SweepResult, sweep
+from dolfinx_frontend.uncertain import StochasticResult
 from latin_core import Options
 
 __all__ = [
@@ -73,6 +74,7 @@ __all__ = [
     "SampleResult",
     "Scene",
     "SceneError",
+    "StochasticResult",
     "Substructure",
     "SweepResult",
     "Symmetry",

@@ -15,6 +15,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
@@ -25,12 +26,14 @@ from latin_core import Iteration, Options, State, stochastic
 
 from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem
+from dolfinx_frontend.chaos_file import Field, save_chaos, to_openturns
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol
 from dolfinx_frontend.solve import Result, start_states
 from dolfinx_frontend.stochastic import RandomLaws, Source
+from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample
 
 __all__ = [
     "ChaosResult",
@@ -303,7 +306,7 @@ class TruncationError:
 
 
 @dataclass
-class ChaosResult(Result):
+class ChaosResult(Result, StochasticResult):
     """Answer of one LATIN-PCE run; fields have one column a chaos mode.
 
     Attributes
@@ -346,23 +349,19 @@ class ChaosResult(Result):
             self._blocks = self.core.displacements(self.state, amplitudes)
         return self._blocks[substructure]
 
-    def mean(self, substructure: str) -> fem.Function:
-        """Mean displacement."""
-        return self._function(substructure, self.coefficients(substructure)[:, 0], "mean")
+    def field_moments(self, substructure: str) -> tuple[Array, Array]:
+        """Mean and standard deviation (n,) of the unknowns of a substructure, length."""
+        block = self.coefficients(substructure)
+        return block[:, 0], np.sqrt(np.sum(block[:, 1:] ** 2, axis=1))
 
-    def std(self, substructure: str) -> fem.Function:
-        """Standard deviation of each displacement component."""
-        deviation = np.sqrt(np.sum(self.coefficients(substructure)[:, 1:] ** 2, axis=1))
-        return self._function(substructure, deviation, "deviation")
+    def force_moments(self, interface: str) -> tuple[Array, Array]:
+        """Mean and standard deviation (m, components) of the force per area on side 1."""
+        block = self.force_coefficients(interface)
+        return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
 
     def mode(self, substructure: str, index: int) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
         return self._function(substructure, self.coefficients(substructure)[:, index], f"u{index}")
-
-    def _function(self, substructure: str, values: Array, name: str) -> fem.Function:
-        function = fem.Function(self.problem.substructures[substructure].V, name=name)
-        function.x.array[:] = values
-        return function
 
     def force_coefficients(self, interface: str) -> Array:
         """Chaos coefficients (m, components, P + 1) of the force per area on side 1."""
@@ -386,11 +385,6 @@ class ChaosResult(Result):
     def jump(self, interface: str) -> Array:
         """Mean jump, (m, components)."""
         return self.jump_coefficients(interface)[..., 0]
-
-    def force_std(self, interface: str) -> Array:
-        """Standard deviation of the force per area, (m, components)."""
-        deviation: Array = np.sqrt(np.sum(self.force_coefficients(interface)[..., 1:] ** 2, axis=-1))
-        return deviation
 
     def sobol(self, interface: str) -> dict[str, Sobol]:
         """Sobol indices (m * components,) of the interface force, by random source."""
@@ -425,16 +419,35 @@ class ChaosResult(Result):
             Samples evaluated at once: bounds the memory.
         """
         points = self.space.sample(samples, seed)
-        values = [
-            np.asarray(function(self.at(points[i : i + chunk])), dtype=np.float64)
-            for i in range(0, samples, chunk)
-        ]
-        if any(v.ndim != 1 for v in values):
-            raise SceneError(
-                f"quantity {name!r}: the function returned shape {values[0].shape} for {chunk} samples; "
-                "return one number a sample"
-            )
-        return Quantity(name=name, unit=unit, values=np.concatenate(values), weights=None, kind="random")
+        parts = [points[i : i + chunk] for i in range(0, samples, chunk)]
+        values = [one_number_a_sample(function(self.at(p)), len(p), name) for p in parts]
+        return Quantity(
+            name=name, unit=unit, values=np.concatenate(values), weights=None, kind="random"
+        )
+
+    def save_chaos(self, path: str | Path, substructures: Sequence[str] = ()) -> None:
+        """Write the chaos of all active interfaces (force, jump) and of the named substructures.
+
+        The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
+        """
+        fields = {}
+        for name in self.plan.active:
+            for what, block, unit in (
+                ("force", self.force_coefficients(name), "force / area"),
+                ("jump", self.jump_coefficients(name), "length"),
+            ):
+                fields[f"{what}:{name}"] = Field(
+                    block.reshape(-1, self.modes), unit, block.shape[:2], f"{what} of {name}"
+                )
+        for name in substructures:
+            fields[f"displacement:{name}"] = Field(self.coefficients(name), "length")
+        meta = {"order": int(self.chaos.order), "error": self.error, "status": self.status}
+        save_chaos(path, self.space, self.basis, fields, meta)
+
+    def to_openturns(self, interface: str, inputs: Literal["parameters", "germs"] = "parameters") -> Any:
+        """The force (m * components outputs) of an active interface as OpenTURNS' chaos result."""
+        block = self.force_coefficients(interface).reshape(-1, self.modes)
+        return to_openturns(self.space, self.basis, block, inputs=inputs)
 
     def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
         """Estimate the error of the truncation in the force of an interface.

@@ -25,9 +25,10 @@ from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
-from dolfinx_frontend.random import DiscretisedField
+from dolfinx_frontend.random import DiscretisedField, RandomSpace
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import Progress, warn_unconverged
+from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample
 
 __all__ = [
     "SampleFields",
@@ -60,7 +61,7 @@ class SampleFields:
 
 
 @dataclass
-class SampleResult:
+class SampleResult(StochasticResult):
     """Answers at points of the germs.
 
     Attributes
@@ -86,6 +87,7 @@ class SampleResult:
     points: SweepPoints = field(repr=False)
     seconds: dict[str, float]
     core: Any = field(repr=False)
+    _moments: dict[str, tuple[Array, Array]] | None = field(default=None, repr=False)
 
     @property
     def iterations(self) -> npt.NDArray[np.int64]:
@@ -96,6 +98,11 @@ class SampleResult:
     def error(self) -> Array:
         """(N,) estimated relative error of every point."""
         return self.points.error
+
+    @property
+    def space(self) -> RandomSpace:
+        """The germs."""
+        return self.random.space
 
     @property
     def converged(self) -> bool:
@@ -136,8 +143,15 @@ class SampleResult:
             )
             yield part, self.core.displacements(state, np.ones((1, len(states))))
 
-    def moments(self) -> dict[str, tuple[Array, Array]]:
-        """Substructure -> mean and standard deviation (n,) of its unknowns."""
+    def field_moments(self, substructure: str) -> tuple[Array, Array]:
+        """Mean and standard deviation (n,) of the unknowns of a substructure, length."""
+        if substructure not in self.problem.substructures:
+            raise unknown_name("substructure", substructure, self.problem.substructures, "samples")
+        if self._moments is None:
+            self._moments = self._all_moments()
+        return self._moments[substructure]
+
+    def _all_moments(self) -> dict[str, tuple[Array, Array]]:
         first = {n: np.zeros(s.size) for n, s in self.problem.substructures.items()}
         second = {n: np.zeros(s.size) for n, s in self.problem.substructures.items()}
         shift: dict[str, Array] = {}
@@ -155,6 +169,14 @@ class SampleResult:
             variance = second[name] / total - mean**2
             out[name] = (base + mean, np.sqrt(np.maximum(variance, 0.0)))
         return out
+
+    def force_moments(self, interface: str) -> tuple[Array, Array]:
+        """Mean and standard deviation (m, components) of the force per area on side 1."""
+        samples = self.force(interface)
+        weights = self._probabilities / self._probabilities.sum()
+        mean = np.einsum("n,npc->pc", weights, samples)
+        variance = np.einsum("n,npc->pc", weights, (samples - mean) ** 2)
+        return mean, np.sqrt(np.maximum(variance, 0.0))
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients (n, P + 1) of the unknowns by projection with the weights."""
@@ -174,12 +196,9 @@ class SampleResult:
         unit: str = "",
     ) -> Quantity:
         """A scalar quantity of interest; `function` takes the fields and returns (N,) values."""
-        values = np.asarray(function(SampleFields(self.germs, self)), dtype=np.float64)
-        if values.shape != (len(self.germs),):
-            raise SceneError(
-                f"quantity {name!r}: the function returned shape {values.shape} for "
-                f"{len(self.germs)} samples; return one number a sample"
-            )
+        values = one_number_a_sample(
+            function(SampleFields(self.germs, self)), len(self.germs), name
+        )
         return Quantity(name=name, unit=unit, values=values, weights=self.weights, kind=self.kind)
 
     def __repr__(self) -> str:

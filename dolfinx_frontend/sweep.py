@@ -110,16 +110,28 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
 
 
 def _fingerprint(problem: Problem, plan: Plan) -> str:
-    """Hash of what makes two runs the same: parts, interfaces, laws, plan."""
+    """Hash of what makes two runs the same: parts, loads, interfaces, laws, plan.
+
+    Numbers count with nine digits, so that another order of summation is no other run.
+    """
     digest = hashlib.sha256()
+
+    def add(name: str, values: npt.ArrayLike) -> None:
+        data = np.asarray(values, dtype=np.float64).ravel()
+        size = float(np.abs(data).max(initial=0.0))
+        digits = np.round(data / (size or 1.0), 9) + 0.0  # no negative zeros
+        digest.update(f"{name} {data.size} {size:.9e}".encode() + digits.tobytes())
+
     for part in problem.substructures.values():
-        digest.update(f"{part.name} {part.size} {part.volume:.9e} {part.modulus:.6e}".encode())
+        add(part.name, part.size)
+        for what in (part.volume, part.stiffness.norm(), part.load):
+            add("part", what)
     for name, interface in problem.interfaces.items():
-        digest.update(f"{name} {interface.num_points} {interface.area:.9e}".encode())
         fields = bridge.law_fields(interface)
+        add(f"{name} {type(interface.law).__name__}", interface.weights)
         for parameter, values in sorted(fields.parameters.items()):
-            digest.update(parameter.encode() + np.round(values, 12).tobytes())
-    digest.update(repr((plan.active, plan.direction)).encode())
+            add(parameter, values)
+    digest.update(f"{plan.method} {plan.active} {plan.direction}".encode())
     return digest.hexdigest()
 
 
@@ -221,6 +233,7 @@ def sweep(
                 "fingerprint": _fingerprint(problem, plan),
                 "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
                 "rtol": plan.options.rtol,
+                "criterion": plan.options.criterion,
             },
             point_done,
             callback,

@@ -26,7 +26,13 @@ from dolfinx_frontend.random import (
     TruncatedNormal,
     Uniform,
 )
-from dolfinx_frontend.sampling import monte_carlo, quasi_monte_carlo, tensor_quadrature
+from dolfinx_frontend.chaos_file import load_chaos
+from dolfinx_frontend.sampling import (
+    monte_carlo,
+    quasi_monte_carlo,
+    sparse_quadrature,
+    tensor_quadrature,
+)
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
 from dolfinx_frontend.ssfem import energy_error_modes, ssfem
@@ -197,7 +203,7 @@ def test_error_falls_with_the_order_against_quadrature(paper: Problem) -> None:
     truth = tensor_quadrature(
         paper, 10, plan_options=Options(rtol=1e-9), keep_states=True, progress=False
     )
-    moments = truth.moments()
+    moments = {name: truth.field_moments(name) for name in paper.substructures}
     mean_size = np.sqrt(sum(np.sum(m**2) for m, _ in moments.values()))
     std_size = np.sqrt(sum(np.sum(s**2) for _, s in moments.values()))
     errors = []
@@ -337,3 +343,26 @@ def test_random_parameters_without_effect_are_dropped_and_said(two_blocks: Probl
 def test_without_chaos_the_mean_is_taken_and_said(paper: Problem) -> None:
     result = solve(paper)
     assert "at the mean" in str(result.plan)
+
+
+def test_chaos_and_samples_answer_alike(two_blocks: Problem, tmp_path: Any) -> None:
+    k = Uniform("k", mean=50.0, cov=0.2)
+    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    chaos = solve_chaos(problem, 6, options=TIGHT)
+    settings: dict[str, Any] = {"plan_options": TIGHT, "progress": False, "keep_states": True}
+    for other in (tensor_quadrature(problem, 7, **settings), sparse_quadrature(problem, 6, **settings)):
+        for name in problem.substructures:
+            assert np.allclose(chaos.mean(name).x.array, other.mean(name).x.array, atol=1e-8)
+            assert np.allclose(chaos.std(name).x.array, other.std(name).x.array, atol=1e-6)
+        blocks = other.coefficients(chaos.basis)["right"]
+        size = np.abs(blocks).max()
+        assert np.abs(blocks[:, :5] - chaos.coefficients("right")[:, :5]).max() < 1e-5 * size
+    chaos.save_chaos(tmp_path / "chaos.json", ["right"])
+    loaded = load_chaos(tmp_path / "chaos.json")
+    germs = chaos.space.sample(4, 0)
+    again = loaded.evaluate("jump:layer", germs)  # (m, components, N)
+    assert np.allclose(np.moveaxis(again, -1, 0), chaos.at(germs).jump("layer"))
+    openturns = pytest.importorskip("openturns")
+    result = chaos.to_openturns("layer", inputs="germs")
+    value = np.array(result.getMetaModel()(openturns.Point(germs[0])))
+    assert np.allclose(value, chaos.at(germs[:1]).force("layer").ravel(), atol=1e-9)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import sqlite3
+import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -45,33 +46,44 @@ class Checkpoint:
                 f"checkpoint {self.path}: folder {self.path.parent} does not exist: make it first"
             )
         try:
-            if self.path.exists() and self.path.stat().st_size > 0:
-                with self.path.open("rb") as file:
-                    if file.read(16) != b"SQLite format 3\x00":
-                        raise sqlite3.DatabaseError("not a checkpoint file")
-            self._db = sqlite3.connect(self.path)
-            with self._db:
-                self._db.execute("create table if not exists header (text text)")
-                self._db.execute(
-                    "create table if not exists point (number integer primary key, arrays blob)"
-                )
-            rows = self._db.execute("select text from header").fetchall()
-            if self._db.execute("pragma quick_check").fetchone() != ("ok",):
-                raise sqlite3.DatabaseError("damaged")
+            theirs = self._open(mine)
         except sqlite3.DatabaseError as error:
             raise CheckpointError(
                 f"checkpoint {self.path} cannot be read ({error}): move it away to start anew"
             ) from error
-        if not rows:
-            with self._db:
-                self._db.execute("insert into header values (?)", (mine,))
-        elif rows[0][0] != mine:
+        if theirs != mine:
             self._db.close()
             raise CheckpointError(
                 f"checkpoint {self.path} belongs to another run or version: give another file "
-                f"name, or move it away\n  in the file: {rows[0][0][:300]}\n"
+                f"name, or move it away\n  in the file: {theirs[:300]}\n"
                 f"  this run:    {mine[:300]}"
             )
+
+    def _open(self, mine: str) -> str:
+        """Connect to the file and return its header; a new one is given mine."""
+        if self.path.exists() and self.path.stat().st_size > 0:
+            with self.path.open("rb") as file:
+                if file.read(16) != b"SQLite format 3\x00":
+                    raise sqlite3.DatabaseError("not a checkpoint file")
+        self._db = sqlite3.connect(self.path)
+        try:
+            if self._db.execute("select count(*) from sqlite_master").fetchone() == (0,):
+                with self._db:
+                    self._db.execute("begin")  # all of it or nothing
+                    self._db.execute("create table header (text text)")
+                    self._db.execute(
+                        "create table point (number integer primary key, arrays blob)"
+                    )
+                    self._db.execute("insert into header values (?)", (mine,))
+            if self._db.execute("pragma quick_check").fetchone() != ("ok",):
+                raise sqlite3.DatabaseError("damaged")
+            row = self._db.execute("select text from header").fetchone()
+            if row is None:
+                raise sqlite3.DatabaseError("not a checkpoint file")
+            return str(row[0])
+        except sqlite3.DatabaseError:
+            self._db.close()
+            raise
 
     def append(self, number: int, arrays: Mapping[str, npt.ArrayLike]) -> None:
         """Write one finished point; when this returns, it is on the disk."""
@@ -90,7 +102,7 @@ class Checkpoint:
             for number, blob in self._db.execute(query):
                 with np.load(io.BytesIO(blob), allow_pickle=False) as arrays:
                     yield number, dict(arrays)
-        except (sqlite3.DatabaseError, ValueError, OSError, EOFError) as error:
+        except (sqlite3.DatabaseError, zipfile.BadZipFile, ValueError, OSError, EOFError) as error:
             raise CheckpointError(
                 f"checkpoint {self.path} is damaged ({error}): move it away to start anew"
             ) from error
