@@ -26,13 +26,15 @@ SOFT, STIFF = 5.0, 200.0
 GRID = {"layer.normal": np.geomspace(SOFT, STIFF, 4), "bolt.jump": [-0.02, -0.01, 0.0]}
 
 
-def plates(load: float = 1.0, body_force: tuple[float, float] | None = None) -> Problem:
+def plates(
+    load: float = 1.0, body_force: tuple[float, float] | None = None, normal: float = 30.0
+) -> Problem:
     """Three plates in a row (2D): an elastic layer, then a bolt that is given by its total stiffness."""
     scene = Scene()
     for k, name in enumerate("abc"):
         part = geometry.box((1.0, 2.0), (2, 2), (float(k), 0.0))
         scene.substructure(name, part, LinearElastic(100.0, 0.3), 1, body_force)
-    scene.interface("layer", "a:x1", "b:x0", Elastic(normal=30.0, tangential=10.0))
+    scene.interface("layer", "a:x1", "b:x0", Elastic(normal=normal, tangential=10.0))
     bolt = Elastic(normal=60.0, tangential=60.0, jump=-0.01, total=True)
     scene.interface("bolt", "b:x1", "c:x0", bolt)
     scene.fix("a:x0", name="wall")
@@ -95,7 +97,7 @@ def test_later_points_profit_from_earlier_ones(problem):
     grid = {"layer.normal": np.linspace(20.0, 40.0, 9)}
     warm = sweep(problem, grid, active="all", options=options, progress=False)
     cold = sum(
-        solve(plates_with(k), active="all", options=options).iterations
+        solve(plates(normal=k), active="all", options=options).iterations
         for k in grid["layer.normal"][1:]
     )
     rest = warm.points.iterations[warm.points.order[1:]].sum()
@@ -103,15 +105,6 @@ def test_later_points_profit_from_earlier_ones(problem):
     nearest = options.with_(snapshots=1)
     single = sweep(problem, grid, active="all", options=nearest, progress=False)
     assert single.converged.all() and rest <= single.iterations.sum()
-
-
-def plates_with(normal: float) -> Problem:
-    """The plates with another layer."""
-    problem = plates()
-    laws = problem.laws(values={"layer.normal": normal})
-    interface = problem.interfaces["layer"]
-    object.__setattr__(interface, "law", laws["layer"])
-    return problem
 
 
 def test_tuple_is_one_axis(problem):
