@@ -48,6 +48,7 @@ Tree: TypeAlias = dict[str, Any]
 
 FORMAT = "latin-chaos"
 VERSION = 1
+_USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
 
 
 class ChaosFileError(ValueError):
@@ -443,6 +444,29 @@ def _key(name: str) -> str:
     return name.replace(".", "%2E") if name.strip(".") == "" else name
 
 
+def _digest(path: Path) -> bytes:
+    """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
+    with path.open("rb") as file:
+        file.seek(_USER_BLOCK)
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    return f"{FORMAT} sha256 {found}\n".encode()
+
+
+def _seal(path: Path) -> None:
+    line = _digest(path)
+    with path.open("r+b") as file:
+        file.write(line)
+
+
+def _check_seal(path: Path) -> None:
+    """Before the HDF5 library sees the file: on some damaged ones it never returns."""
+    wanted = _digest(path)
+    with path.open("rb") as file:
+        found = file.read(len(wanted))
+    if found != wanted:
+        raise ValueError("its first line is not the checksum of the rest")
+
+
 def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
     h5py = _h5py()
 
@@ -457,10 +481,12 @@ def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
             else:
                 group.attrs[key] = value
 
-    # the layout since HDF5 1.8 has checksums on everything but the data
-    with h5py.File(path, "w", libver=("v108", "v108"), track_order=True) as file:
+    # the layout of HDF5 1.8 has room for long attributes
+    layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
+    with h5py.File(path, "w", track_order=True, **layout) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, "checksum": checksum})
         put(file, tree)
+    _seal(path)
 
 
 def _read_hdf5(path: Path) -> Tree:
@@ -489,6 +515,7 @@ def _read_hdf5(path: Path) -> Tree:
                 node[name] = child[()]
         return node
 
+    _check_seal(path)
     with h5py.File(path, "r") as file:
         return get(file)
 
@@ -925,6 +952,7 @@ def to_openturns(
             f"to_openturns: OpenTURNS {ot.__version__} makes a FunctionalChaosResult in another "
             f"way; install OpenTURNS 1.24 or newer ({error})"
         ) from error
+    result.setIsLeastSquares(False)
     return result
 
 

@@ -17,7 +17,16 @@ from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
-from latin_core import Iteration, Options, Summary, SweepPoints, SweptParameter, snake_order
+from latin_core import (
+    Iteration,
+    Options,
+    State,
+    Summary,
+    SweepPoints,
+    SweptParameter,
+    snake_order,
+)
+from latin_core import Problem as Kernel
 from latin_core import sweep as kernel_sweep
 
 __all__ = ["SweepResult", "sweep"]
@@ -47,7 +56,7 @@ class SweepResult:
     axes: dict[str, Array]
     points: SweepPoints
     seconds: dict[str, float]
-    _names: tuple[str, ...] = field(repr=False, default=())
+    core: Kernel = field(repr=False)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -83,6 +92,15 @@ class SweepResult:
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1 of an active interface, (grid..., m, components), local frame."""
         return self._field(self.points.jumps, interface)
+
+    def displacements(self, *index: int) -> dict[str, Array]:
+        """Substructure -> (n,) unknowns at one point of the grid; interior fields are recovered here."""
+        if self.points.states is None:
+            raise SceneError("the states of the points were not kept: sweep with keep_states=True")
+        data, traces = self.points.states[np.ravel_multi_index(index, self.shape)]
+        state = State(data.reshape(-1, 1), traces.reshape(-1, 1))
+        fields = self.core.displacements(state, np.ones((1, 1)))
+        return {name: values[:, 0] for name, values in fields.items()}
 
     def __repr__(self) -> str:
         done = int((self.points.iterations >= 0).sum())
@@ -147,6 +165,7 @@ def sweep(
     checkpoint: str | Path | None = None,
     progress: bool = True,
     callback: Callable[[Iteration], None] | None = None,
+    keep_states: bool = False,
 ) -> SweepResult:
     """Solve for every point of a grid of law parameters.
 
@@ -168,6 +187,8 @@ def sweep(
         True: a progress bar if on a terminal.
     callback
         Called after every iteration.
+    keep_states
+        Keep the interface states, from which displacements can be recovered.
 
     Raises
     ------
@@ -237,13 +258,14 @@ def sweep(
             },
             point_done,
             callback,
+            keep_states,
         )
     finally:
         if bar is not None:
             bar.close()
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): values for key, values in axes.items()}
-    return SweepResult(problem, plan, named, points, seconds)
+    return SweepResult(problem, plan, named, points, seconds, core)
 
 
 def warn_unconverged(what: str, point: int, summary: Summary) -> None:

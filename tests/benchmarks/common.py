@@ -23,6 +23,8 @@ import dolfinx
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_frontend import Problem, reference
+
 ROOT = Path(__file__).resolve().parents[2]
 T = TypeVar("T")
 
@@ -45,6 +47,12 @@ def timed(call: Callable[[], T], repeats: int = 3, budget: float = 120.0) -> Tim
         seconds.append(perf_counter() - start)
         if len(seconds) >= repeats or sum(seconds) >= budget:
             return Timed(value, statistics.median(seconds), len(seconds))
+
+
+def unit(problem: Problem, repeats: int) -> reference.Unit:
+    """The unit of cost; measured twice, because the first run of a solver initialises libraries."""
+    measured = [reference.unit(problem, max(3, repeats)) for _ in range(2)]
+    return min(measured, key=lambda each: each.seconds)
 
 
 def demo(name: str) -> ModuleType:

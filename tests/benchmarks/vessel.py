@@ -183,7 +183,7 @@ def main() -> None:
     vessel = common.demo("bolted_vessel")
     _, scene = vessel.build_scene(options.size)
     problem = assemble(scene)
-    unit = reference.unit(problem, repeats=max(3, options.repeats))
+    unit = common.unit(problem, options.repeats)
     exact = reference.monolithic(problem, solver=unit.solver)
     record: dict[str, Any] = {
         "benchmark": "vessel",

@@ -52,6 +52,12 @@ def reference(problem):
     return monolithic(problem)
 
 
+@pytest.fixture
+def interrupts() -> None:
+    """Ctrl-C is Python's again: OpenTURNS, if another test imported it, ends the process on it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 # ---------------------------------------------------------------------------------------------
 # Plan
 # ---------------------------------------------------------------------------------------------
@@ -306,7 +312,7 @@ def test_exceptions_of_callbacks_end_the_run(problem):
     assert solve(problem, active="all", options=TIGHT).converged
 
 
-def test_interrupt_in_a_callback(problem):
+def test_interrupt_in_a_callback(problem, interrupts):
     seen = []
 
     def stop(iteration):
@@ -320,7 +326,7 @@ def test_interrupt_in_a_callback(problem):
 
 
 @pytest.mark.parametrize("with_callback", [False, True])
-def test_interrupt_from_outside(problem, with_callback):
+def test_interrupt_from_outside(problem, interrupts, with_callback):
     """Ctrl-C while the kernel computes is answered within one iteration, with or without a callback."""
     pressed: list[float] = []
     seen: list[float] = []

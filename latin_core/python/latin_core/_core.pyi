@@ -117,8 +117,8 @@ class SweptParameter:
         *,
         interface: str,
         parameter: str,
-        pattern: Array,  # (rows or 1, 1)
-        values: Array,  # (points,)
+        pattern: Array,  # (rows or 1, r)
+        values: Array,  # (r, points)
     ) -> None: ...
 
 class Options:

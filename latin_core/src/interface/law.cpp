@@ -4,6 +4,8 @@
 #include <cmath>
 
 #include "latin/common/error.hpp"
+#include "latin/interface/contact.hpp"
+#include "latin/interface/coulomb.hpp"
 #include "latin/interface/elastic.hpp"
 #include "latin/interface/force.hpp"
 #include "latin/interface/perfect.hpp"
@@ -43,8 +45,11 @@ const ParameterField& Law::get(const std::string& parameter) const {
 }
 
 std::unique_ptr<Law> make_law(const std::string& name) {
-  if (name == "perfect") {
-    return std::make_unique<PerfectLaw>();
+  if (name == "contact") {
+    return std::make_unique<ContactLaw>();
+  }
+  if (name == "coulomb") {
+    return std::make_unique<CoulombLaw>();
   }
   if (name == "elastic") {
     return std::make_unique<ElasticLaw>();
@@ -52,7 +57,10 @@ std::unique_ptr<Law> make_law(const std::string& name) {
   if (name == "force") {
     return std::make_unique<ForceLaw>();
   }
-  throw InputError("unknown law '" + name + "'; known: elastic, force, perfect");
+  if (name == "perfect") {
+    return std::make_unique<PerfectLaw>();
+  }
+  throw InputError("unknown law '" + name + "'; known: contact, coulomb, elastic, force, perfect");
 }
 
 }  // namespace latin

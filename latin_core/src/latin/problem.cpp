@@ -236,6 +236,13 @@ void Problem::set_columns(const std::string& interface, std::vector<LawColumns> 
   entry.groups = std::move(groups);
 }
 
+void Problem::set_steps(Index steps) {
+  if (steps < 1) {
+    throw InputError("a history has " + std::to_string(steps) + " time steps: give at least one");
+  }
+  steps_ = steps;
+}
+
 void Problem::global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const {
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     const Body& body = bodies_[b];
@@ -266,14 +273,14 @@ void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force
   const Index components = entry.geometry.components;
   force.resize(free_jump.rows(), free_jump.cols());
   if (entry.groups.empty()) {
-    entry.geometry.law->resolve({components, free_jump, entry.flexibility}, force);
+    entry.geometry.law->resolve({components, free_jump, entry.flexibility, steps_}, force);
     return;
   }
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
     const Matrix samples = transformed(group.forward, free_jump, components);
     Matrix forces(samples.rows(), samples.cols());
-    entry.group_laws[g]->resolve({components, samples, entry.flexibility}, forces);
+    entry.group_laws[g]->resolve({components, samples, entry.flexibility, steps_}, forces);
     const Matrix back = transformed(group.backward, forces, components);
     for (Index component = group.begin; component < group.end; ++component) {
       const auto rows = Eigen::seqN(component, entry.geometry.points, components);

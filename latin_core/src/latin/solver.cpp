@@ -36,6 +36,8 @@ void check_options(const Options& options) {
 
 /// Depth of the history that only observes, where nothing is accelerated.
 constexpr Index observing_depth = 10;
+/// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
+constexpr double progress = 0.9;
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 
@@ -87,14 +89,17 @@ class Run {
     local();
     double best_norm = std::numeric_limits<double>::infinity();
     double first_norm = -1.0;
-    double best_error = std::numeric_limits<double>::infinity();
+    double norm_then = std::numeric_limits<double>::infinity();
+    double error_then = std::numeric_limits<double>::infinity();
     Index last_progress = 0;
     for (;;) {
       const auto measuring = Clock::now();
       history_.fit(residual_);
       const double norm = history_.norm(residual_);
       const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
-      const double error = history_.error(size);
+      const double error = norm > 0.0 && own_ < own_before_estimate()
+                               ? std::numeric_limits<double>::infinity()
+                               : history_.error(size);
       summary_.error = error;
       summary_.energy = size.strain;
       summary_.indicator = indicator();
@@ -119,19 +124,27 @@ class Run {
         summary_.status = Status::max_iterations;
         break;
       }
-      if (norm < 0.99 * best_norm || error < 0.99 * best_error) {
+      if (norm < progress * norm_then || error < progress * error_then) {
         last_progress = summary_.iterations;
+        norm_then = std::min(norm, norm_then);
+        error_then = std::min(error, error_then);
       } else if (summary_.iterations - last_progress > options_.stagnation_window) {
         summary_.status = Status::stagnated;
         break;
       }
-      best_error = std::min(best_error, error);
       advance(norm, best_norm);
     }
     return summary_;
   }
 
  private:
+  /// Steps of its own that a run needs before its error estimate is believed. Slow parts of an error hide
+  /// behind fast ones at first, and snapshots share the errors that were left in all of them; an
+  /// accelerated run separates them in one step, a plain one needs its whole history.
+  [[nodiscard]] Index own_before_estimate() const {
+    return options_.acceleration > 0 ? 1 : observing_depth;
+  }
+
   void global() {
     const auto start = Clock::now();
     problem_.global_stage(state_.data, amplitudes_, state_.traces);
@@ -168,6 +181,7 @@ class Run {
     local();
     const auto pushing = Clock::now();
     history_.push(step_, residual_ - old_residual, state_.traces - old_traces);
+    ++own_;
     summary_.other_s += since(pushing);
   }
 
@@ -201,6 +215,7 @@ class Run {
   Matrix residual_;
   Matrix step_;
   Summary summary_;
+  Index own_ = 0;  ///< differences in the history that are this run's
   Clock::time_point start_;
 };
 

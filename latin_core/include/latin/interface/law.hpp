@@ -32,8 +32,10 @@ class ParameterField {
 struct LocalProblem {
   Index components;     ///< unknown components at a point
   ConstMatrixRef jump;  ///< (rows, c) j0: the jump w2 - w1 that no interface force would leave
-  ConstVectorRef
-      flexibility;  ///< (rows) c = 1/k1 + 1/k2 > 0: how much a unit force closes the jump
+  /// (rows) c = 1/k1 + 1/k2 > 0: how much a unit force closes the jump
+  ConstVectorRef flexibility;
+  /// columns that follow each other in time; a law with history starts anew after so many
+  Index steps = 1;
 };
 
 /// A pointwise interface law: a relation f = R(j) between the force f per unit area that the interface
@@ -75,7 +77,7 @@ class Law {
   std::map<std::string, ParameterField> fields_;
 };
 
-/// Law by name: "perfect", "elastic", "force" with their parameters at zero.
+/// Law by name ("contact", "coulomb", "elastic", "force", "perfect") with its parameters at zero.
 /// @throws InputError with the known names.
 std::unique_ptr<Law> make_law(const std::string& name);
 

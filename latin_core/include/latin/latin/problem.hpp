@@ -90,6 +90,9 @@ class Problem {
   ///         disagree
   void set_columns(const std::string& interface, std::vector<LawColumns> groups);
 
+  /// Columns that are the time steps of one history, in order; laws with history follow them.
+  void set_steps(Index steps);
+
   /// w of all sides, (rows, c).
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
   /// r = f^ + k w^ - s, (rows, c).
@@ -146,6 +149,7 @@ class Problem {
   Vector trace_metric_;  ///< scale * W
   Index rows_ = 0;
   Index loads_ = 0;
+  Index steps_ = 1;
 };
 
 }  // namespace latin
