@@ -9,7 +9,16 @@ from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ss
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
 from dolfinx_frontend.chaos import ChaosResult, IndefiniteError, NearlyIndefiniteWarning
 from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Displacement, Elastic, Law, Perfect, Pressure, Symmetry, Traction
+from dolfinx_frontend.laws import (
+    Contact,
+    Displacement,
+    Elastic,
+    Law,
+    Perfect,
+    Pressure,
+    Symmetry,
+    Traction,
+)
 from dolfinx_frontend.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Plan, make_plan
@@ -45,6 +54,7 @@ __all__ = [
     "Beta",
     "Chaos",
     "ChaosResult",
+    "Contact",
     "Correlated",
     "Direction",
     "Displacement",

@@ -451,6 +451,8 @@ def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Pro
             tuple(s.space for s in members),
             joint.quadrature_degree,
             joint.max_distance,
+            joint.space,
+            joint.overlap,
         )
         _check_law(interface)
         interfaces[name] = interface

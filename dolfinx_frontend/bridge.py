@@ -14,7 +14,16 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly import Problem, forces, jumps, resolve, stiffnesses
 from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Displacement, Elastic, Law, Perfect, Pressure, Symmetry, Traction
+from dolfinx_frontend.laws import (
+    Contact,
+    Displacement,
+    Elastic,
+    Law,
+    Perfect,
+    Pressure,
+    Symmetry,
+    Traction,
+)
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.reduction import Body, reduce
@@ -23,6 +32,12 @@ from latin_core import NumericalError, _core
 __all__ = ["KERNEL_NAMES", "LawFields", "build", "definite", "kernel_parameter", "law_fields"]
 
 Array = npt.NDArray[np.float64]
+
+TOUCHING = 1e-6
+"""Interpenetration, as a share of the face's size, that is rounding of the mesh."""
+
+CONTACT = 1.0
+"""Search direction on contact interfaces, as a share of factor * E / L."""
 
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, as a share of factor * E / L."""
@@ -73,6 +88,8 @@ def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
         }
         frames: Array = interface.frames[:, :components].reshape(components * m, d)
         return LawFields("elastic", components, frames, parameters)
+    if isinstance(law, Contact):
+        return _contact(interface, law)
     if isinstance(law, Displacement):
         axes = list(law.axes(d))
         frames = np.tile(np.eye(d)[axes], (m, 1))
@@ -87,6 +104,36 @@ def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
     raise SceneError(
         f"interface {interface.name!r}: the kernel has no law for {type(law).__name__}"
     )
+
+
+def _contact(interface: Interface, law: Contact) -> LawFields:
+    d, m = interface.dim, interface.num_points
+    components = d if law.rubs else 1
+    gap = interface.gap[:, None] if law.gap is None else resolve(law.gap, interface, 1, name="gap")
+    depth = -float(gap.min())
+    if law.gap is None and not law.interference and depth > TOUCHING * np.sqrt(interface.area):
+        raise SceneError(
+            f"interface {interface.name!r}: the faces are meshed inside each other, by up to {depth:.4g}: "
+            "mend the geometry, give the gap, or pass interference=True if that is meant"
+        )
+    parameters: dict[str, Array] = {"gap": gap, "compliance": np.zeros((m, 1))}
+    if law.stiffness is not None:
+        stiffness = resolve(law.stiffness, interface, 1, name="stiffness")
+        if stiffness.min() <= 0.0:
+            raise SceneError(
+                f"interface {interface.name!r}: contact stiffness {stiffness.min():g}: it must be > 0"
+            )
+        parameters["compliance"] = 1.0 / stiffness
+    for name in ("friction", "threshold") if law.rubs else ():
+        value = getattr(law, name)
+        values = np.zeros((m, 1)) if value is None else resolve(value, interface, 1, name=name)
+        if values.min() < 0.0:
+            raise SceneError(f"interface {interface.name!r}: {name} {values.min():g} is negative")
+        parameters[name] = values
+    jump = resolve(law.jump, interface, d, "first", "jump")[:, :components]
+    parameters["jump"] = jump.reshape(-1, 1)
+    frames = interface.frames[:, :components].reshape(components * m, d)
+    return LawFields("coulomb" if law.rubs else "contact", components, frames, parameters)
 
 
 # user's parameter -> kernel's parameter, where the names differ
@@ -141,6 +188,8 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
+    if isinstance(interface.law, Contact):
+        k = CONTACT * k
     return k.ravel()
 
 

@@ -23,6 +23,7 @@ from dolfinx_frontend.errors import SceneError
 
 __all__ = [
     "Array",
+    "Contact",
     "Displacement",
     "Elastic",
     "Law",
@@ -272,6 +273,63 @@ class Elastic(Law):
             return value is not None and not (is_plain(value) and not np.any(np.asarray(value)))
 
         return (some(self.normal),) + (some(self.tangential),) * (dim - 1)
+
+
+@dataclass(frozen=True)
+class Contact(Law):
+    """Unilateral contact, with or without dry friction; one-sided: against rigid ground.
+
+    With the opening g = j_n - Delta_n + g0: f_n <= 0, g >= 0, f_n g = 0. With friction the tangential
+    force is bounded, |f_t| <= mu |f_n| + tau, and slips along its own direction at the bound.
+
+    Parameters
+    ----------
+    gap
+        g0, length; negative: interference. None: the distance of the two faces as they are meshed.
+    friction
+        mu >= 0. None: no friction, and no tangential unknowns.
+    threshold
+        tau >= 0, force / area (Tresca's law where mu is 0). None: none.
+    stiffness
+        Normal stiffness per area in compression, force / length^3. None: rigid.
+    jump
+        Delta, length: a number is the component along n, d components are in the local frame. A bolt
+        that was shortened by 0.2 mm has jump = -0.2.
+    interference
+        Accept faces that are meshed inside each other as an interference; otherwise that is an error.
+    """
+
+    gap: Any = None
+    friction: Any = None
+    threshold: Any = None
+    stiffness: Any = None
+    jump: Any = 0.0
+    interference: bool = False
+
+    def __post_init__(self) -> None:
+        if self.gap is not None:
+            self._check("gap", self.gap)
+        for name in ("friction", "threshold", "stiffness"):
+            value = getattr(self, name)
+            if value is not None:
+                self._check(name, value, 0.0, f"{name} is >= 0 and finite")
+        self._check("jump", self.jump)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there are tangential forces."""
+        return any(
+            value is not None and not (is_plain(value) and not np.any(np.asarray(value)))
+            for value in (self.friction, self.threshold)
+        )
+
+    def parameters(self) -> dict[str, Any]:
+        names = ("gap", "friction", "threshold", "stiffness", "jump")
+        return {k: getattr(self, k) for k in names if getattr(self, k) is not None}
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        # as long as it is closed; whether it is, only the solution tells
+        return (True,) + (self.rubs,) * (dim - 1)
 
 
 @dataclass(frozen=True)

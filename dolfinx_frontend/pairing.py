@@ -22,8 +22,9 @@ from petsc4py import PETSc as _PETSc
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.errors import SceneError, SceneWarning
-from dolfinx_frontend.laws import Array, Law
-from dolfinx_frontend.scene import PartLike
+from dolfinx_frontend.facets import OPPOSED, Averages, average
+from dolfinx_frontend.laws import Array, Elastic, Law
+from dolfinx_frontend.scene import Overlap, PartLike, Space
 
 __all__ = [
     "FacetMap",
@@ -45,9 +46,6 @@ Ints = npt.NDArray[np.int64]
 
 MAX_DISTANCE = 0.25
 """Default of the largest distance between the sides, as a fraction of the facet size."""
-
-_OPPOSED = -0.5
-"""Two sides face each other if the product of their unit normals is below this."""
 
 
 def petsc_matrix(matrix: sp.csr_matrix) -> Any:
@@ -83,6 +81,8 @@ def coordinate_element(mesh: dmesh.Mesh) -> Any:
 
 def tabulate(element: Any, derivatives: int, x: Array) -> Array:
     """Scalar shape functions, (1 [+ tdim], points, functions): values, then first derivatives."""
+    if not len(x):  # basix ends the process
+        return np.zeros((1 + derivatives * x.shape[1], 0, element.dim))
     return np.asarray(element.tabulate(derivatives, x))[:, :, :, 0]
 
 
@@ -146,6 +146,8 @@ class Interface:
         None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
     tangent_axis
         Global axis whose projection is t1 (3D).
+    space
+        ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Interface:
     sides: tuple[Side, ...]
     matching: Ints | None = field(repr=False)
     tangent_axis: int = field(repr=False)
+    space: Space = "points"
 
     @property
     def dim(self) -> int:
@@ -170,7 +173,7 @@ class Interface:
 
     @property
     def area(self) -> float:
-        """Area of side 1."""
+        """Area of side 1, of its covered part if the sides overlap partly."""
         return float(self.weights.sum())
 
     @property
@@ -348,7 +351,8 @@ class FacetMap:
         """
         s = np.full((len(index), self.dim - 1), 1 / 3 if self.dim == 3 else 0.5)
         active = np.arange(len(index))
-        for _ in range(30):
+        affine = self.order == 1 and self.facet_cell != basix.CellType.quadrilateral
+        for _ in range(2 if affine else 30):  # one step does it; the second polishes
             x, jacobian = self.push_forward(index[active], s[active])
             tangents = jacobian @ self.tangents[self.local[index[active]]]
             residual = points[active] - x
@@ -465,14 +469,12 @@ def _side(
     face: str,
     space: Any,
     facets: FacetMap,
-    index: Ints,
-    s: Array,
+    shape: sp.csr_matrix,
     own: tuple[sp.csr_matrix, Array, Array] | None = None,
 ) -> Side:
-    """A side, sampled at the given points; `own`: trace, weights, normals at its own points."""
+    """A side with its trace; `own`: shape functions, weights, normals at points of its own."""
     nodes = facets.face_nodes(space)
     columns = space.dofmap.index_map.size_local
-    shape = facets.trace(space, index, s, columns)
     if own is None:
         degree = 2 * space.element.basix_element.degree
         own_index, own_s, w = facets.quadrature(degree)
@@ -548,7 +550,7 @@ def _project(facets: FacetMap, points: Array, normals: Array) -> tuple[Ints, Arr
         _, n2, _ = facets.surface(which, inner)
         distance = np.linalg.norm(points[who] - x, axis=1)
         # a sheet that looks away is no partner as long as another one is there
-        away = np.einsum("pi,pi->p", normals[who], n2) > _OPPOSED
+        away = np.einsum("pi,pi->p", normals[who], n2) > OPPOSED
         score = distance + np.where(away, 1e3 * facets.sizes.max(), 0.0)
         order = np.lexsort((score, who))
         first = np.ones(len(order), dtype=bool)
@@ -586,7 +588,7 @@ def _check_pairing(
     """Raise unless every point of side 1 has a partner that faces it."""
     offset = x2 - points
     distance = np.linalg.norm(offset, axis=1)
-    away = np.einsum("pi,pi->p", normals, n2) > _OPPOSED
+    away = np.einsum("pi,pi->p", normals, n2) > OPPOSED
     far = distance > limit * sizes
     bad = away | far
     total = weights.sum()
@@ -636,6 +638,50 @@ def _match(
     return np.stack([first.nodes, nodes2], axis=1)
 
 
+@dataclass(frozen=True)
+class _Samples:
+    """Interface points with the traces of both sides, for one component."""
+
+    points: Array
+    normals: Array
+    weights: Array
+    shapes: tuple[sp.csr_matrix, ...]
+    gap: Array
+
+
+def _sample_points(
+    first: FacetMap,
+    second: FacetMap | None,
+    spaces: tuple[Any, ...],
+    where: str,
+    names: tuple[str, ...],
+    limit: float,
+    quadrature_degree: int | None,
+) -> _Samples:
+    """The space ``points``: quadrature points of side 1 and their closest points on side 2."""
+    degree = quadrature_degree
+    if degree is None:
+        highest = max(s.element.basix_element.degree for s in spaces)
+        degree = 2 * highest + first.order - 1
+    index, s, w = first.quadrature(degree)
+    points, normals, area = first.surface(index, s)
+    weights = w * area
+    if not np.all(np.isfinite(weights)) or weights.min() <= 0.0:
+        raise SceneError(f"{where}: facets of {names[0]} have no area; mend the mesh")
+    columns = [v.dofmap.index_map.size_local for v in spaces]
+    shape = first.trace(spaces[0], index, s, columns[0])
+    if second is None:
+        return _Samples(points, normals, weights, (shape,), np.zeros(len(points)))
+    index2, s2, x2, n2 = _project(second, points, normals)
+    sizes = np.maximum(first.sizes[index], second.sizes[index2])
+    _check_pairing(
+        where, (names[0], names[1]), points, normals, weights, sizes, x2, n2, limit
+    )
+    gap = np.einsum("pi,pi->p", x2 - points, normals)
+    shape2 = second.trace(spaces[1], index2, s2, columns[1])
+    return _Samples(points, normals, weights, (shape, shape2), gap)
+
+
 def make_interface(
     name: str,
     law: Law,
@@ -644,6 +690,8 @@ def make_interface(
     spaces: tuple[Any, ...],
     quadrature_degree: int | None = None,
     max_distance: float | None = None,
+    space: Space = "points",
+    overlap: Overlap = "full",
 ) -> Interface:
     """Interface points, traces and pairing.
 
@@ -658,65 +706,70 @@ def make_interface(
         straight simplex is exact.
     max_distance
         Largest distance of the sides, as a fraction of the facet size; None: 1/4.
+    space
+        ``"points"`` or ``"facets"``, see :mod:`dolfinx_frontend.facets`.
+    overlap
+        With ``"facets"``: whether side 2 covers all of side 1 (``"full"``) or may cover a part.
 
     Raises
     ------
     SceneError
-        Facets that do not face each other, faces that are empty or inside a part.
+        Facets that do not face each other or overlap, faces that are empty or inside a part.
 
     Warns
     -----
     SceneWarning
-        Areas that differ by more than 1 %.
+        Areas that differ by more than 1 %; more facets than nodes (linear triangles).
     """
     where = f"interface {name!r}"
-    first = FacetMap(parts[0], labels[0][1], where)
-    degree = quadrature_degree
-    if degree is None:
-        highest = max(s.element.basix_element.degree for s in spaces)
-        degree = 2 * highest + first.order - 1
-    index, s, w = first.quadrature(degree)
-    points, normals, area = first.surface(index, s)
-    weights = w * area
-    if not np.all(np.isfinite(weights)) or weights.min() <= 0.0:
-        raise SceneError(f"{where}: facets of {':'.join(labels[0])} have no area; mend the mesh")
-    local, axis = frames(normals)
-
-    columns = spaces[0].dofmap.index_map.size_local
-    own = (first.trace(spaces[0], index, s, columns), weights, normals)
-    sides = [_side(*labels[0], spaces[0], first, index, s, own)]
-    gap = np.zeros(len(points))
+    names = tuple(":".join(label) for label in labels)
+    limit = MAX_DISTANCE if max_distance is None else max_distance
+    faces = [FacetMap(p, face, where) for p, (_, face) in zip(parts, labels, strict=True)]
+    first, second = faces[0], faces[1] if len(faces) == 2 else None
+    sampled: Averages | _Samples
+    own = None
+    if space == "facets":
+        sampled = average(
+            first, second, spaces, where, names, limit, overlap, quadrature_degree
+        )
+    else:
+        sampled = _sample_points(first, second, spaces, where, names, limit, quadrature_degree)
+        own = (sampled.shapes[0], sampled.weights, sampled.normals)
+    local, axis = frames(sampled.normals)
+    sides = [_side(*labels[0], spaces[0], first, sampled.shapes[0], own)]
     matching = None
-    if len(parts) == 2:
-        second = FacetMap(parts[1], labels[1][1], where)
-        index2, s2, x2, n2 = _project(second, points, normals)
-        sizes = np.maximum(first.sizes[index], second.sizes[index2])
-        names = (":".join(labels[0]), ":".join(labels[1]))
-        limit = MAX_DISTANCE if max_distance is None else max_distance
-        _check_pairing(where, names, points, normals, weights, sizes, x2, n2, limit)
-        sides.append(_side(*labels[1], spaces[1], second, index2, s2))
+    if second is not None:
+        sides.append(_side(*labels[1], spaces[1], second, sampled.shapes[1]))
         ratio = sides[1].area / sides[0].area
-        if abs(ratio - 1.0) > 0.01:
+        if abs(ratio - 1.0) > 0.01 and overlap == "full":
             warnings.warn(
                 f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
                 f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
                 SceneWarning,
                 stacklevel=3,
             )
-        gap = np.einsum("pi,pi->p", x2 - points, normals)
         coordinates = tuple(
             v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
         )
         size = float(min(first.sizes.min(), second.sizes.min()))
         matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
+        m, n = len(sampled.weights), len(sides[0].nodes)
+        if space == "facets" and matching is None and m > n and not isinstance(law, Elastic):
+            warnings.warn(
+                f"{where}: {m} facets but {n} nodes on {names[0]}: a law that prescribes the jump "
+                "locks there and converges slowly; give the substructures degree=2",
+                SceneWarning,
+                stacklevel=3,
+            )
     return Interface(
         name=name,
         law=law,
-        points=points,
-        weights=weights,
+        points=sampled.points,
+        weights=sampled.weights,
         frames=local,
-        gap=gap,
+        gap=sampled.gap,
         sides=tuple(sides),
         matching=matching,
         tangent_axis=axis,
+        space=space,
     )

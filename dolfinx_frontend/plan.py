@@ -196,17 +196,23 @@ def make_plan(
     eliminated: dict[str, str] = {}
     for name, interface in problem.interfaces.items():
         law = interface.law
-        if isinstance(law, Perfect) and interface.matching is None:
+        unmatched = isinstance(law, Perfect) and interface.matching is None
+        if unmatched and interface.space != "facets":
             raise SceneError(
                 f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
-                "these do not: mesh both parts together, or use Elastic with a stiffness well above "
-                "modulus / length"
+                "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
+                "stiffness well above modulus / length"
             )
         if name in reasons:
             continue
         how = _how(name, law, interface.matching is not None)
         if how is None:
-            reasons[name] = "its jump cannot be glued"
+            if unmatched:
+                reasons[name] = "its meshes do not match"
+            elif isinstance(law, Perfect):
+                reasons[name] = "its jump cannot be glued"
+            else:
+                reasons[name] = "its law is not linear"
         else:
             eliminated[name] = how
     kept = tuple(name for name in problem.interfaces if name in reasons)

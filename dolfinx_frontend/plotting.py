@@ -55,6 +55,7 @@ KIND_COLOURS = {
 """Colour of a face by the kind of its interface: those of the paper, and two more."""
 
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+_DASHES = ("-", "--", "-.", ":")
 _DPI = 150
 
 
@@ -544,6 +545,7 @@ def deformed_figure(
     label: str = "|u| (mm)",
     quantity: Callable[[Array], Array] | None = None,
     view: Sequence[float] = (-0.45, -1.0, 0.45),
+    lift: Mapping[str, float] | None = None,
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
@@ -564,6 +566,9 @@ def deformed_figure(
         Maps displacements (points, d) to the values shown (points,); the magnitude if not given.
     view
         Direction towards the viewer, for solids.
+    lift
+        Part -> shift along the last axis before it is drawn: parts on elastic interfaces overlap
+        where magnified displacements close them. Needs displacements by name.
     title, renderer
         As in :func:`assembly_figure`.
     """
@@ -573,6 +578,9 @@ def deformed_figure(
 
     given = displacements.values() if isinstance(displacements, Mapping) else displacements
     functions = list(given)
+    names = list(displacements) if isinstance(displacements, Mapping) else [""] * len(functions)
+    if lift is not None and not set(lift) <= set(names):
+        raise ValueError(f"lift names parts that are not drawn: {sorted(set(lift) - set(names))}")
     skins = [_skin(u.function_space.mesh, None, u)[0] for u in functions]
     values = [s.values for s in skins if s.values is not None]
     moved = np.concatenate([np.linalg.norm(v, axis=1) for v in values])
@@ -589,9 +597,10 @@ def deformed_figure(
     axis = figure.add_subplot()
     axis.set_title(heading, fontsize=11)
     solids = []
-    for skin, u, field in zip(skins, values, colour_of):
+    for name, skin, u, field in zip(names, skins, values, colour_of):
         points = skin.points.copy()
         points[:, : u.shape[1]] += scale * u
+        points[:, u.shape[1] - 1] += (lift or {}).get(name, 0.0)
         if functions[0].function_space.mesh.geometry.dim == 2:
             axis.tripcolor(
                 points[:, 0], points[:, 1], skin.triangles, field, norm=norm, shading="gouraud"
@@ -733,8 +742,10 @@ def convergence_figure(
     Parameters
     ----------
     histories
-        Errors of one run; or one sequence of errors per point of a sweep, drawn end to end with a
-        dot where each point starts; or a mapping of several such, by name.
+        Errors of one run, after each of its iterations; or one such sequence per point of a sweep,
+        drawn end to end with a dot where each point starts; or a mapping of several such, by name.
+        A point of a sweep may give pairs (iteration, error) instead: the error of a warm start
+        belongs to iteration 0, which is none.
     path
         PNG file to write.
     label
@@ -752,13 +763,24 @@ def convergence_figure(
         pieces = [np.atleast_1d(np.asarray(piece, dtype=float)) for piece in history]
         if all(np.ndim(piece) == 0 for piece in history):  # one flat run
             pieces = [np.asarray(history, dtype=float)]
-        errors = np.concatenate(pieces)
-        starts = np.cumsum([0, *(len(p) for p in pieces[:-1])])
-        iterations = np.arange(1, errors.size + 1)
-        axis.semilogy(iterations, errors, color=colour, lw=1.1, label=name or None)
+        pieces = [piece for piece in pieces if piece.size > 0]
+        pairs = [
+            piece.T if piece.ndim == 2 else np.stack([np.arange(1, piece.size + 1), piece])
+            for piece in pieces
+        ]
+        before = np.cumsum([0, *(numbers[-1] for numbers, _ in pairs)])
+        iterations = [start + numbers for start, (numbers, _) in zip(before, pairs)]
+        errors = [values for _, values in pairs]
+        axis.semilogy(
+            np.concatenate([[], *iterations]),
+            np.concatenate([[], *errors]),
+            color=colour,
+            lw=1.1,
+            label=name or None,
+        )
         if len(pieces) > 1:
-            marked = starts[starts < errors.size]
-            axis.semilogy(iterations[marked], errors[marked], ".", color="black", ms=4, label=dots)
+            first = [(numbers[0], values[0]) for numbers, values in zip(iterations, errors)]
+            axis.semilogy(*zip(*first), ".", color="black", ms=4, label=dots)
             dots = "_nolegend_"
     if target is not None:
         axis.axhline(target, color="#666666", ls="--", lw=1.0, label=f"target {target:g}")
@@ -840,6 +862,7 @@ def density_figure(
     label: str,
     *,
     samples: npt.ArrayLike | None = None,
+    samples_label: str | None = None,
     threshold: float | None = None,
     title: str | None = None,
 ) -> Path:
@@ -848,15 +871,18 @@ def density_figure(
     Parameters
     ----------
     densities
-        Name -> (abscissae, density).
+        Name -> (abscissae, density); each is thinner than the one before it and dashed in its own
+        way, so that curves that coincide are all seen.
     path
         PNG file to write.
     label
         Of the abscissa, with the unit.
     samples
         Drawn as a histogram.
+    samples_label
+        Name of the histogram; by default their number.
     threshold
-        Drawn as a vertical line; the densities are shaded beyond it.
+        Drawn as a vertical line; the first density is shaded beyond it.
     title
         Above the figure.
     """
@@ -865,11 +891,15 @@ def density_figure(
     if samples is not None:
         drawn = np.asarray(samples, dtype=float).reshape(-1)
         bins = min(80, max(10, int(np.sqrt(drawn.size))))
-        axis.hist(drawn, bins=bins, density=True, color="#d0d0d0", label=f"{drawn.size} samples")
-    for colour, (name, (at, density)) in zip(_cycle(len(densities)), densities.items()):
+        named = samples_label or f"{drawn.size} samples"
+        axis.hist(drawn, bins=bins, density=True, color="#d0d0d0", label=named)
+    for number, (name, (at, density)) in enumerate(densities.items()):
         x, y = np.asarray(at, dtype=float), np.asarray(density, dtype=float)
-        axis.plot(x, y, color=colour, label=name)
-        if threshold is not None:
+        colour = _LINES[number % len(_LINES)]
+        dashes = _DASHES[number % len(_DASHES)]
+        width = max(3.0 - 0.7 * number, 1.2) if len(densities) > 1 else 1.5
+        axis.plot(x, y, color=colour, ls=dashes, lw=width, label=name)
+        if threshold is not None and number == 0:
             axis.fill_between(x, y, where=(x >= threshold).tolist(), color=colour, alpha=0.25, lw=0)
     if threshold is not None:
         axis.axvline(threshold, color="black", ls="--", lw=1.0)

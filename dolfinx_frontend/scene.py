@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from dolfinx import mesh as dmesh
 
@@ -24,7 +24,19 @@ from dolfinx_frontend.laws import (
 )
 from dolfinx_frontend.materials import Material
 
-__all__ = ["CELLS", "Face", "InterfaceSpec", "PartLike", "Scene", "SubstructureSpec"]
+__all__ = [
+    "CELLS",
+    "Face",
+    "InterfaceSpec",
+    "Overlap",
+    "PartLike",
+    "Scene",
+    "Space",
+    "SubstructureSpec",
+]
+
+Overlap = Literal["full", "partial"]
+Space = Literal["points", "facets"]
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 """Cells that a part may have."""
@@ -87,6 +99,8 @@ class InterfaceSpec:
     law: Law
     quadrature_degree: int | None
     max_distance: float | None
+    space: Space = "points"
+    overlap: Overlap = "full"
 
 
 class Scene:
@@ -200,6 +214,8 @@ class Scene:
         *,
         quadrature_degree: int | None = None,
         max_distance: float | None = None,
+        space: Space = "points",
+        overlap: Overlap = "full",
     ) -> None:
         """Join two faces, ``interface(name, "a:top", "b:bottom", law)``, or one to the ground.
 
@@ -216,6 +232,12 @@ class Scene:
             Degree that the interface points integrate; None: mass matrices exactly.
         max_distance
             Largest distance between the faces, as a fraction of the facet size; None: 1/4.
+        space
+            ``"points"``: the law holds at quadrature points. ``"facets"``: it holds in the mean on
+            every facet of the first face; for Perfect and contact on meshes that do not match.
+        overlap
+            ``"partial"``: what the second face does not cover of the first one stays free (with
+            ``space="facets"`` only). ``"full"``: it is an error.
 
         Raises
         ------
@@ -254,7 +276,18 @@ class Scene:
             raise SceneError(f"{where}: quadrature_degree = {quadrature_degree}; admissible: 1..30")
         if max_distance is not None and not max_distance > 0.0:
             raise SceneError(f"{where}: max_distance = {max_distance}; it is positive")
-        self.interfaces[name] = InterfaceSpec(name, found, law, quadrature_degree, max_distance)
+        if space not in ("points", "facets"):
+            raise SceneError(f"{where}: space = {space!r}; use 'points' or 'facets'")
+        if overlap not in ("full", "partial"):
+            raise SceneError(f"{where}: overlap = {overlap!r}; use 'full' or 'partial'")
+        if overlap == "partial" and (space != "facets" or len(found) == 1):
+            raise SceneError(
+                f"{where}: overlap = 'partial' needs two sides and space = 'facets', which knows "
+                "what is covered"
+            )
+        self.interfaces[name] = InterfaceSpec(
+            name, found, law, quadrature_degree, max_distance, space, overlap
+        )
 
     def _one_sided(
         self, kind: str, faces: str | Sequence[str], law: Law, name: str | None

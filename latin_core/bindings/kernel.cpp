@@ -14,8 +14,22 @@ using namespace py::literals;
 
 namespace {
 
+/// Put Python's own handler of Ctrl-C back: some extension modules (OpenTURNS) leave theirs installed, which
+/// ends the process instead of raising KeyboardInterrupt.
+void answer_interrupts() {
+  const auto signal = py::module_::import("signal");
+  const auto threading = py::module_::import("threading");
+  const py::object number = signal.attr("SIGINT");
+  const py::object handler = signal.attr("getsignal")(number);
+  if (threading.attr("current_thread")().is(threading.attr("main_thread")()) &&
+      PyCallable_Check(handler.ptr()) != 0) {
+    signal.attr("signal")(number, handler);
+  }
+}
+
 /// Signals are answered at every iteration, with or without a callback of the user.
 latin::Callback guarded(const py::object& callback) {
+  answer_interrupts();
   return [callback](const latin::Iteration& iteration) {
     const py::gil_scoped_acquire gil;
     if (PyErr_CheckSignals() != 0) {

@@ -90,7 +90,8 @@ TEST(Laws, ContactIsComplementary) {
       for (int point = 0; point < 2; ++point) {
         const int row = 2 * point;
         const double gap = point == 0 ? 0.05 : -0.1;
-        const double open = asked.jump(row, column) - asked.flexibility(row) * force(row, column) + gap;
+        const double open =
+            asked.jump(row, column) - asked.flexibility(row) * force(row, column) + gap;
         const double slack = open - compliance * force(row, column);
         EXPECT_LE(force(row, column), 0.0);
         EXPECT_GE(slack, -1e-14);
@@ -119,8 +120,8 @@ TEST(Laws, CoulombSticksSlipsAndRemembers) {
     EXPECT_GE(slip * force(1, step), -1e-14);
     before = slipped;
   }
-  EXPECT_EQ(force(1, 0), 0.5);  // sticks
-  EXPECT_EQ(force(1, 1), 0.6);  // slips
+  EXPECT_EQ(force(1, 0), 0.5);   // sticks
+  EXPECT_EQ(force(1, 1), 0.6);   // slips
   EXPECT_EQ(force(1, 3), -0.6);  // slips back
   // without history every column is a first step
   law->resolve({2, jump, Vector::Ones(2)}, force);

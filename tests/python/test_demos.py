@@ -25,6 +25,10 @@ WRITTEN = {
         "figure_5_convergence_2.png",
         "figure_6_joint_stress.png",
         "figure_7_response_surface.png",
+        "figure_8_u0.png",
+        "figure_8_u1.png",
+        "figure_8_u2.png",
+        "figure_9_density.png",
     ],
 }
 VESSEL_PARTS = ("cylinder", "flange", "ring", "cover", "shank", "head")
@@ -54,6 +58,7 @@ def test_demo(name: str, tmp_path: Path) -> None:
     if name == "bolted_vessel.py":
         assert printed.rstrip().endswith("all checks passed")
         assert max(len(line) for line in printed.splitlines()) <= 100
+        assert printed.count("P(traction)") == 2 and "Sobol" in printed
         grids = sorted((tmp_path / "vessel").iterdir())
         assert [grid.name for grid in grids] == [
             f"{i}_{part}.vtu" for i, part in enumerate(VESSEL_PARTS)
@@ -65,7 +70,7 @@ def test_vessel_by_the_method_of_2004_only(tmp_path: Path) -> None:
     arguments = ["--size", "coarse", "--quick", "--no-figures", "--method", "latin"]
     printed = run("demos/bolted_vessel.py", *arguments, "--output", str(tmp_path))
     assert printed.rstrip().endswith("all checks passed")
-    assert "accelerated" not in printed
+    assert "accelerated" not in printed and "PCE" not in printed
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["vessel", "vessel.vtm"]
 
 
@@ -93,3 +98,21 @@ def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
     # the paper's regime: hundreds, then single digits for most of the points
     assert record["sweep_plain"]["iterations_first"] >= 100
     assert record["sweep_plain"]["iterations_median"] <= 9
+    pce, plain, galerkin = (record[name] for name in ("latin_pce", "latin_pce_plain", "ssfem_cg"))
+    assert pce["status"] == plain["status"] == "converged"
+    assert pce["modes"] == plain["modes"] == galerkin["modes"] == 10
+    assert pce["error_vs_ssfem"] <= 1e-8 and galerkin["error"] <= 1e-8
+    assert plain["error_vs_ssfem"] <= 1e-2
+    assert pce["iterations"] <= 40 and galerkin["iterations"] <= 20
+    assert 100 <= plain["iterations"] <= 1000
+    assert pce["truncation"] <= 0.01
+    assert record["quadrature"]["points"] == 16
+    assert max(record["quadrature"][f"error_{what}"] for what in ("mean", "std")) <= 1e-4
+    drawn = record["p_traction"]["monte_carlo"]
+    assert 0.0 < record["monte_carlo"]["half_width"] <= 0.02
+    for name in ("multiresolution", "latin_pce", "ssfem_cg"):
+        each = record["p_traction"][name]
+        assert each["low"] <= each["value"] <= each["high"]
+        assert drawn["low"] <= each["value"] <= drawn["high"]
+    runs = (pce, plain, galerkin, record["quadrature"], record["monte_carlo"])
+    assert all(each["units"] > 0.0 for each in runs)

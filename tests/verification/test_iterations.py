@@ -11,7 +11,7 @@ from dolfinx_frontend.pairing import csr
 from dolfinx_frontend.plan import Direction
 from dolfinx_frontend.reference import ReferenceSolution, energy_error, monolithic
 from dolfinx_frontend.solve import Result, solve
-from dolfinx_frontend.sweep import sweep
+from dolfinx_frontend.sweep import SweepResult, sweep
 from latin_core import Options
 from tests.verification import scenes
 
@@ -48,8 +48,12 @@ def test_accelerated_iteration_is_short(vessel, vessel_reference):
     assert energy_error(vessel, plain.displacements, vessel_reference) > 1e-3
 
 
-def test_plain_sweep_needs_single_digits_a_point(vessel):
-    """Once the first points have spanned the answers; the paper's 90 others took 2.6 on average."""
+def test_plain_sweep_needs_single_digits_at_most_points(vessel):
+    """Most points need next to nothing, and are not worse for it than the one started from zero.
+
+    The mean is not a single digit: four points that leave the span of the earlier ones take
+    hundreds.  The paper's 90 others took 2.6 on average.
+    """
     result = sweep(vessel, GRID, method="latin", options=PAPER, progress=False)
     assert result.converged.all()
     order = result.points.order
@@ -58,6 +62,21 @@ def test_plain_sweep_needs_single_digits_a_point(vessel):
     assert np.mean(later <= 9) >= 0.85
     # 91 cold starts would take 91 times the first point
     assert result.iterations.sum() < 91 * result.points.iterations[order[0]] / 10
+    # the indicator says little of the error: half of the points are accepted without an iteration
+    first, *others = (
+        force_error(vessel, result, np.unravel_index(point, result.shape))
+        for point in (order[0], *order[1::15], order[-1])
+    )
+    assert first < 1e-2 and max(others) < 3.0 * first
+
+
+def force_error(problem: Problem, result: SweepResult, at: tuple[int, ...]) -> float:
+    """Relative error of the force on the joint at a point of the grid, in the L2 norm."""
+    values = {name: axis[i] for (name, axis), i in zip(GRID.items(), at, strict=True)}
+    exact = monolithic(problem, values=values).forces["joint"]
+    weights = problem.interfaces["joint"].weights
+    squares = [weights @ np.sum(f**2, axis=1) for f in (result.force("joint")[at] - exact, exact)]
+    return float(np.sqrt(squares[0] / squares[1]))
 
 
 @pytest.mark.parametrize("active", [None, "all"])
@@ -70,12 +89,9 @@ def test_accelerated_sweep(vessel, active):
     assert result.converged.all()
     later = result.points.iterations[result.points.order[1:]]
     assert np.mean(later) <= 9
-    force = result.force("joint")
     for at in ((0, 0), (3, 6), (6, 12), (1, 9)):
-        values = {name: axis[i] for (name, axis), i in zip(GRID.items(), at, strict=True)}
-        exact = monolithic(vessel, values=values).forces["joint"]
-        # errors of single points exceed that of the energy
-        assert np.abs(force[at] - exact).max() < 1e2 * options.rtol * np.abs(exact).max()
+        # the force on the joint, a small difference of large ones, is worse than the energy
+        assert force_error(vessel, result, at) < 1e2 * options.rtol
 
 
 # ---------------------------------------------------------------------------------------------

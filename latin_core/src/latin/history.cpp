@@ -109,17 +109,29 @@ State History::predicted_error() const {
   return error;
 }
 
-double History::error(const Size& whole) const {
+double History::error(const Size& whole, double rounding) const {
   if (residual_norm_ == 0.0) {
     return 0.0;
   }
   const double explained = std::sqrt(std::max(0.0, 1.0 - remainder_ * remainder_));
-  if (explained < least_explained) {
-    return std::numeric_limits<double>::infinity();
+  if (residual_norm_ <= rounding || explained < least_explained) {
+    return residual_norm_ * amplification(whole, rounding);
   }
   const State error = predicted_error();
   // what the history cannot explain is taken to be amplified as much as what it can
   return problem_->difference_size(error.data, error.traces).relative_to(whole) / explained;
+}
+
+double History::amplification(const Size& whole, double rounding) const {
+  double worst = size_ > 0 ? 0.0 : std::numeric_limits<double>::infinity();
+  for (Index slot = 0; slot < size_; ++slot) {
+    const double norm = std::sqrt(gram_(slot, slot));
+    if (norm > rounding) {
+      const Size size = problem_->difference_size(block(data_, slot), block(traces_, slot));
+      worst = std::max(worst, size.relative_to(whole) / norm);
+    }
+  }
+  return worst > 0.0 ? worst : std::numeric_limits<double>::infinity();
 }
 
 void History::step(ConstMatrixRef residual, double beta, MatrixRef step) const {

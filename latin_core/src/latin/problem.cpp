@@ -12,8 +12,8 @@
 namespace latin {
 namespace {
 
-/// Below this share a strain energy is rounding of a rigid motion.
-constexpr double strain_free = 1e-20;
+/// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
+constexpr double strain_free = 1e-12;
 
 void check_interface(const InterfaceDescription& interface) {
   const auto fail = [&interface](const std::string& text) {
@@ -326,7 +326,7 @@ double Size::relative_to(const Size& whole) const {
   }
   const double of_trace = std::sqrt(trace / total);
   // a solution without strain (rigid motion) has no strain error to speak of
-  const bool strained = whole.strain > strain_free * whole.trace;
+  const bool strained = whole.strain > strain_free * whole.work;
   return strained ? std::max(of_trace, std::sqrt(strain / whole.strain)) : of_trace;
 }
 
@@ -336,8 +336,9 @@ Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef am
     const Index rows = bodies_[b].rows();
     const auto s = data.middleRows(body_rows_[b], rows);
     const auto w = traces.middleRows(body_rows_[b], rows);
-    size.strain +=
-        bodies_[b].energy(s, w, s - bodies_[b].directions().asDiagonal() * w, amplitudes);
+    const Matrix f = s - bodies_[b].directions().asDiagonal() * w;
+    size.strain += bodies_[b].energy(s, w, f, amplitudes);
+    size.work += (bodies_[b].weights().asDiagonal() * w.cwiseProduct(f).cwiseAbs()).sum();
   }
   size.strain = std::abs(size.strain);
   size.trace = squared_traces(traces);

@@ -38,6 +38,13 @@ void check_options(const Options& options) {
 constexpr Index observing_depth = 10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
 constexpr double progress = 0.9;
+constexpr Index longest_pause = 64;
+/// A residual below this share of the data is rounding.
+constexpr double rounding = 2e-13;
+/// Accelerated iterations without a better residual before the safeguard steps in.
+constexpr Index patience = 15;
+/// Relaxation of the safeguard's plain steps: an averaged step converges for every monotone law.
+constexpr double averaged = 0.8;
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 
@@ -87,7 +94,6 @@ class Run {
       global();
     }
     local();
-    double best_norm = std::numeric_limits<double>::infinity();
     double first_norm = -1.0;
     double norm_then = std::numeric_limits<double>::infinity();
     double error_then = std::numeric_limits<double>::infinity();
@@ -99,7 +105,7 @@ class Run {
       const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
       const double error = norm > 0.0 && own_ < own_before_estimate()
                                ? std::numeric_limits<double>::infinity()
-                               : history_.error(size);
+                               : history_.error(size, rounding * history_.norm(state_.data));
       summary_.error = error;
       summary_.energy = size.strain;
       summary_.indicator = indicator();
@@ -132,7 +138,7 @@ class Run {
         summary_.status = Status::stagnated;
         break;
       }
-      advance(norm, best_norm);
+      advance(norm);
     }
     return summary_;
   }
@@ -159,17 +165,18 @@ class Run {
   }
 
   /// One step, plain or accelerated, and both stages at its end.
-  void advance(double norm, double& best_norm) {
+  void advance(double norm) {
     const auto start = Clock::now();
-    if (options_.acceleration > 0 && norm > growth_before_restart * best_norm) {
-      history_.clear();
-      best_norm = norm;
-      ++summary_.restarts;
-      history_.fit(residual_);
+    bool accelerate = options_.acceleration > 0;
+    if (accelerate) {
+      guard(norm);
+      accelerate = pause_ == 0;
+      pause_ = std::max<Index>(pause_ - 1, 0);
     }
-    best_norm = std::min(best_norm, norm);
-    if (options_.acceleration > 0) {
+    if (accelerate) {
       history_.step(residual_, options_.relaxation, step_);
+    } else if (options_.acceleration > 0) {
+      step_ = std::min(options_.relaxation, averaged) * residual_;
     } else {
       step_ = options_.relaxation * residual_;
     }
@@ -183,6 +190,39 @@ class Run {
     history_.push(step_, residual_ - old_residual, state_.traces - old_traces);
     ++own_;
     summary_.other_s += since(pushing);
+  }
+
+  /// An accelerated step may lead astray, or in circles, where a law changes its branch (contact opens,
+  /// friction slips). Then
+  /// the best iterate is taken up again, the history dropped, and some plain steps lead on, more each time.
+  /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
+  void guard(double norm) {
+    const bool led_astray = norm > growth_before_restart * best_norm_;
+    const bool at_rest = norm <= rounding * history_.norm(state_.data);
+    const bool circling = summary_.iterations - best_at_ > patience && pause_ == 0;
+    if ((led_astray || circling) && !at_rest) {
+      best_at_ = summary_.iterations;
+      if (trapped_) {
+        best_norm_ = norm;
+        best_ = state_;
+        best_residual_ = residual_;
+      } else {
+        state_ = best_;
+        residual_ = best_residual_;
+      }
+      trapped_ = !trapped_;
+      history_.clear();
+      history_.fit(residual_);
+      pause_ = plain_steps_;
+      plain_steps_ = std::min<Index>(2 * plain_steps_, longest_pause);
+      ++summary_.restarts;
+    } else if (norm < best_norm_) {
+      best_at_ = summary_.iterations;
+      best_norm_ = norm;
+      best_ = state_;
+      best_residual_ = residual_;
+      trapped_ = false;
+    }
   }
 
   /// The paper's indicator (Ladeveze 1999): distance of the two stages over their size, in k and 1/k.
@@ -215,7 +255,14 @@ class Run {
   Matrix residual_;
   Matrix step_;
   Summary summary_;
-  Index own_ = 0;  ///< differences in the history that are this run's
+  State best_;  ///< iterate with the smallest residual, for the safeguard
+  Matrix best_residual_;
+  double best_norm_ = std::numeric_limits<double>::infinity();
+  Index best_at_ = 0;      ///< iteration of the best iterate
+  bool trapped_ = false;   ///< no better iterate was found since the last return to the best one
+  Index pause_ = 0;        ///< plain steps still to be taken
+  Index plain_steps_ = 4;  ///< after the next restart
+  Index own_ = 0;          ///< differences in the history that are this run's
   Clock::time_point start_;
 };
 

@@ -40,9 +40,10 @@ class History {
   [[nodiscard]] double remainder() const { return remainder_; }
   /// What the last fit takes to be wrong with the present iterate: dS gamma and dW gamma.
   [[nodiscard]] State predicted_error() const;
-  /// Estimated relative error of the present iterate, whose own size is `whole`; infinity where the
-  /// history tells nothing.
-  [[nodiscard]] double error(const Size& whole) const;
+  /// Estimated relative error of the present iterate, whose own size is `whole`; infinity with an empty
+  /// history. A residual up to `rounding` is noise: no combination of differences is fitted to it, it is
+  /// amplified as the worst of them was.
+  [[nodiscard]] double error(const Size& whole, double rounding) const;
   /// step = beta r - (dS + beta dR) gamma: the predicted error taken off, the remainder mixed in.
   void step(ConstMatrixRef residual, double beta, MatrixRef step) const;
 
@@ -50,6 +51,8 @@ class History {
   [[nodiscard]] double norm(ConstMatrixRef residual) const;
 
  private:
+  /// Largest |dS| / |dR| in the history, |dS| relative to `whole`.
+  [[nodiscard]] double amplification(const Size& whole, double rounding) const;
   [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
   [[nodiscard]] double product(Index slot, ConstMatrixRef residual) const;
 

@@ -22,6 +22,7 @@ struct SideDescription {
 struct Size {
   double strain = 0.0;  ///< u^T K u, summed over columns
   double trace = 0.0;   ///< sum of scale * W * w^2: sees the rigid motions that strain does not
+  double work = 0.0;    ///< sum of |w| W |f|: what the strain energy is the balance of
 
   /// Error of which this is the size, relative to a solution of size `whole`: the larger of its shares in
   /// strain energy and in displacement of the interfaces. It does not depend on the search direction.

@@ -47,7 +47,7 @@ struct Summary {
   Index iterations = 0;  ///< global stages
   double error = 0.0;    ///< last estimate
   double indicator = 0.0;
-  double energy = 0.0;  ///< u^T K u of the answer, summed over columns
+  double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
   double global_s = 0.0;
   double local_s = 0.0;
   double other_s = 0.0;  ///< acceleration and error measure

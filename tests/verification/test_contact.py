@@ -1,0 +1,176 @@
+"""Unilateral contact and friction against closed forms and an independent active-set solver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from latin_core import Options
+
+from dolfinx_frontend import geometry, reference
+from dolfinx_frontend.assembly import Problem, assemble
+from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.solve import solve
+
+TIGHT = Options(rtol=1e-11, max_iterations=1000)
+AREA = 100.0  # mm^2
+
+
+def with_laws(problem: Problem, **laws: Law) -> Problem:
+    interfaces = {
+        name: replace(i, law=laws[name]) if name in laws else i
+        for name, i in problem.interfaces.items()
+    }
+    return Problem(problem.substructures, interfaces)
+
+
+def blocks(gap: float = 0.0, traction: Any = (-5.0, 0.0, 0.0), nu: float = 0.0) -> Scene:
+    """Two blocks end to end, the left one held, the right one loaded at its end."""
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 20.0 + gap)):
+        box = geometry.box((20.0, 10.0, 10.0), (2, 2, 2), origin=(x0, 0.0, 0.0), cell="hexahedron")
+        scene.substructure(name, box, LinearElastic(E=200e3, nu=nu), degree=1)
+    scene.fix("left:x0")
+    scene.traction("right:x1", traction, name="load")
+    return scene
+
+
+def bolted(force: float, preload: float = 0.02, bolt: float = 4e5, joint: float = 50.0) -> Problem:
+    """A joint in contact and a preloaded bolt, both between the same faces (TARGETS 2.6)."""
+    scene = blocks(traction=(force / AREA, 0.0, 0.0))
+    scene.interface("joint", "left:x1", "right:x0", Contact(stiffness=joint))
+    bolt_law = Elastic(normal=bolt, tangential=bolt, total=True, jump=-preload)
+    scene.interface("bolt", "left:x1", "right:x0", bolt_law)
+    return assemble(scene)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99, 1.0, 1.01, 1.5])
+def test_bolted_joint_opens_when_the_load_exceeds_the_preload(share: float) -> None:
+    stiffness, preload, joint = 4e5, 0.02, 50.0 * AREA
+    force = share * stiffness * preload
+    result = solve(bolted(force), active=["bolt"], options=TIGHT)
+    assert result.converged
+    closed = max(0.0, joint * (stiffness * preload - force) / (stiffness + joint))
+    weights = result.problem.interfaces["joint"].weights
+    joint_force = weights @ result.force("joint")[:, 0]
+    bolt_force = weights @ result.force("bolt")[:, 0]
+    size = stiffness * preload
+    assert abs(joint_force + closed) < 1e-7 * size  # compression is negative
+    assert abs(bolt_force - (closed + force)) < 1e-7 * size
+    assert result.force("joint")[:, 0].max() <= 0.0
+
+
+def test_gap_closes_before_anything_is_carried() -> None:
+    # the support carries nothing until the end has moved by the gap
+    scene = blocks(traction=(0.0, 0.0, 0.0))
+    scene.interface("joint", "left:x1", "right:x0", Perfect())
+    scene.interface("stop", "right:x1", Contact(gap=0.01))
+    for pull in (25.0, 50.0, 100.0):
+        problem = with_laws(
+            assemble(scene), load=replace(scene.interfaces["load"].law, t=(pull, 0.0, 0.0))
+        )
+        # free, the end moves by t L / E = t 40 / 2e5; the stop acts in series
+        result = solve(problem, options=TIGHT)
+        moved = max(0.0, pull * 40.0 / 200e3 - 0.01)
+        stop = -moved * 200e3 / 40.0
+        assert np.allclose(result.force("stop")[:, 0], stop, atol=1e-6 * pull)
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0, 10.0])
+def test_vessel_equals_an_active_set_solver(vessel: Problem, factor: float) -> None:
+    stiffness = 1000.0
+    screw = Elastic(normal=2.5e4, tangential=2.5e4, total=True, jump=-0.2)
+    problem = with_laws(vessel, joint=Contact(stiffness=stiffness), screw=screw)
+    result = solve(problem, direction=factor, options=Options(rtol=1e-9, max_iterations=500))
+    assert result.converged
+
+    # semi-smooth Newton: springs where the joint is closed, none elsewhere, until the set stands
+    closed = np.ones(problem.interfaces["joint"].num_points)
+    for _ in range(30):
+        linear = with_laws(vessel, joint=Elastic(normal=stiffness * closed), screw=screw)
+        exact = reference.monolithic(linear)
+        traces = exact.traces["joint"]
+        again = (traces[1][:, 0] - traces[0][:, 0] < 0.0).astype(float)
+        if np.array_equal(again, closed):
+            break
+        closed = again
+    assert 0.0 < closed.mean() < 1.0  # it opens partly, or nothing is tested
+    assert np.array_equal(result.force("joint")[:, 0] < 0.0, closed > 0.0)
+    assert reference.energy_error(linear, result.displacements, exact) < 1e-8
+
+
+def test_friction_beyond_need_is_perfect_adhesion() -> None:
+    # pressed and sheared below the bound everywhere: the joint sticks, as if glued
+    scene = blocks(traction=(-100.0, 1.0, 0.0), nu=0.3)
+    scene.interface("joint", "left:x1", "right:x0", Contact(friction=10.0))
+    problem = assemble(scene)
+    result = solve(problem, options=Options(rtol=1e-10, max_iterations=2000))
+    glued = with_laws(problem, joint=Perfect())
+    exact = reference.monolithic(glued)
+    assert result.converged
+    assert reference.energy_error(glued, result.displacements, exact) < 1e-8
+
+
+def test_friction_slips_at_its_bound() -> None:
+    # a spring to the ground takes what friction cannot: |f_t| = mu p everywhere, the rest in the spring
+    scene = blocks(traction=(-10.0, 4.0, 0.0))
+    scene.interface("joint", "left:x1", "right:x0", Contact(friction=0.3))
+    scene.interface("guide", "right:x1", Elastic(normal=0.0, tangential=200.0))
+    result = solve(assemble(scene), active=["guide"], options=Options(rtol=1e-9, max_iterations=3000))
+    assert result.converged
+    weights = result.problem.interfaces["joint"].weights
+    force = result.force("joint")
+    shear = np.linalg.norm(force[:, 1:], axis=1)
+    assert np.all(shear <= 0.3 * np.abs(force[:, 0]) * (1 + 1e-12))
+    slipping = shear > 0.3 * np.abs(force[:, 0]) * (1 - 1e-9)
+    assert slipping.any()
+    total = weights @ force[:, 1:]
+    guide = result.problem.interfaces["guide"].weights @ result.force("guide")[:, 1:]
+    assert np.linalg.norm(total) <= 0.3 * 10.0 * AREA * (1 + 1e-6)
+    assert np.linalg.norm(total) + np.linalg.norm(guide) > 4.0 * AREA * (1 - 1e-6)
+
+
+def test_the_answer_does_not_depend_on_the_direction(vessel: Problem) -> None:
+    law = Contact(friction=0.3)
+    screw = Elastic(normal=2.5e4, tangential=2.5e4, total=True, jump=-0.2)
+    problem = with_laws(vessel, joint=law, screw=screw)
+    weights = problem.interfaces["joint"].weights
+    forces = []
+    for factor in (3.0, 10.0):
+        result = solve(problem, direction=factor, options=Options(rtol=1e-8, max_iterations=500))
+        assert result.converged
+        forces.append(weights @ result.force("joint")[:, 0])
+    assert abs(forces[0] - forces[1]) < 1e-6 * abs(forces[0])
+
+
+def test_contact_without_friction_has_no_tangential_unknowns() -> None:
+    scene = blocks()
+    scene.interface("joint", "left:x1", "right:x0", Contact())
+    scene.fix("right:x1", components=(1, 2))
+    result = solve(assemble(scene), options=TIGHT)
+    assert result.force("joint").shape[1] == 1
+    assert np.allclose(result.force("joint"), -5.0)
+    assert "not linear" in str(result.plan)
+
+
+def test_mistakes_are_named() -> None:
+    with pytest.raises(SceneError, match="friction"):
+        Contact(friction=-0.1)
+    with pytest.raises(SceneError, match="stiffness"):
+        Contact(stiffness=float("nan"))
+    scene = blocks(gap=-0.05)
+    scene.interface("joint", "left:x1", "right:x0", Contact())
+    scene.fix("right:x1", components=(1, 2))
+    with pytest.raises(SceneError, match=r"inside each other.*0\.05"):
+        solve(assemble(scene))
+    scene = blocks(gap=-0.05, traction=(0.0, 0.0, 0.0))
+    scene.interface("joint", "left:x1", "right:x0", Contact(interference=True))
+    scene.fix("right:x1")
+    result = solve(assemble(scene), options=TIGHT)
+    # 40 mm of bar, held at both ends, shortened by 0.05 mm
+    assert np.allclose(result.force("joint")[:, 0], -200e3 * 0.05 / 40.0, rtol=1e-7)
