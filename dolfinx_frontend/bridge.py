@@ -123,7 +123,7 @@ def _contact(interface: Interface, law: Contact) -> LawFields:
             raise SceneError(
                 f"interface {interface.name!r}: contact stiffness {stiffness.min():g}: it must be > 0"
             )
-        parameters["compliance"] = 1.0 / stiffness
+        parameters["compliance"] = np.reciprocal(stiffness)
     for name in ("friction", "threshold") if law.rubs else ():
         value = getattr(law, name)
         values = np.zeros((m, 1)) if value is None else resolve(value, interface, 1, name=name)

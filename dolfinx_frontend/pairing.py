@@ -719,7 +719,7 @@ def make_interface(
     Warns
     -----
     SceneWarning
-        Areas that differ by more than 1 %; more facets than nodes (linear triangles).
+        Areas that differ by more than 1 %; no more nodes than facets (linear triangles).
     """
     where = f"interface {name!r}"
     names = tuple(":".join(label) for label in labels)
@@ -754,7 +754,7 @@ def make_interface(
         size = float(min(first.sizes.min(), second.sizes.min()))
         matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
         m, n = len(sampled.weights), len(sides[0].nodes)
-        if space == "facets" and matching is None and m > n and not isinstance(law, Elastic):
+        if space == "facets" and matching is None and m >= n and not isinstance(law, Elastic):
             warnings.warn(
                 f"{where}: {m} facets but {n} nodes on {names[0]}: a law that prescribes the jump "
                 "locks there and converges slowly; give the substructures degree=2",

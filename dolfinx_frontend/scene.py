@@ -36,7 +36,10 @@ __all__ = [
 ]
 
 Overlap = Literal["full", "partial"]
+"""Whether the second face covers the first one."""
+
 Space = Literal["points", "facets"]
+"""Where the law of an interface holds."""
 
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 """Cells that a part may have."""

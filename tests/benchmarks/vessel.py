@@ -12,13 +12,13 @@
   factorisation and condensation;
 * ``sweep``, ``sweep_plain``: 13 x 7 parameter sets, ``seconds`` from the matrices to the interface
   fields of all; ``max_energy_error`` at a sample of points that are also solved directly;
-* both stiffnesses normal, chaos of order 3: ``latin_pce`` (as planned), ``latin_pce_plain`` (iteration
-  of 2004) and ``ssfem_cg`` (monolithic, conjugate gradients on the mean block): ``unknowns``,
-  ``iterations``, ``seconds``, ``units``, and the energy error of all coefficients against SSFEM
-  converged to 1e-12 (``error_vs_ssfem``, ``error``). The seconds end with the coefficients of all
+* both stiffnesses normal, chaos of order 3: ``latin_pce`` (as planned), ``latin_pce_plain``
+  (iteration of 2004) and ``ssfem_cg`` (monolithic, conjugate gradients on the mean block):
+  ``unknowns``, ``iterations``, ``seconds``, ``units``, and the energy error of all coefficients against
+  SSFEM converged to 1e-12 (``error_vs_ssfem``, ``error``). The seconds end with the coefficients of all
   displacements. ``latin_pce`` has the error of the truncation too;
-* ``quadrature``: 4 x 4 warm-started solves; errors of mean and deviation of the largest normal stress
-  on the joint against those of the chaos, by a 60 x 60 rule, relative to the deviation;
+* ``quadrature``: 4 x 4 warm-started solves; errors of mean and deviation of the largest normal
+  stress on the joint against those of the chaos, by a 60 x 60 rule, relative to the deviation;
 * ``monte_carlo``: warm-started samples; ``half_width`` of the 95 % interval of P(traction) reached;
 * ``p_traction``: probability of a positive largest stress by method, with its 95 % interval.
 """

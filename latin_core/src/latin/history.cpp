@@ -115,7 +115,10 @@ double History::error(const Size& whole, double rounding) const {
   }
   const double explained = std::sqrt(std::max(0.0, 1.0 - remainder_ * remainder_));
   if (residual_norm_ <= rounding || explained < least_explained) {
-    return residual_norm_ * amplification(whole, rounding);
+    const double worst = amplification(whole, rounding);
+    if (std::isfinite(worst) || explained < least_explained) {
+      return residual_norm_ * worst;
+    }
   }
   const State error = predicted_error();
   // what the history cannot explain is taken to be amplified as much as what it can

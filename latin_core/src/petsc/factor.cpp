@@ -36,14 +36,11 @@ class CholmodFactor final : public Factor {
 
     std::vector<int> order;
     if (trailing > 0) {
-      order = interior_first(lower, &matrix);
+      order = interior_first(lower, name);
       common_.nmethods = 1;
       common_.method[0].ordering = CHOLMOD_GIVEN;
       // the interior order is postordered already, and a new postorder would mix the trailing unknowns in
       common_.postorder = 0;
-    } else {
-      common_.nmethods = 1;
-      common_.method[0].ordering = CHOLMOD_METIS;
     }
     factor_ =
         cholmod_analyze_p(&matrix, order.empty() ? nullptr : order.data(), nullptr, 0, &common_);
@@ -133,19 +130,23 @@ class CholmodFactor final : public Factor {
     return matrix;
   }
 
-  /// METIS on the interior unknowns, then the trailing ones in their given order.
-  std::vector<int> interior_first(const SparseColumns& lower, cholmod_sparse* /*matrix*/) {
+  /// The interior unknowns in CHOLMOD's own order (minimum degree, or METIS where that fills in less), then
+  /// the trailing ones in their given order.
+  std::vector<int> interior_first(const SparseColumns& lower, const std::string& name) {
     const Index interior = size_ - trailing_;
     std::vector<int> order(static_cast<std::size_t>(size_));
     std::iota(order.begin(), order.end(), 0);
     if (interior > 1) {
       SparseColumns block = lower.topLeftCorner(interior, interior);
       cholmod_sparse of_block = view(block);
-      if (cholmod_metis(&of_block, nullptr, 0, 1, order.data(), &common_) == 0) {
-        // METIS left out of the build, or out of memory: minimum degree orders as well
-        common_.status = CHOLMOD_OK;
-        cholmod_amd(&of_block, nullptr, 0, order.data(), &common_);
+      common_.supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
+      cholmod_factor* analysis = cholmod_analyze(&of_block, &common_);
+      common_.supernodal = CHOLMOD_SUPERNODAL;
+      if (analysis == nullptr) {
+        fail(name);
       }
+      std::copy_n(static_cast<const int*>(analysis->Perm), interior, order.begin());
+      cholmod_free_factor(&analysis, &common_);
     }
     return order;
   }
