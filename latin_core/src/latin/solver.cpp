@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <optional>
 
 #include "latin/common/error.hpp"
 
@@ -193,8 +192,8 @@ class Run {
   }
 
   /// An accelerated step may lead astray, or in circles, where a law changes its branch (contact opens,
-  /// friction slips). Then
-  /// the best iterate is taken up again, the history dropped, and some plain steps lead on, more each time.
+  /// friction slips). Then the best iterate is taken up again, the history dropped, and some plain steps lead
+  /// on, more each time.
   /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
   void guard(double norm) {
     const bool led_astray = norm > growth_before_restart * best_norm_;
