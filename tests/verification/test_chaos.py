@@ -227,16 +227,20 @@ def test_quadrature_beyond_the_admissible_range_is_refused(paper: Problem) -> No
         tensor_quadrature(paper, 16, progress=False)
 
 
+@pytest.mark.slow
 def test_probability_of_traction_agrees_with_sampling(paper: Problem) -> None:
     def largest(fields: Any) -> Any:
         return fields.force("joint")[..., 0].max(axis=1)
 
     result = solve_chaos(paper, 3, options=Options(rtol=1e-8))
     chaos = result.quantity(largest, "largest normal stress on the joint", "MPa").probability(above=0.0)
-    samples = quasi_monte_carlo(paper, 8192, plan_options=Options(rtol=1e-5), progress=False)
+    settings: dict[str, Any] = {"plan_options": Options(rtol=1e-4), "progress": False}
+    samples = monte_carlo(paper, 100_000, seed=11, **settings)
     assert samples.converged
     sampled = samples.quantity(largest).probability(above=0.0)
     assert sampled.low < chaos.value < sampled.high
+    few = quasi_monte_carlo(paper, 1024, **settings).quantity(largest)
+    assert abs(few.mean().value - result.quantity(largest).mean().value) < 0.01
     assert 0.01 < chaos.value < 0.2
 
 

@@ -130,7 +130,9 @@ def sweep(
         for name in interfaces:
             for store, key in ((result.forces, "force"), (result.jumps, "jump")):
                 values = arrays[f"{key}:{name}"]
-                store.setdefault(name, np.full((points, values.size), np.nan))[point] = values
+                if name not in store:
+                    store[name] = np.full((points, values.size), np.nan)
+                store[name][point] = values
 
     known: list[_core.State] = []
     known_points: list[int] = []
