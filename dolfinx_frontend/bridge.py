@@ -160,6 +160,11 @@ def kernel_parameter(interface: Interface, parameter: str) -> tuple[str, Array]:
             f"interface {interface.name!r}: {type(law).__name__} has no parameter {parameter!r}; "
             f"it has: {', '.join(known) or 'none'}"
         )
+    if isinstance(law, Contact) and parameter == "stiffness":
+        raise SceneError(
+            f"interface {interface.name!r}: the stiffness of a contact can be neither swept nor random; "
+            "vary its gap, friction, threshold or jump"
+        )
     kernel_name = KERNEL_NAMES.get(parameter, parameter)
     unit = law_fields(interface, law.with_(**{parameter: 1.0}))
     return kernel_name, unit.parameters[kernel_name]

@@ -28,6 +28,7 @@ from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.chaos_file import Field, save_chaos, to_openturns
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.laws import Contact
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol
@@ -529,6 +530,12 @@ def solve_chaos(
     if indefinite not in ("refuse", "prove"):
         raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
     chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
+    for name, interface in problem.interfaces.items():
+        if isinstance(interface.law, Contact):
+            raise SceneError(
+                f"chaos: interface {name!r} is in contact, and a law that is not linear cannot be applied "
+                "to chaos coefficients: use sampling (monte_carlo, quasi_monte_carlo, tensor_quadrature)"
+            )
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError(

@@ -14,8 +14,11 @@ from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.random import Normal
+from dolfinx_frontend.sampling import quasi_monte_carlo
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
+from dolfinx_frontend.sweep import sweep
 
 TIGHT = Options(rtol=1e-11, max_iterations=1000)
 AREA = 100.0  # mm^2
@@ -174,3 +177,39 @@ def test_mistakes_are_named() -> None:
     result = solve(assemble(scene), options=TIGHT)
     # 40 mm of bar, held at both ends, shortened by 0.05 mm
     assert np.allclose(result.force("joint")[:, 0], -200e3 * 0.05 / 40.0, rtol=1e-7)
+
+
+def test_uncertain_preload_over_a_contact_is_sampled() -> None:
+    # Q = 0.8 K D: opens with the probability of TARGETS 2.6, Phi((0.8 - 1) / 0.1) = 0.0227501
+    stiffness, preload = 4e5, 0.02
+    problem = bolted(0.8 * stiffness * preload)
+    bolt = Elastic(
+        normal=Normal("K", mean=stiffness, cov=0.1), tangential=stiffness, total=True, jump=-preload
+    )
+    problem = with_laws(problem, bolt=bolt)
+    with pytest.raises(SceneError, match="'joint' is in contact"):
+        solve(problem, chaos=2)
+    samples = quasi_monte_carlo(
+        problem, 1024, plan_options=Options(rtol=1e-8, max_iterations=500), progress=False
+    )
+    assert samples.converged
+    opening = samples.quantity(lambda f: f.force("joint")[..., 0].mean(axis=1), "joint", "MPa")
+    # every sample is exact, so the count is that of the points below the threshold
+    stiffnesses = samples.random.space.values(samples.random.source("bolt", "normal"), samples.germs)
+    assert np.array_equal(opening.values > -1e-6, stiffnesses < 0.8 * stiffness)
+    chance = opening.probability(above=-1e-6)
+    assert chance.low < 0.0227501 < chance.high
+
+
+def test_a_swept_contact() -> None:
+    scene = blocks(traction=(-10.0, 0.0, 0.0))
+    scene.interface("joint", "left:x1", "right:x0", Contact(gap=0.0))
+    scene.interface("back", "right:x1", Elastic(normal=100.0, tangential=100.0))
+    gaps = [0.0, 0.05, 0.1, 0.15]
+    result = sweep(assemble(scene), {"joint.gap": gaps}, options=TIGHT, progress=False)
+    # the spring alone holds 10 MPa at 0.1 mm: beyond that gap the joint stays open
+    force = result.force("joint")[..., 0].mean(axis=-1)
+    assert force[3] == 0.0 and np.all(np.diff(force) >= -1e-9) and force[0] < -9.0
+    with pytest.raises(SceneError, match="neither swept nor random"):
+        law = Contact(stiffness=10.0)
+        sweep(with_laws(assemble(scene), joint=law), {"joint.stiffness": [1.0, 2.0]}, progress=False)

@@ -37,6 +37,9 @@ void check_options(const Options& options) {
 constexpr Index observing_depth = 10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
 constexpr double progress = 0.9;
+/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
+/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
+constexpr double least_of_indicator = 0.3;
 constexpr Index longest_pause = 64;
 /// A residual below this share of the data is rounding.
 constexpr double rounding = 2e-13;
@@ -102,12 +105,14 @@ class Run {
       history_.fit(residual_);
       const double norm = history_.norm(residual_);
       const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
-      const double error = norm > 0.0 && own_ < own_before_estimate()
-                               ? std::numeric_limits<double>::infinity()
-                               : history_.error(size, rounding * history_.norm(state_.data));
+      summary_.indicator = indicator();
+      const double error =
+          norm > 0.0 && own_ < own_before_estimate()
+              ? std::numeric_limits<double>::infinity()
+              : std::max(history_.error(size, rounding * history_.norm(state_.data)),
+                         summary_.indicator * least_of_indicator);
       summary_.error = error;
       summary_.energy = size.strain;
-      summary_.indicator = indicator();
       const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
       summary_.history.push_back(record);
       summary_.other_s += since(measuring);
