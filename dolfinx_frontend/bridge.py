@@ -36,9 +36,6 @@ Array = npt.NDArray[np.float64]
 TOUCHING = 1e-6
 """Interpenetration, as a share of the face's size, that is rounding of the mesh."""
 
-CONTACT = 1.0
-"""Search direction on contact interfaces, as a share of factor * E / L."""
-
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, as a share of factor * E / L."""
 
@@ -50,7 +47,7 @@ class LawFields:
     Attributes
     ----------
     kind
-        Kernel law: ``"perfect"``, ``"elastic"`` or ``"force"``.
+        Kernel law: ``"perfect"``, ``"elastic"``, ``"force"``, ``"contact"`` or ``"coulomb"``.
     components
         Unknown components at a point: a frictionless law has one.
     frames
@@ -193,8 +190,6 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
-    if isinstance(interface.law, Contact):
-        k = CONTACT * k
     return k.ravel()
 
 

@@ -27,7 +27,7 @@ from dolfinx_frontend.plan import Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import DiscretisedField, RandomSpace
 from dolfinx_frontend.stochastic import RandomLaws
-from dolfinx_frontend.sweep import Progress, warn_unconverged
+from dolfinx_frontend.sweep import Progress, fingerprint, warn_unconverged
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample
 
 __all__ = [
@@ -302,6 +302,14 @@ def sample(
     began = perf_counter()
     core = bridge.build(problem, plan)
     built = perf_counter()
+    parameters = _swept(random, points)
+    header = None
+    if checkpoint is not None:
+        header = {
+            "fingerprint": fingerprint(problem, plan, parameters),
+            "criterion": plan.options.criterion,
+            "rtol": plan.options.rtol,
+        }
     bar = Progress(len(points), "samples") if progress else None
 
     def done(point: int, summary: Any) -> None:
@@ -313,12 +321,12 @@ def sample(
         swept = kernel_sweep(
             core,
             np.ones((1, 1)),
-            _swept(random, points),
+            parameters,
             _short_steps(points),
             plan.active,
             plan.options,
             checkpoint,
-            {"points": points.tolist(), "rtol": plan.options.rtol} if checkpoint else None,
+            header,
             done,
             keep_states=keep_states,
         )

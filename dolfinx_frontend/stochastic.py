@@ -6,7 +6,6 @@ speak of the same germs in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -50,15 +49,8 @@ class RandomLaws:
     space: RandomSpace = field(repr=False)
 
     @classmethod
-    def of(cls, problem: Problem, declared: Iterable[Source] = ()) -> RandomLaws:
+    def of(cls, problem: Problem) -> RandomLaws:
         """Collect the random parameters in the order of the interfaces.
-
-        Parameters
-        ----------
-        problem
-            The problem.
-        declared
-            Random parameters that the user named besides; those in no law are dropped and said so.
 
         Raises
         ------
@@ -82,10 +74,6 @@ class RandomLaws:
                     sources[name, parameter] = fields[key]
                 else:
                     sources[name, parameter] = value
-        known = {source.name for source in sources.values()}
-        for extra in declared:
-            if extra.name not in known:
-                dropped.append(f"{extra.name}: on no interface of the scene")
         return cls(problem, sources, tuple(dropped), RandomSpace(sources.values()))
 
     @property

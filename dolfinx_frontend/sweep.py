@@ -127,8 +127,8 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
     return axes
 
 
-def _fingerprint(problem: Problem, plan: Plan) -> str:
-    """Hash of what makes two runs the same: parts, loads, interfaces, laws, plan.
+def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> str:
+    """Hash of what makes two runs the same: parts, loads, interfaces, laws, plan, swept values.
 
     Numbers count with nine digits, so that another order of summation is no other run.
     """
@@ -149,6 +149,9 @@ def _fingerprint(problem: Problem, plan: Plan) -> str:
         add(f"{name} {type(interface.law).__name__}", interface.weights)
         for parameter, values in sorted(fields.parameters.items()):
             add(parameter, values)
+    for each in parameters:
+        add(f"{each.interface} {each.parameter}", each.pattern)
+        add("values", each.values)
     digest.update(f"{plan.method} {plan.active} {plan.direction}".encode())
     return digest.hexdigest()
 
@@ -251,7 +254,7 @@ def sweep(
             plan.options,
             checkpoint,
             {
-                "fingerprint": _fingerprint(problem, plan),
+                "fingerprint": fingerprint(problem, plan, parameters),
                 "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
                 "rtol": plan.options.rtol,
                 "criterion": plan.options.criterion,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from latin_core import Options, stochastic
+from latin_core import CheckpointError, Options, stochastic
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly import Problem, assemble
@@ -369,3 +369,18 @@ def test_chaos_and_samples_answer_alike(two_blocks: Problem, tmp_path: Any) -> N
     result = chaos.to_openturns("layer", inputs="germs")
     value = np.array(result.getMetaModel()(openturns.Point(germs[0])))
     assert np.allclose(value, chaos.at(germs[:1]).force("layer").ravel(), atol=1e-9)
+
+
+def test_a_sampling_checkpoint_is_resumed_and_belongs_to_its_problem(
+    two_blocks: Problem, tmp_path: Any
+) -> None:
+    def problem(cov: float) -> Problem:
+        k = Uniform("k", mean=50.0, cov=cov)
+        return with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+
+    settings: dict[str, Any] = {"progress": False, "checkpoint": tmp_path / "samples"}
+    first = monte_carlo(problem(0.2), 6, **settings)
+    again = monte_carlo(problem(0.2), 6, **settings)
+    assert not again.points.order and np.array_equal(first.force("layer"), again.force("layer"))
+    with pytest.raises(CheckpointError, match="another run"):
+        monte_carlo(problem(0.3), 6, **settings)  # the same germs, other stiffnesses

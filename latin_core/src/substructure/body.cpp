@@ -98,8 +98,8 @@ class LowerSum {
 };
 
 /// Whether dense triangular solves on the active unknowns beat sparse ones on all of them. A sparse factor
-/// of a 3D part holds about 12 n^(4/3) numbers (measured on the vessel, 1e4 to 1e5 unknowns), and a number
-/// in it costs about four in a dense block.
+/// of a 3D part holds about 12 n^(4/3) numbers (the vessel's two bodies of 1e4 unknowns); a number in it is
+/// taken to cost about four in a dense block.
 bool dense_is_cheaper(Index size, Index active) {
   const double dense = static_cast<double>(active) * static_cast<double>(active);
   return dense <= 50.0 * std::pow(static_cast<double>(size), 4.0 / 3.0);
