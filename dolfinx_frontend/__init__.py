@@ -9,6 +9,7 @@ from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ss
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
 from dolfinx_frontend.chaos import ChaosResult, IndefiniteError, NearlyIndefiniteWarning
 from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import (
     Contact,
     Displacement,
@@ -44,13 +45,14 @@ from dolfinx_frontend.sampling import (
     tensor_quadrature,
 )
 from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import Result, solve
+from dolfinx_frontend.solve import HistoryResult, Result, solve
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import SweepResult, sweep
 from dolfinx_frontend.uncertain import StochasticResult
 from latin_core import Options
 
 __all__ = [
+    "Amplitude",
     "Beta",
     "Chaos",
     "ChaosResult",
@@ -63,6 +65,7 @@ __all__ = [
     "FromDistribution",
     "FromSamples",
     "Gamma",
+    "HistoryResult",
     "IndefiniteError",
     "Interface",
     "Law",

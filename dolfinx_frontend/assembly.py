@@ -7,7 +7,7 @@ the traces, weights and frames of every interface.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ import ufl
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.laws import (
     Array,
     Displacement,
@@ -67,7 +68,9 @@ class Substructure:
     stiffness
         K (n, n), petsc4py seqaij, force / length, symmetric, no boundary condition.
     load
-        F (n,), force: body forces.
+        F (n,), force: body forces that are constant in time.
+    varying_loads
+        Amplitude -> (n,), force: body forces that change in time.
     rigid_modes
         (n, r), r = 3 in 2D and 6 in 3D: translations, then rotations about the centre divided by
         `length`; no unit.
@@ -93,6 +96,13 @@ class Substructure:
     volume: float
     centre: Array
     dof_coordinates: Array = field(repr=False)
+    varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
+
+    def load_of(self, amplitude: Amplitude | None) -> Array:
+        """The part of the body forces that one amplitude multiplies (None: the constant part), (n,)."""
+        if amplitude is None:
+            return self.load
+        return self.varying_loads.get(amplitude, np.zeros(self.size))
 
     @property
     def V(self) -> Any:
@@ -131,6 +141,29 @@ class Problem:
     def size(self) -> int:
         """Number of unknowns of all substructures."""
         return sum(s.size for s in self.substructures.values())
+
+    @property
+    def amplitudes(self) -> tuple[Amplitude, ...]:
+        """The different amplitudes of all values that change in time."""
+        varying = [v for i in self.interfaces.values() for v in i.law.varying.values()]
+        bodies = [Varying(((a, 0.0),)) for s in self.substructures.values() for a in s.varying_loads]
+        return tuple(amplitudes_of([*varying, *bodies]))
+
+    def at(self, time: float) -> Problem:
+        """The problem at one time of a load history: nothing in it changes any more."""
+        if not self.amplitudes:
+            return self
+        return Problem(
+            {
+                name: replace(
+                    s,
+                    load=s.load + sum(a(time) * f for a, f in s.varying_loads.items()),
+                    varying_loads={},
+                )
+                for name, s in self.substructures.items()
+            },
+            {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
+        )
 
     @property
     def interface_points(self) -> dict[str, Array]:
@@ -335,10 +368,9 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
     return fem.form(integrand)
 
 
-def _load(spec: SubstructureSpec, space: Any) -> Array:
-    """Nodal forces of the body force, (n,)."""
+def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
+    """Nodal forces of a body force, (n,)."""
     n = space.dofmap.index_map.size_local * space.dofmap.bs
-    force = spec.body_force
     if force is None or (isinstance(force, (int, float)) and force == 0):
         return np.zeros(n)
     if not hasattr(force, "ufl_shape"):
@@ -383,24 +415,30 @@ def _substructure(spec: SubstructureSpec) -> Substructure:
             "positive, check the material"
         )
     length = volume ** (1.0 / d)
+    loads: dict[Amplitude | None, Array] = {None: _load(spec, space, None)}
+    varies = isinstance(spec.body_force, Varying)
+    for amplitude, force in spec.body_force.terms if varies else ((None, spec.body_force),):
+        loads[amplitude] = loads.get(amplitude, 0.0) + _load(spec, space, force)
+    constant = loads.pop(None)
     return Substructure(
         name=spec.name,
         part=spec.part,
         space=space,
         stiffness=matrix,
-        load=_load(spec, space),
+        load=constant,
         rigid_modes=rigid_modes(coordinates, centre, length).reshape(K.shape[0], -1),
         modulus=modulus,
         length=length,
         volume=volume,
         centre=centre,
         dof_coordinates=coordinates,
+        varying_loads={a: f for a, f in loads.items() if a is not None},
     )
 
 
 def _check_law(interface: Interface) -> None:
     """Evaluate the values of a law once, so that mistakes are reported here."""
-    law = interface.law
+    law = interface.law.nominal
     if isinstance(law, Elastic):
         stiffnesses(interface, law)
     if isinstance(law, (Elastic, Perfect)):
@@ -469,7 +507,7 @@ def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Pro
 
 def _held_rows(interface: Interface) -> Array:
     """(m, r, d): directions in which the interface holds at each point, in global components."""
-    law, d = interface.law, interface.dim
+    law, d = interface.law.nominal, interface.dim
     m = interface.num_points
     if isinstance(law, Displacement):
         return np.tile(np.eye(d)[list(law.axes(d))], (m, 1, 1))

@@ -6,12 +6,14 @@ with a kernel law, local frames and search directions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly import Problem, resolve, stiffnesses
+from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import Elastic
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Plan
@@ -48,7 +50,7 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
     )
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
-        kappa = stiffnesses(interface, interface.law)[:, : fields.components]
+        kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
     return k.ravel()
 
@@ -66,25 +68,34 @@ def _spring_stiffness(
     return stiffness
 
 
+def _side_by_side(columns: Iterable[Array]) -> Array:
+    """Columns (n,) or (n, 1) as a matrix (n, l) in the kernel's storage order."""
+    return np.asfortranarray(np.column_stack(list(columns)))
+
+
 def _body(
-    problem: Problem, body: Body, floors: Mapping[tuple[str, str], Array] | None = None
+    problem: Problem,
+    patterns: Mapping[Amplitude | None, Body],
+    floors: Mapping[tuple[str, str], Array] | None = None,
 ) -> _core.Body:
+    """A body in the kernel's terms; `patterns` are the body under each load pattern."""
+    body = next(iter(patterns.values()))
     members = []
     for name in body.members:
-        offset = body.offset[name]
+        offset = _side_by_side(each.offset[name] for each in patterns.values())
         members.append(
             _core.Member(
                 name=name,
                 stiffness=problem.substructures[name].stiffness,
                 prolongation=body.Z[name],
-                load=body.load[name].reshape(-1, 1),
-                offset=offset.reshape(-1, 1) if np.any(offset) else None,
+                load=_side_by_side(each.load[name] for each in patterns.values()),
+                offset=offset if np.any(offset) else None,
             )
         )
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
-        fields = law_fields(interface)
+        fields, *others = (law_fields(interface, interface.law.pattern(a)) for a in patterns)
         stiffness = _spring_stiffness(interface, fields.components, floors or {})
         springs.append(
             _core.Spring(
@@ -93,7 +104,7 @@ def _body(
                 traces=[side.trace for side in interface.sides],
                 frames=fields.frames,
                 stiffness=(stiffness * interface.weights[:, None]).ravel(),
-                jump=fields.parameters["jump"].ravel(),
+                jump=_side_by_side(each.parameters["jump"] for each in (fields, *others)),
             )
         )
     return _core.Body(name="+".join(body.members), size=body.n, members=members, springs=springs)
@@ -110,7 +121,7 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     floors
         (interface, ``"normal"`` or ``"tangential"``) -> (m,) stiffness per area, of any sign.
     """
-    bodies = [_body(problem, body, floors) for body in reduce(problem, problem.interfaces)]
+    bodies = [_body(problem, {None: body}, floors) for body in reduce(problem, problem.interfaces)]
     try:
         _core.Problem(
             bodies=bodies, interfaces=[], operator="factored", backend="automatic", memory_limit=0.0
@@ -128,13 +139,13 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     latin_core.NumericalError
         A body's operator is not positive definite.
     """
-    bodies = [_body(problem, body) for body in reduce(problem, set(plan.eliminated))]
+    bodies = [_body(problem, patterns) for patterns in _reduced(problem, plan)]
     scale = _scale(problem, plan)
     interfaces = []
     laws = {}
     for name in plan.active:
         interface = problem.interfaces[name]
-        laws[name] = fields = law_fields(interface)
+        laws[name] = fields = _active_fields(interface, plan)
         direction = _direction(problem, plan, interface, fields)
         interfaces.append(
             _core.Interface(
@@ -158,7 +169,41 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
         backend=options.backend,
         memory_limit=options.memory_limit,
     )
+    core.set_steps(plan.steps)
     for name, fields in laws.items():
         for parameter, values in fields.parameters.items():
             core.set_parameter(name, parameter, values)
     return core
+
+
+def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
+    """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
+    chosen = set(plan.eliminated)
+    found: list[dict[Amplitude | None, Body]] = []
+    for amplitude in plan.patterns:
+        laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}
+        if len(plan.patterns) == 1 and amplitude is None:
+            laws = {}
+        bodies = reduce(problem, chosen, laws, amplitude)
+        found = found or [{} for _ in bodies]
+        for known, body in zip(found, bodies, strict=True):
+            known[amplitude] = body
+    return found
+
+
+def _active_fields(interface: Interface, plan: Plan) -> LawFields:
+    """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
+    law = interface.law
+    if plan.times is None or plan.history == "none":
+        return law_fields(interface)
+    if plan.history == "patterns":
+        columns = [law_fields(interface, law.pattern(a)) for a in plan.patterns]
+    else:
+        columns = [law_fields(interface, law.at(t)) for t in plan.times]
+    first = columns[0]
+    parameters = {}
+    for name, values in first.parameters.items():
+        block = _side_by_side(each.parameters[name] for each in columns)
+        constant = np.array_equal(block, np.broadcast_to(values, block.shape))
+        parameters[name] = values if constant and plan.history == "steps" else block
+    return replace(first, parameters=parameters)

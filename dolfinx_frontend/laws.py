@@ -6,7 +6,8 @@ interfaces have the ground as side 2, so that j = -w_1.  The frame of a point is
 Units are the user's own consistent set, e.g. N and mm; then stiffness per area is N/mm^3.
 
 A *value* of a law is a number, an array with one row per interface point, a callable of the points
-``x (m, d) -> (m,)`` or ``(m, d)``, or an opaque parameter (random, swept) with a ``mean``.
+``x (m, d) -> (m,)`` or ``(m, d)``, an opaque parameter (random, swept) with a ``mean``, or one that
+changes in time (:class:`dolfinx_frontend.Amplitude` times a value).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.history import Amplitude, Combination, Varying
 
 __all__ = [
     "Array",
@@ -51,7 +53,7 @@ class Parameter(Protocol):
 
 
 Value: TypeAlias = (
-    float | Sequence[float] | Array | Callable[[Array], npt.ArrayLike] | Parameter
+    float | Sequence[float] | Array | Callable[[Array], npt.ArrayLike] | Parameter | Varying
 )
 
 
@@ -110,6 +112,13 @@ def evaluate(
         Wrong shape, wrong type, or a number that is not finite.
     """
     m = len(points)
+    if isinstance(value, Varying):
+        raise SceneError(f"{what}: it changes in time: solve with times=[...]")
+    if isinstance(value, Combination):
+        total = np.zeros((m, components))
+        for coefficient, term in value.terms:
+            total += coefficient * evaluate(term, points, components, what, scalar, arrays)
+        return total
     origin = "gave"
     if not is_plain(value):
         if callable(value):
@@ -164,6 +173,8 @@ class Law:
 
     sides: ClassVar[tuple[int, ...]] = (1, 2)
     """Numbers of sides with which the law makes sense."""
+    loading: ClassVar[tuple[str, ...]] = ()
+    """Parameters that enter the answer of a linear scene linearly."""
 
     def parameters(self) -> dict[str, Any]:
         """Values that may vary or be overridden, by name; those that are None are absent."""
@@ -185,12 +196,53 @@ class Law:
                 )
         return dataclasses.replace(self, **changes)
 
+    @property
+    def varying(self) -> dict[str, Varying]:
+        """Parameters that change in time, by name."""
+        return {k: v for k, v in self.parameters().items() if isinstance(v, Varying)}
+
+    def at(self, time: float) -> Self:
+        """The law at a time of a load history."""
+        return self._changed({k: v.at(time) for k, v in self.varying.items()})
+
+    @property
+    def nominal(self) -> Self:
+        """The law with all amplitudes at 1."""
+        return self._changed({k: v.nominal for k, v in self.varying.items()})
+
+    def pattern(self, amplitude: Amplitude | None) -> Self:
+        """The law with the part of its loading that one amplitude multiplies (None: the constant part)."""
+        changes: dict[str, Any] = {}
+        for name in self.loading:
+            value = getattr(self, name)
+            if isinstance(value, Varying):
+                changes[name] = value.pattern(amplitude)
+            elif amplitude is not None:
+                changes[name] = 0.0
+        return self._changed(changes)
+
+    def _changed(self, changes: dict[str, Any]) -> Self:
+        return dataclasses.replace(self, **changes) if changes else self
+
     def holds(self, dim: int) -> tuple[bool, ...]:
         """Which local components (n, t1[, t2]) the law can hold against a rigid motion."""
         return (True,) * dim
 
     def _check(self, name: str, value: Any, minimum: float | None = None, mend: str = "") -> None:
         """Reject plain numbers that are not finite or lie below a minimum."""
+        if isinstance(value, (Varying, Combination)):
+            for _, term in value.terms:
+                if isinstance(term, Parameter) and not is_plain(term):
+                    raise SceneError(
+                        f"{type(self).__name__}: {name} is random and changes in time; a random value "
+                        "cannot be multiplied by an amplitude, let another parameter carry one of the two"
+                    )
+                self._check(name, term)
+            return
+        if isinstance(value, Amplitude):
+            raise SceneError(
+                f"{type(self).__name__}: {name} is an amplitude; multiply it by a value, e.g. by 1.0"
+            )
         if not is_plain(value):
             if callable(value) or isinstance(value, Parameter):
                 return
@@ -222,6 +274,7 @@ class Perfect(Law):
 
     jump: Any = 0.0
     sides: ClassVar[tuple[int, ...]] = (2,)
+    loading: ClassVar[tuple[str, ...]] = ("jump",)
 
     def __post_init__(self) -> None:
         self._check("jump", self.jump)
@@ -253,6 +306,7 @@ class Elastic(Law):
     tangential: Any = None
     jump: Any = 0.0
     total: bool = False
+    loading: ClassVar[tuple[str, ...]] = ("jump",)
 
     def __post_init__(self) -> None:
         if self.normal is None and self.tangential is None:
@@ -348,6 +402,7 @@ class Displacement(Law):
     value: Any = 0.0
     components: tuple[int, ...] | None = None
     sides: ClassVar[tuple[int, ...]] = (1,)
+    loading: ClassVar[tuple[str, ...]] = ("value",)
 
     def __post_init__(self) -> None:
         self._check("value", self.value)
@@ -383,6 +438,7 @@ class Pressure(Law):
 
     p: Any = 0.0
     sides: ClassVar[tuple[int, ...]] = (1,)
+    loading: ClassVar[tuple[str, ...]] = ("p",)
 
     def __post_init__(self) -> None:
         self._check("p", self.p)
@@ -400,6 +456,7 @@ class Traction(Law):
 
     t: Any = 0.0
     sides: ClassVar[tuple[int, ...]] = (1,)
+    loading: ClassVar[tuple[str, ...]] = ("t",)
 
     def __post_init__(self) -> None:
         self._check("t", self.t)

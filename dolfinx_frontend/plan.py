@@ -11,9 +11,20 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from dolfinx_frontend.errors import SceneError, unknown_name
-from dolfinx_frontend.laws import Elastic, Law, Perfect, is_plain
+from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of, check_times
+from dolfinx_frontend.laws import (
+    Displacement,
+    Elastic,
+    Law,
+    Perfect,
+    Pressure,
+    Symmetry,
+    Traction,
+    is_plain,
+)
 from latin_core import Options
 
 if TYPE_CHECKING:
@@ -85,6 +96,13 @@ class Plan:
         Search direction and settings of the iteration.
     decisions
         All of it with reasons; ``print(plan)`` shows them.
+    times
+        (T,) of a load history; None: there is none.
+    patterns
+        The amplitudes of the load patterns; None stands for what is constant in time.
+    history
+        What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
+        ``"patterns"`` (linear: one column a load pattern, superposed) or ``"steps"`` (one column a time).
     """
 
     method: Literal["direct", "accelerated", "latin"]
@@ -94,6 +112,36 @@ class Plan:
     direction: Direction
     options: Options
     decisions: tuple[Decision, ...]
+    times: npt.NDArray[np.float64] | None = None
+    patterns: tuple[Amplitude | None, ...] = (None,)
+    history: Literal["none", "patterns", "steps"] = "none"
+
+    @property
+    def steps(self) -> int:
+        """Columns that are the time steps of one history."""
+        return len(self.times) if self.history == "steps" and self.times is not None else 1
+
+    def factors(self) -> npt.NDArray[np.float64]:
+        """Factor of every load pattern at every time, (l, T); (1, 1) without a history."""
+        times = [0.0] if self.times is None else self.times
+        return np.array([[1.0 if a is None else a(t) for t in times] for a in self.patterns])
+
+    @property
+    def amplitudes(self) -> npt.NDArray[np.float64]:
+        """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes."""
+        if self.history == "steps":
+            return np.asfortranarray(self.factors())
+        return np.eye(len(self.patterns))
+
+    def in_time(self, block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Columns of a field (..., columns) as its values at all times, (T, ...)."""
+        if self.history != "steps":
+            block = block @ (self.factors() if self.history == "patterns" else np.ones((1, self._count)))
+        return np.moveaxis(block, -1, 0)
+
+    @property
+    def _count(self) -> int:
+        return 1 if self.times is None else len(self.times)
 
     def __str__(self) -> str:
         width = max(len(d.what) for d in self.decisions)
@@ -148,6 +196,7 @@ def make_plan(
     options: Options | None = None,
     random: RandomLaws | None = None,
     columns: int = 1,
+    times: npt.ArrayLike | None = None,
 ) -> Plan:
     """Decide what is modelled.
 
@@ -169,6 +218,8 @@ def make_plan(
         Settings of the iteration.
     random, columns
         What is random, and the number of chaos modes.
+    times
+        Times (T,) of a load history, increasing; the state before the first is unloaded and unslipped.
 
     Raises
     ------
@@ -179,9 +230,20 @@ def make_plan(
         raise SceneError(
             f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
         )
+    moments = None if times is None else check_times(times)
+    amplitudes = problem.amplitudes
+    if amplitudes and moments is None:
+        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
+        changing += [name for name, s in problem.substructures.items() if s.varying_loads]
+        raise SceneError(
+            f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
+        )
     reasons: dict[str, str] = {}
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
+    for name, interface in problem.interfaces.items():
+        if set(interface.law.varying) - set(interface.law.loading):
+            reasons.setdefault(name, "its law changes in time")
     if active == "all" or (active is None and method == "latin"):
         for name in problem.interfaces:
             reasons.setdefault(name, "asked for" if active == "all" else "the paper keeps them all")
@@ -253,13 +315,20 @@ def make_plan(
         by_how.setdefault(how, []).append(name)
     for how, names in by_how.items():
         decisions.append(Decision(how, ", ".join(names), "linear and fixed"))
+    patterns, history, why = _history(problem, kept, moments, amplitudes)
+    steps = len(moments) if history == "steps" and moments is not None else 1
     if random is not None:
         germs = random.space.germ_names
-        decisions.append(
-            Decision("columns", f"{columns} chaos modes", f"{len(germs)} germs: {', '.join(germs)}")
-        )
+        why = f"{len(germs)} germs: {', '.join(germs)}" + (f"; {why}" if why else "")
+        what = f"{columns} chaos modes" + (f" x {steps} time steps" if steps > 1 else "")
+        decisions.append(Decision("columns", what, why))
+        columns *= steps
+    elif history == "none":
+        decisions.append(Decision("columns", "1", why or _one_column(problem)))
     else:
-        decisions.append(Decision("columns", "1", _one_column(problem)))
+        columns = len(patterns) if history == "patterns" else steps
+        what = "load patterns" if history == "patterns" else "time steps"
+        decisions.append(Decision("columns", f"{columns} {what}", why))
     for text in random.dropped if random is not None else ():
         what, _, why = text.partition(": ")
         decisions.append(Decision("dropped", what, why))
@@ -277,4 +346,65 @@ def make_plan(
         decisions.append(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         )
-    return Plan(chosen, kept, eliminated, columns, direction, options, tuple(decisions))
+    return Plan(
+        chosen,
+        kept,
+        eliminated,
+        columns,
+        direction,
+        options,
+        tuple(decisions),
+        moments,
+        patterns,
+        history,
+    )
+
+
+def _history(
+    problem: Problem,
+    kept: Sequence[str],
+    times: npt.NDArray[np.float64] | None,
+    amplitudes: Sequence[Amplitude],
+) -> tuple[tuple[Amplitude | None, ...], Literal["none", "patterns", "steps"], str]:
+    """Load patterns, what a history needs of columns, and why."""
+    if times is None:
+        return (None,), "none", ""
+    if not amplitudes:
+        return (None,), "none", "nothing changes in time: one column answers for all times"
+    constant = (None,) if _constant_loads(problem) else ()
+    patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
+    nonlinear = [n for n in kept if not _superposes(problem.interfaces[n].law)]
+    if not nonlinear and len(patterns) < len(times):
+        why = "the scene is linear: its history is a superposition of load patterns"
+        return patterns, "patterns", why
+    # active interfaces are told their values at every time; only what is assembled has patterns
+    assembled = [i.law for n, i in problem.interfaces.items() if n not in kept]
+    values = [v for law in assembled for v in law.varying.values()]
+    loads = [Varying(((a, 0.0),)) for s in problem.substructures.values() for a in s.varying_loads]
+    patterns = (*constant, *amplitudes_of([*values, *loads])) or (None,)
+    why = "there are not more time steps than load patterns"
+    if nonlinear:
+        why = f"the answer of {', '.join(nonlinear)} is no superposition"
+    return patterns, "steps", why
+
+
+def _superposes(law: Law) -> bool:
+    """Whether the answer is linear in the loading: a linear law with constant stiffness."""
+    linear = isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction))
+    return linear and not set(law.varying) - set(law.loading)
+
+
+def _constant_loads(problem: Problem) -> bool:
+    """Whether any loading is constant in time and not zero."""
+    if any(np.any(s.load) for s in problem.substructures.values()):
+        return True
+    for interface in problem.interfaces.values():
+        law = interface.law
+        if not isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)):
+            continue  # its loading is no load of a body
+        for name in law.loading:
+            value = getattr(law, name)
+            terms = [v for a, v in value.terms if a is None] if isinstance(value, Varying) else [value]
+            if any(not is_plain(v) or np.any(np.asarray(v)) for v in terms):
+                return True
+    return False

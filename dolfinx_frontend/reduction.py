@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.assembly import Problem, forces, jumps, stiffnesses
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import (
     Array,
     Displacement,
@@ -202,7 +203,11 @@ def _shifts(
 
 
 def _body(
-    problem: Problem, members: list[str], laws: Mapping[str, Law], inside: list[Interface]
+    problem: Problem,
+    members: list[str],
+    laws: Mapping[str, Law],
+    inside: list[Interface],
+    amplitude: Amplitude | None,
 ) -> Body:
     d = problem.dim
     parts = [problem.substructures[m] for m in members]
@@ -296,7 +301,7 @@ def _body(
         prolongation[m] = sp.csr_matrix((value, (row, column)), shape=(d * count, size))
         offset[m] = (fixed[own] + shift[s : s + count]).ravel()
 
-    load = {m: p.load.copy() for m, p in zip(members, parts, strict=True)}
+    load = {m: p.load_of(amplitude).copy() for m, p in zip(members, parts, strict=True)}
     for i in inside:
         law = laws[i.name]
         if isinstance(law, (Pressure, Traction)):
@@ -307,7 +312,10 @@ def _body(
 
 
 def reduce(
-    problem: Problem, eliminate: Iterable[str], laws: Mapping[str, Law] | None = None
+    problem: Problem,
+    eliminate: Iterable[str],
+    laws: Mapping[str, Law] | None = None,
+    amplitude: Amplitude | None = None,
 ) -> list[Body]:
     """Bodies that remain when interfaces are assembled across.
 
@@ -319,6 +327,8 @@ def reduce(
         Names of the interfaces; the others stay active and restrict nothing here.
     laws
         Laws to use instead of those of the problem.
+    amplitude
+        Amplitude whose part of the body forces is taken; None: the constant part.
 
     Returns
     -------
@@ -344,7 +354,7 @@ def reduce(
             for i in problem.interfaces.values()
             if i.name in chosen and i.sides[0].substructure in members
         ]
-        bodies.append(_body(problem, members, current, inside))
+        bodies.append(_body(problem, members, current, inside, amplitude))
     return bodies
 
 

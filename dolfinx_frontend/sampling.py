@@ -139,7 +139,7 @@ class SampleResult(StochasticResult):
             part = slice(start, min(start + chunk, len(self.germs)))
             states = self.points.states[part]
             state = State(
-                np.asfortranarray(states[:, 0].T), np.asfortranarray(states[:, 1].T)
+                np.asfortranarray(states[:, 0, :, 0].T), np.asfortranarray(states[:, 1, :, 0].T)
             )
             yield part, self.core.displacements(state, np.ones((1, len(states))))
 

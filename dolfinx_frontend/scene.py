@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.history import Varying
 from dolfinx_frontend.laws import (
     Displacement,
     Law,
@@ -142,7 +143,7 @@ class Scene:
         degree
             Degree of the Lagrange displacements, 1 to 3.
         body_force
-            Force per volume: d numbers or a UFL vector; None: none.
+            Force per volume: d numbers or a UFL vector, or an amplitude times one; None: none.
 
         Raises
         ------
@@ -190,11 +191,11 @@ class Scene:
                 check(spec.dim)
             except SceneError as err:
                 raise SceneError(f"{where}: {err}") from None
-        if is_plain(body_force) and not (
-            isinstance(body_force, (int, float)) and body_force == 0
-        ):
-            if not hasattr(body_force, "__len__") or len(body_force) != spec.dim:
-                raise SceneError(f"{where}: body_force = {body_force!r}; give {spec.dim} numbers")
+        varies = isinstance(body_force, Varying)
+        for force in [v for _, v in body_force.terms] if varies else [body_force]:
+            if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
+                if not hasattr(force, "__len__") or len(force) != spec.dim:
+                    raise SceneError(f"{where}: body_force = {force!r}; give {spec.dim} numbers")
         self.substructures[name] = spec
 
     def _face(self, text: str, where: str) -> Face:

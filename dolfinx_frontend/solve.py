@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -14,7 +14,8 @@ from dolfinx import fem
 from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem, stiffnesses
 from dolfinx_frontend.errors import SceneError, unknown_name
-from dolfinx_frontend.laws import Elastic
+from dolfinx_frontend.laws import Contact, Elastic, Law
+from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from dolfinx_frontend.chaos import ChaosResult
     from dolfinx_frontend.random import Chaos
 
-__all__ = ["Result", "phase_seconds", "solve"]
+__all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
 
 Array = npt.NDArray[np.float64]
 
@@ -76,7 +77,7 @@ class Result:
     def displacements(self) -> dict[str, Array]:
         """Substructure -> (n,) unknowns; interior fields are recovered when first asked for."""
         if self._displacements is None:
-            fields = self.core.displacements(self.state, np.ones((1, 1)))
+            fields = self.core.displacements(self.state, self.plan.amplitudes)
             self._displacements = {name: fields[name][:, 0] for name in self.problem.substructures}
         return self._displacements
 
@@ -97,29 +98,38 @@ class Result:
         return self._local(interface)[0]
 
     def _local(self, name: str) -> tuple[Array, Array]:
+        """Force and jump (m, components) of an interface."""
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
         interface = self.problem.interfaces[name]
-        points = interface.num_points
         if name in self.plan.active:
             force, jump = self.core.local_fields(name, self.state)
+            points = interface.num_points
             return force.reshape(points, -1), jump.reshape(points, -1)
-        fields = bridge.law_fields(interface)
+        return self._eliminated(interface, interface.law, self.displacements)
+
+    def _eliminated(
+        self, interface: Interface, law: Law, displacements: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """Force and jump (m, components) of an interface that was assembled into the bodies."""
+        fields = bridge.law_fields(interface, law)
         if fields.kind == "perfect":
+            name = interface.name
             raise SceneError(
                 f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
                 f"not an unknown: solve with active=[{name!r}] to have it"
             )
+        points = interface.num_points
         jump = sum(
             (
-                sign * (interface.local_trace(i) @ self.displacements[side.substructure])
+                sign * (interface.local_trace(i) @ displacements[side.substructure])
                 for i, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False))
             ),
             start=np.zeros(interface.dim * points),
         ).reshape(points, -1)[:, : fields.components]
-        if not isinstance(interface.law, Elastic):
+        if not isinstance(law, Elastic):
             return fields.parameters["force"].reshape(points, -1), jump
-        stiffness = stiffnesses(interface, interface.law)[:, : fields.components]
+        stiffness = stiffnesses(interface, law)[:, : fields.components]
         imposed = fields.parameters["jump"].reshape(points, -1)
         return stiffness * (jump - imposed), jump
 
@@ -130,12 +140,100 @@ class Result:
         )
 
 
+@dataclass
+class HistoryResult(Result):
+    """Answer over a load history; every field has the time steps as its first axis."""
+
+    _all: dict[str, Array] | None = field(default=None, repr=False)
+
+    @property
+    def times(self) -> Array:
+        """(T,)."""
+        assert self.plan.times is not None  # a history has them
+        return self.plan.times
+
+    @property
+    def displacements(self) -> dict[str, Array]:
+        """Substructure -> (T, n) unknowns; interior fields are recovered when first asked for."""
+        if self._all is None:
+            fields = self.core.displacements(self.state, self.plan.amplitudes)
+            self._all = {n: self.plan.in_time(fields[n]) for n in self.problem.substructures}
+        return self._all
+
+    def displacement(self, substructure: str, step: int = -1) -> fem.Function:
+        """Displacement of a substructure at a time step (the last by default) as a dolfinx function."""
+        if substructure not in self.problem.substructures:
+            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
+        function = fem.Function(self.problem.substructures[substructure].V, name="displacement")
+        function.x.array[:] = self.displacements[substructure][step]
+        return function
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1 (T, m, components), length, in the local frame."""
+        return self._local(interface)[1]
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, (T, m, components), in the local frame: component 0 is normal."""
+        return self._local(interface)[0]
+
+    def work(self, interface: str) -> Array:
+        """Work that an interface has taken up since the beginning, (T,), force * length.
+
+        Integral of f . dj by the trapezoidal rule, exact for elastic interfaces.
+        """
+        force, jump = self._local(interface)
+        before = np.zeros_like(force[:1])
+        middle = 0.5 * (force + np.concatenate([before, force[:-1]]))
+        return self._along(interface, middle, jump)
+
+    def dissipation(self, interface: str) -> Array:
+        """Work that friction has turned to heat since the beginning, (T,), force * length.
+
+        Integral of f_t . dj_t with the force at the end of each step, where the law holds: exact for as
+        long as the slip of a step keeps its direction.
+
+        Raises
+        ------
+        SceneError
+            The interface has no friction.
+        """
+        force, jump = self._local(interface)
+        law = self.problem.interfaces[interface].law
+        if not isinstance(law, Contact) or not law.rubs:
+            raise SceneError(
+                f"interface {interface!r}: {type(law).__name__} has no friction; work() is for every law"
+            )
+        return self._along(interface, force[..., 1:], jump[..., 1:])
+
+    def _along(self, interface: str, force: Array, jump: Array) -> Array:
+        weights = self.problem.interfaces[interface].weights
+        steps = np.diff(jump, axis=0, prepend=np.zeros_like(jump[:1]))
+        return np.cumsum(np.einsum("p,tpc,tpc->t", weights, force, steps))
+
+    def _local(self, name: str) -> tuple[Array, Array]:
+        if name not in self.problem.interfaces:
+            raise unknown_name("interface", name, self.problem.interfaces, "result")
+        interface = self.problem.interfaces[name]
+        if name in self.plan.active:
+            points = interface.num_points
+            blocks = self.core.local_fields(name, self.state)
+            force, jump = (self.plan.in_time(b.reshape(points, -1, b.shape[1])) for b in blocks)
+            return force, jump
+        fields = self.displacements
+        pairs = [
+            self._eliminated(interface, interface.law.at(t), {n: u[k] for n, u in fields.items()})
+            for k, t in enumerate(self.times)
+        ]
+        return np.array([f for f, _ in pairs]), np.array([j for _, j in pairs])
+
+
 @overload
 def solve(
     problem: Problem,
     method: Method = "auto",
     *,
     chaos: None = None,
+    times: None = None,
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
@@ -143,6 +241,22 @@ def solve(
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
 ) -> Result: ...
+
+
+@overload
+def solve(
+    problem: Problem,
+    method: Method = "auto",
+    *,
+    chaos: None = None,
+    times: npt.ArrayLike,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    start: Result | State | None = None,
+    callback: Callable[[Iteration], None] | None = None,
+) -> HistoryResult: ...
 
 
 @overload
@@ -166,6 +280,7 @@ def solve(
     method: Method = "auto",
     *,
     chaos: Chaos | int | None = None,
+    times: npt.ArrayLike | None = None,
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
@@ -185,6 +300,9 @@ def solve(
     chaos
         Expand the answer in polynomial chaos: order and index set, or the order of a total-degree set.
         None: random parameters are taken at their mean, and the plan says so.
+    times
+        Times (T,) of a load history; values of laws that change in time (:class:`Amplitude`) are taken there.
+        The state before the first time is unloaded and unslipped.
     plan
         a plan made before.
     start
@@ -199,7 +317,7 @@ def solve(
     -------
     Result
         Its ``status`` says whether the tolerance was reached; nothing is raised if it was not. With
-        chaos a :class:`ChaosResult`.
+        times a :class:`HistoryResult`, with chaos a :class:`ChaosResult`.
 
     Raises
     ------
@@ -211,6 +329,8 @@ def solve(
         Within one iteration of Ctrl-C.
     """
     if chaos is not None:
+        if times is not None:
+            raise SceneError("solve: chaos and times together are not supported; sample instead")
         from dolfinx_frontend.chaos import solve_chaos  # which builds on this module
 
         return solve_chaos(
@@ -225,18 +345,19 @@ def solve(
             indefinite=indefinite,
             callback=callback,
         )
-    plan = plan or make_plan(problem, method, active, (), direction, options)
+    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
     began = perf_counter()
     core = bridge.build(problem, plan)
     built = perf_counter()
     summary, state = core.solve(
         options=plan.options.kernel(),
-        amplitudes=np.ones((1, plan.columns)),
+        amplitudes=plan.amplitudes,
         start=start_states(start),
         callback=callback,
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
-    return Result(problem, plan, summary, state, seconds, core)
+    kind = Result if plan.times is None else HistoryResult
+    return kind(problem, plan, summary, state, seconds, core)
 
 
 def start_states(start: Result | State | None) -> list[State]:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from latin_core import (
     Iteration,
@@ -29,7 +30,7 @@ from latin_core import (
 from latin_core import Problem as Kernel
 from latin_core import sweep as kernel_sweep
 
-__all__ = ["SweepResult", "sweep"]
+__all__ = ["PointFields", "SweepResult", "sweep"]
 
 Array = npt.NDArray[np.float64]
 Key = str | tuple[str, ...]
@@ -39,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass
 class SweepResult:
-    """Answers over the grid; every array has the grid's shape first.
+    """Answers over the grid; every array has the grid's shape first, then the time steps of a history.
 
     Attributes
     ----------
@@ -82,25 +83,33 @@ class SweepResult:
     def _field(self, store: dict[str, Array], interface: str) -> Array:
         if interface not in store:
             raise unknown_name("active interface", interface, store, "sweep")
-        points = self.problem.interfaces[interface].num_points
-        return store[interface].reshape(*self.shape, points, -1)
+        return in_time(self.plan, store[interface], self.shape, self.problem.interfaces[interface])
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (grid..., m, components), local."""
+        """Force per area on side 1 of an active interface, (grid..., [T,] m, components), local."""
         return self._field(self.points.forces, interface)
 
     def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 of an active interface, (grid..., m, components), local frame."""
+        """Jump w2 - w1 of an active interface, (grid..., [T,] m, components), local frame."""
         return self._field(self.points.jumps, interface)
 
+    def output(self, name: str) -> Array:
+        """What a function of `outputs` returned, (grid..., its own shape)."""
+        if name not in self.points.outputs:
+            raise unknown_name("output", name, self.points.outputs, "sweep")
+        values = self.points.outputs[name]
+        return values.reshape(*self.shape, *values.shape[1:])
+
     def displacements(self, *index: int) -> dict[str, Array]:
-        """Substructure -> (n,) unknowns at one point of the grid; interior fields are recovered here."""
+        """Substructure -> ([T,] n) unknowns at one point of the grid; interior fields are recovered here."""
         if self.points.states is None:
             raise SceneError("the states of the points were not kept: sweep with keep_states=True")
         data, traces = self.points.states[np.ravel_multi_index(index, self.shape)]
-        state = State(data.reshape(-1, 1), traces.reshape(-1, 1))
-        fields = self.core.displacements(state, np.ones((1, 1)))
-        return {name: values[:, 0] for name, values in fields.items()}
+        state = State(np.asfortranarray(data), np.asfortranarray(traces))
+        fields = self.core.displacements(state, self.plan.amplitudes)
+        if self.plan.times is None:
+            return {name: values[:, 0] for name, values in fields.items()}
+        return {name: self.plan.in_time(values) for name, values in fields.items()}
 
     def __repr__(self) -> str:
         done = int((self.points.iterations >= 0).sum())
@@ -110,6 +119,14 @@ class SweepResult:
             f"{int(self.converged.sum())} converged, {total} iterations, "
             f"{sum(self.seconds.values()):.2f} s)"
         )
+
+
+def in_time(plan: Plan, values: Array, shape: tuple[int, ...], interface: Interface) -> Array:
+    """Fields of points (N, columns, rows) -> (shape..., [T,] m, components)."""
+    if plan.times is not None:
+        values = np.moveaxis(plan.in_time(np.swapaxes(values, 1, 2)), 0, 1)
+        shape = (*shape, len(plan.times))
+    return values.reshape(*shape, interface.num_points, -1)
 
 
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
@@ -128,7 +145,7 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
 
 
 def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> str:
-    """Hash of what makes two runs the same: parts, loads, interfaces, laws, plan, swept values.
+    """Hash of what makes two runs the same: parts, loads, interfaces, laws, times, plan, swept values.
 
     Numbers count with nine digits, so that another order of summation is no other run.
     """
@@ -142,13 +159,16 @@ def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParamete
 
     for part in problem.substructures.values():
         add(part.name, part.size)
-        for what in (part.volume, part.stiffness.norm(), part.load):
+        for what in (part.volume, part.stiffness.norm(), part.load, *part.varying_loads.values()):
             add("part", what)
+    moments = np.zeros(0) if plan.times is None else plan.times
+    add("times", moments)
+    add("factors", plan.factors())
     for name, interface in problem.interfaces.items():
-        fields = bridge.law_fields(interface)
         add(f"{name} {type(interface.law).__name__}", interface.weights)
-        for parameter, values in sorted(fields.parameters.items()):
-            add(parameter, values)
+        for law in [interface.law.at(t) for t in moments] if interface.law.varying else [interface.law]:
+            for parameter, values in sorted(bridge.law_fields(interface, law).parameters.items()):
+                add(parameter, values)
     for each in parameters:
         add(f"{each.interface} {each.parameter}", each.pattern)
         add("values", each.values)
@@ -169,6 +189,9 @@ def sweep(
     progress: bool = True,
     callback: Callable[[Iteration], None] | None = None,
     keep_states: bool = False,
+    times: npt.ArrayLike | None = None,
+    keep_fields: bool = True,
+    outputs: Mapping[str, Callable[[PointFields], npt.ArrayLike]] | None = None,
 ) -> SweepResult:
     """Solve for every point of a grid of law parameters.
 
@@ -192,6 +215,13 @@ def sweep(
         Called after every iteration.
     keep_states
         Keep the interface states, from which displacements can be recovered.
+    times
+        Times (T,) of a load history. A swept value that changes in time keeps its amplitude.
+    keep_fields
+        Keep force and jump of the active interfaces at every point: N x T x rows numbers each.
+    outputs
+        Name -> function of the interface fields of a point; only what it returns (a number or an array) is
+        kept, where all fields would be too many.
 
     Raises
     ------
@@ -212,7 +242,7 @@ def sweep(
         targets[name] = (interface, parameter)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
-        plan = make_plan(problem, method, active, swept, direction, options)
+        plan = make_plan(problem, method, active, swept, direction, options, times=times)
     missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
@@ -227,7 +257,10 @@ def sweep(
                 raise SceneError(
                     f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
                 )
-            parameters.append(SweptParameter(interface, kernel_name, pattern, values.reshape(1, -1)))
+            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
+            parameters.append(
+                SweptParameter(interface, kernel_name, pattern, values.reshape(1, -1), columns)
+            )
 
     began = perf_counter()
     core = bridge.build(problem, plan)
@@ -247,7 +280,7 @@ def sweep(
     try:
         points = kernel_sweep(
             core,
-            np.ones((1, plan.columns)),
+            plan.amplitudes,
             parameters,
             order,
             plan.active,
@@ -258,10 +291,13 @@ def sweep(
                 "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
                 "rtol": plan.options.rtol,
                 "criterion": plan.options.criterion,
+                "kept": [keep_fields, *(outputs or {})],
             },
             point_done,
             callback,
             keep_states,
+            keep_fields,
+            {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
         )
     finally:
         if bar is not None:
@@ -269,6 +305,56 @@ def sweep(
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): values for key, values in axes.items()}
     return SweepResult(problem, plan, named, points, seconds, core)
+
+
+def _reading(
+    problem: Problem, plan: Plan, function: Callable[[PointFields], npt.ArrayLike]
+) -> Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]:
+    """A user's function of a point as the kernel's sweep calls it."""
+    return lambda _, fields: function(PointFields(problem, plan, fields))
+
+
+def _through_time(
+    problem: Problem, plan: Plan, interface: str, parameter: str, pattern: Array
+) -> tuple[Array, int]:
+    """Pattern of a swept value with a block of rows a column, and the number of columns."""
+    value = problem.interfaces[interface].law.varying.get(parameter)
+    if value is None or plan.times is None:
+        return pattern, 1
+    if len(value.terms) > 1:
+        raise SceneError(
+            f"sweep: {interface}.{parameter} is a sum of values that change in time; sweep a single "
+            "amplitude * value"
+        )
+    amplitude = value.terms[0][0]
+    if plan.history == "patterns":
+        factors = [1.0 if a == amplitude else 0.0 for a in plan.patterns]
+    else:
+        factors = [1.0 if amplitude is None else amplitude(t) for t in plan.times]
+    return np.kron(np.reshape(factors, (-1, 1)), pattern), len(factors)
+
+
+@dataclass(frozen=True)
+class PointFields:
+    """Interface fields at one point of a sweep; what a function of `outputs` is given."""
+
+    problem: Problem
+    plan: Plan
+    _fields: dict[str, tuple[Array, Array]] = field(repr=False)
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1 of an active interface, ([T,] m, components), local frame."""
+        return self._field(interface, 0)
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1 of an active interface, ([T,] m, components), local frame."""
+        return self._field(interface, 1)
+
+    def _field(self, interface: str, which: int) -> Array:
+        if interface not in self._fields:
+            raise unknown_name("active interface", interface, self._fields, "sweep")
+        block = self._fields[interface][which].T[None]
+        return in_time(self.plan, block, (), self.problem.interfaces[interface])
 
 
 def warn_unconverged(what: str, point: int, summary: Summary) -> None:

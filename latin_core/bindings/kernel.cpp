@@ -57,7 +57,7 @@ void bind_descriptions(py::module_& m) {
   py::class_<latin::Spring>(m, "Spring", "A deterministic elastic interface assembled into a body")
       .def(py::init([](std::string name, std::vector<latin::Index> members,
                        const std::vector<py::object>& traces, const latin::Matrix& frames,
-                       latin::Vector stiffness, latin::Vector jump) {
+                       latin::Vector stiffness, latin::Matrix jump) {
              std::vector<latin::SparseRows> local;
              for (const auto& trace : traces) {
                Mat matrix = latin_bindings::borrow_mat(trace);
@@ -127,11 +127,11 @@ void bind_iteration(py::module_& m) {
 
   py::class_<latin::SweptParameter>(m, "SweptParameter", "A law parameter with one value a point")
       .def(py::init([](std::string interface, std::string parameter, latin::Matrix pattern,
-                       latin::Matrix values) {
+                       latin::Matrix values, latin::Index columns) {
              return latin::SweptParameter{std::move(interface), std::move(parameter),
-                                          std::move(pattern), std::move(values)};
+                                          std::move(pattern), std::move(values), columns};
            }),
-           py::kw_only(), "interface"_a, "parameter"_a, "pattern"_a, "values"_a);
+           py::kw_only(), "interface"_a, "parameter"_a, "pattern"_a, "values"_a, "columns"_a);
 
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
       .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations,

@@ -41,7 +41,7 @@ class Spring:
         traces: Sequence[Mat],  # (d * points, n) each, global components
         frames: Array,  # (components * points, d)
         stiffness: Array,  # (components * points,), times the weights
-        jump: Array,  # (components * points,), length
+        jump: Array,  # (components * points, l), length, one column a load pattern
     ) -> None: ...
 
 class Body:
@@ -117,8 +117,9 @@ class SweptParameter:
         *,
         interface: str,
         parameter: str,
-        pattern: Array,  # (rows or 1, r)
+        pattern: Array,  # (rows * columns, r); rows may be 1
         values: Array,  # (r, points)
+        columns: int,
     ) -> None: ...
 
 class Options:

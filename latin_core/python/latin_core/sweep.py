@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,15 +28,19 @@ class SweptParameter:
     interface, parameter
         Names, as :meth:`latin_core.Problem.set_parameter` takes them.
     pattern
-        (rows or 1, r): the parameter field at a point is ``pattern @ values[:, point]``.
+        (rows * columns, r), rows may be 1: the parameter field at a point is ``pattern @ values[:, point]``,
+        one block of rows after the other.
     values
         (r, points); r = 1 for a number.
+    columns
+        Columns of the field: the time steps of a history, or 1 if it is the same in all.
     """
 
     interface: str
     parameter: str
     pattern: Array
     values: Array
+    columns: int = 1
 
 
 @dataclass
@@ -51,13 +55,15 @@ class SweepPoints:
     status
         (points,) end of each iteration, "" where not reached.
     forces, jumps
-        interface name -> (points, rows): local-stage force and jump of every active interface.
+        interface name -> (points, columns, rows): local-stage force and jump of every active interface.
+    outputs
+        name -> (points, ...): what the functions of `outputs` returned.
     histories
         point -> its iterations, in the order of solution (points of this run only).
     order
         points in the order in which they were solved in this run.
     states
-        (points, 2, rows): s and w of every point, if asked for.
+        (points, 2, rows, columns): s and w of every point, if asked for.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -69,6 +75,11 @@ class SweepPoints:
     histories: dict[int, list[_core.Iteration]] = field(default_factory=dict)
     order: list[int] = field(default_factory=list)
     states: Array | None = None
+    outputs: dict[str, Array] = field(default_factory=dict)
+
+
+Fields = dict[str, tuple[Array, Array]]
+"""Interface -> its local-stage force and jump, (rows, columns) each."""
 
 
 def sweep(
@@ -83,6 +94,8 @@ def sweep(
     progress: Callable[[int, _core.Summary], None] | None = None,
     callback: Callable[[_core.Iteration], None] | None = None,
     keep_states: bool = False,
+    keep_fields: bool = True,
+    outputs: Mapping[str, Callable[[int, Fields], npt.ArrayLike]] | None = None,
 ) -> SweepPoints:
     """Solve for every point, each started from the states of its nearest solved neighbours.
 
@@ -102,6 +115,11 @@ def sweep(
         Called after every point, and after every iteration.
     keep_states
         Keep s and w of every point; not with a checkpoint, which has them.
+    keep_fields
+        Keep force and jump of every point.
+    outputs
+        Name -> function of the point and the fields of `interfaces`, called after every point; what it
+        returns (a number or an array, of one shape for all points) is kept.
 
     Raises
     ------
@@ -119,20 +137,36 @@ def sweep(
         status=np.full(points, "", dtype="<U16"),
         forces={},
         jumps={},
-        states=np.full((points, 2, problem.rows), np.nan) if keep_states else None,
+        states=(
+            np.full((points, 2, problem.rows, amplitudes.shape[1]), np.nan) if keep_states else None
+        ),
     )
+    outputs = outputs or {}
+    clash = [name for name in outputs if ":" in name]
+    if clash:
+        raise ValueError(f"output {clash[0]!r}: a name without a colon is wanted")
+
+    def store(into: dict[str, Array], name: str, point: int, values: Array) -> None:
+        if name not in into:
+            into[name] = np.full((points, *values.shape), np.nan)
+        if into[name].shape[1:] != values.shape:
+            raise ValueError(
+                f"output {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} before: "
+                "return one shape for all points"
+            )
+        into[name][point] = values
 
     def keep(point: int, arrays: dict[str, Any]) -> None:
         result.iterations[point] = int(arrays["iterations"])
         result.error[point] = float(arrays["error"])
         result.seconds[point] = float(arrays["seconds"])
         result.status[point] = str(arrays["status"])
-        for name in interfaces:
-            for store, key in ((result.forces, "force"), (result.jumps, "jump")):
-                values = arrays[f"{key}:{name}"]
-                if name not in store:
-                    store[name] = np.full((points, values.size), np.nan)
-                store[name][point] = values
+        for name in interfaces if keep_fields else ():
+            store(result.forces, name, point, arrays[f"force:{name}"])
+            store(result.jumps, name, point, arrays[f"jump:{name}"])
+        for name in outputs:
+            if f"output:{name}" in arrays:
+                store(result.outputs, name, point, arrays[f"output:{name}"])
 
     known: list[_core.State] = []
     known_points: list[int] = []
@@ -151,13 +185,16 @@ def sweep(
                 "seconds": summary.history[-1].seconds if summary.history else 0.0,
                 "status": summary.status,
             }
-            for name in interfaces:
-                force, jump = problem.local_fields(name, state)
-                arrays[f"force:{name}"] = force[:, 0]
-                arrays[f"jump:{name}"] = jump[:, 0]
+            fields: Fields = {}
+            for name in interfaces if keep_fields or outputs else ():
+                fields[name] = problem.local_fields(name, state)
+                if keep_fields:
+                    arrays[f"force:{name}"], arrays[f"jump:{name}"] = (f.T for f in fields[name])
+            for name, function in outputs.items():
+                arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
             keep(point, arrays)
             if result.states is not None:
-                result.states[point] = state.data[:, 0], state.traces[:, 0]
+                result.states[point] = state.data, state.traces
             result.histories[point] = summary.history
             result.order.append(point)
             if file is not None:
@@ -174,6 +211,7 @@ def sweep(
                     parameter=each.parameter,
                     pattern=each.pattern,
                     values=each.values,
+                    columns=each.columns,
                 )
                 for each in parameters
             ],

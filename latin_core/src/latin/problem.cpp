@@ -44,18 +44,27 @@ void check_interface(const InterfaceDescription& interface) {
   }
 }
 
-/// Columns of a block (rows, c) times no matrix, one for all points, or one for each.
-Matrix transformed(const std::vector<Matrix>& by, const Matrix& block, Index components) {
+/// Columns of a block (rows, steps * c) times no matrix, one for all points, or one for each. Time steps run
+/// fastest, so that one product on the (rows * steps, c) view transforms all of them.
+Matrix transformed(const std::vector<Matrix>& by, const Matrix& block, Index components,
+                   Index steps) {
   if (by.empty()) {
     return block;
   }
+  const Matrix& first = by.front();
+  Matrix result(block.rows(), first.cols() * steps);
   if (by.size() == 1) {
-    return block * by.front();
+    result.reshaped(block.rows() * steps, first.cols()).noalias() =
+        block.reshaped(block.rows() * steps, first.rows()) * first;
+    return result;
   }
-  Matrix result(block.rows(), by.front().cols());
   for (std::size_t point = 0; point < by.size(); ++point) {
     const Index row = components * static_cast<Index>(point);
-    result.middleRows(row, components).noalias() = block.middleRows(row, components) * by[point];
+    const Matrix own = block.middleRows(row, components);
+    Matrix product(components, result.cols());
+    product.reshaped(components * steps, first.cols()).noalias() =
+        own.reshaped(components * steps, first.rows()) * by[point];
+    result.middleRows(row, components) = product;
   }
   return result;
 }
@@ -236,6 +245,38 @@ void Problem::set_columns(const std::string& interface, std::vector<LawColumns> 
   entry.groups = std::move(groups);
 }
 
+void Problem::check_columns(Index columns) const {
+  if (columns < 1 || columns % steps_ != 0) {
+    throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
+                     std::to_string(steps_) + " time steps");
+  }
+  const auto check = [](const std::string& name, const Law& law, Index available) {
+    for (const auto& info : law.parameters()) {
+      const Index given = law.get(info.name).values().cols();
+      if (given != 1 && given != available) {
+        throw InputError("interface '" + name + "': parameter '" + info.name + "' has " +
+                         std::to_string(given) + " columns where the law sees " +
+                         std::to_string(available) + ": give that many or one");
+      }
+    }
+  };
+  for (const Entry& entry : interfaces_) {
+    if (entry.groups.empty()) {
+      check(entry.geometry.name, *entry.geometry.law, columns);
+    }
+    for (std::size_t g = 0; g < entry.groups.size(); ++g) {
+      const auto& forward = entry.groups[g].forward;
+      if (!forward.empty() && forward.front().rows() * steps_ != columns) {
+        throw InputError("interface '" + entry.geometry.name + "': column transforms of " +
+                         std::to_string(forward.front().rows()) + " modes do not fit " +
+                         std::to_string(columns / steps_));
+      }
+      check(entry.geometry.name, *entry.group_laws[g],
+            forward.empty() ? columns : forward.front().cols() * steps_);
+    }
+  }
+}
+
 void Problem::set_steps(Index steps) {
   if (steps < 1) {
     throw InputError("a history has " + std::to_string(steps) + " time steps: give at least one");
@@ -278,10 +319,10 @@ void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force
   }
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
-    const Matrix samples = transformed(group.forward, free_jump, components);
+    const Matrix samples = transformed(group.forward, free_jump, components, steps_);
     Matrix forces(samples.rows(), samples.cols());
     entry.group_laws[g]->resolve({components, samples, entry.flexibility, steps_}, forces);
-    const Matrix back = transformed(group.backward, forces, components);
+    const Matrix back = transformed(group.backward, forces, components, steps_);
     for (Index component = group.begin; component < group.end; ++component) {
       const auto rows = Eigen::seqN(component, entry.geometry.points, components);
       force(rows, Eigen::all) = back(rows, Eigen::all);

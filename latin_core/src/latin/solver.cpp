@@ -290,6 +290,11 @@ Summary solve(const Problem& problem, const Options& options, const Matrix& ampl
               State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
   check_options(options);
   const Index columns = amplitudes.cols();
+  if (amplitudes.rows() != problem.loads()) {
+    throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
+                     " load patterns, this problem has " + std::to_string(problem.loads()));
+  }
+  problem.check_columns(columns);
   const auto fits = [&problem, columns](const State& each) {
     return each.data.rows() == problem.rows() && each.data.cols() == columns &&
            each.traces.rows() == problem.rows() && each.traces.cols() == columns;

@@ -24,6 +24,11 @@ Matrix coordinates(const std::vector<SweptParameter>& parameters) {
                        std::to_string(each.values.cols()) + ") and " + std::to_string(all.cols()) +
                        " points");
     }
+    if (each.columns < 1 || each.pattern.rows() % each.columns != 0) {
+      throw InputError("sweep: parameter '" + each.parameter + "' of interface '" + each.interface +
+                       "' has a pattern of " + std::to_string(each.pattern.rows()) + " rows for " +
+                       std::to_string(each.columns) + " columns");
+    }
     for (Index i = 0; i < each.values.rows(); ++i) {
       const double range = each.values.row(i).maxCoeff() - each.values.row(i).minCoeff();
       all.row(rows++) = (range > 0.0 ? 1.0 / range : 0.0) * each.values.row(i);
@@ -45,7 +50,9 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
   const Matrix where = coordinates(parameters);
   for (const Index point : order) {
     for (const SweptParameter& each : parameters) {
-      problem.set_parameter(each.interface, each.parameter, each.pattern * each.values.col(point));
+      const Vector field = each.pattern * each.values.col(point);
+      problem.set_parameter(each.interface, each.parameter,
+                            field.reshaped(field.size() / each.columns, each.columns));
     }
     std::vector<std::size_t> nearest(known.size());
     std::iota(nearest.begin(), nearest.end(), std::size_t{0});

@@ -216,10 +216,13 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       of_offset += jump.transpose() * (spring.stiffness.asDiagonal() * of_offsets);
       offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
     }
-    if (loads > 0) {
-      // an imposed jump acts with the first load pattern, as the deterministic loads do
-      load.col(0) += jump.transpose() * spring.stiffness.cwiseProduct(spring.jump);
+    if (spring.jump.cols() != loads || spring.jump.rows() != spring.stiffness.size()) {
+      throw InputError("spring '" + spring.name + "': jump " + std::to_string(spring.jump.rows()) +
+                       " x " + std::to_string(spring.jump.cols()) + ", expected " +
+                       std::to_string(spring.stiffness.size()) + " rows and " +
+                       std::to_string(loads) + " load patterns");
     }
+    load += jump.transpose() * (spring.stiffness.asDiagonal() * spring.jump);
   }
   if (shifted) {
     load -= of_offset;

@@ -91,8 +91,12 @@ class Problem {
   ///         disagree
   void set_columns(const std::string& interface, std::vector<LawColumns> groups);
 
-  /// Columns that are the time steps of one history, in order; laws with history follow them.
+  /// Columns that are the time steps of one history, in order; laws with history follow them. With chaos
+  /// modes beside them the time steps run fastest.
   void set_steps(Index steps);
+  [[nodiscard]] Index steps() const { return steps_; }
+  /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
+  void check_columns(Index columns) const;
 
   /// w of all sides, (rows, c).
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;

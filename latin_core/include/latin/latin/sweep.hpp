@@ -7,12 +7,14 @@
 
 namespace latin {
 
-/// A law parameter that changes from point to point: field = pattern * values.col(point).
+/// A law parameter that changes from point to point: field = pattern * values.col(point), whose `columns`
+/// blocks of rows are the columns of the field (time steps; one: the same in all).
 struct SweptParameter {
   std::string interface;
   std::string parameter;
-  Matrix pattern;  ///< (rows or 1, r): one column for a number, more for a random field
+  Matrix pattern;  ///< (rows * columns, r): r = 1 for a number, more for a random field
   Matrix values;   ///< (r, points)
+  Index columns = 1;
 };
 
 /// Called after each finished point with its position, its summary and its state.

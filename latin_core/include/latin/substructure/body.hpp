@@ -25,7 +25,7 @@ struct Spring {
   std::vector<Index> members;      ///< one (ground on side 2) or two
   std::vector<SparseRows> traces;  ///< local frame, (rows, n) each
   Vector stiffness;                ///< kappa * weight, (rows)
-  Vector jump;                     ///< Delta, (rows)
+  Matrix jump;                     ///< Delta, (rows, l), one column a load pattern
 };
 
 /// A side of an active interface that lies on a body.
