@@ -114,7 +114,8 @@ def sweep_energy_errors(vessel: Any, problem: Problem, surface: SweepResult) -> 
     for i, j in vessel.sample(xi):
         values = vessel.parameters(xi[0][i], xi[1][j])
         data, traces = points.states[np.ravel_multi_index((i, j), surface.shape)]
-        fields = core.displacements(State(np.asfortranarray(data), np.asfortranarray(traces)), np.ones((1, 1)))
+        state = State(np.asfortranarray(data), np.asfortranarray(traces))
+        fields = core.displacements(state, np.ones((1, 1)))
         u = {name: fields[name][:, 0] for name in problem.substructures}
         exact = solver.solve(values=values)
         errors.append(reference.energy_error(problem, u, exact, values=values))
