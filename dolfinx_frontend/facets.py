@@ -10,8 +10,9 @@ side 2 are taken piece by piece over the intersections with its facets.
 
 Intersections are those of flat convex polygons (intervals in 2D), in the plane of the facet of
 side 1: exact for plane faces.  A facet with a map of order g > 1 is cut into g^(d-1) polygons
-first, and the points of a piece are put back onto both curved facets: by its map on side 1, by the
-closest point on side 2.  An error remains where an edge is not where its chord is.  Measured on a
+first, and the points of a piece are put back onto both curved facets: by its map on side 1, along
+the normal of the plane on side 2 (where there is a gap, the closest point may be on another facet
+than the piece).  An error remains where an edge is not where its chord is.  Measured on a
 cylinder, the means of the coordinates differ by O(h^2) with straight facets (the distance of the
 chords) and by O(h^4) with quadratic ones.
 
@@ -207,6 +208,17 @@ def _flatten(window: Array, subject: Array) -> tuple[Array, Array]:
     return flat[0], flat[1]
 
 
+def _plane_normals(p: Polygons) -> Array:
+    """(k, d), unit normals of the planes that _flatten projects onto."""
+    if p.corners.shape[2] == 2:
+        along = p.corners[:, 1] - p.corners[:, 0]
+        normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    else:
+        arms = p.corners - p.corners.mean(axis=1, keepdims=True)
+        normal = np.cross(arms, np.roll(arms, -1, axis=1)).sum(axis=1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=1)[:, None])
+
+
 def _simplices(window: Array, subject: Array) -> tuple[Ints, Array]:
     """Pair of, and corners (r, fdim + 1, fdim) of the simplices the intersections consist of."""
     if window.shape[2] == 1:
@@ -372,6 +384,7 @@ def _intersect(
     own, _ = _flatten(p1.corners, p1.corners)
     fan = [own[:, [0, *range(k, k + fdim)]] for k in range(1, v - fdim + 1)]
     np.add.at(whole, p1.parent, sum(_measure(f) for f in fan))
+    normals1 = _plane_normals(p1)
 
     collected: list[_Pieces] = []
     entries: list[tuple[Ints, Ints, Array]] = []
@@ -408,7 +421,7 @@ def _intersect(
                 s2 = np.einsum("pv,pvi->pi", values, p2.reference[j[at]])
                 x2 = np.einsum("pv,pvi->pi", values, p2.corners[j[at]])
             else:
-                s2, x2, _ = second.closest(f2, x1)
+                s2, x2, _ = second.closest(f2, x1, normals1[i[at]])
             distance = np.linalg.norm(x2 - x1, axis=1)
             far = distance > limit * np.maximum(first.sizes[f1], second.sizes[f2])
             out = np.zeros(len(i), dtype=bool)
@@ -558,7 +571,7 @@ def average(
     within = largest > (1.0 - _WHOLE) * whole
     covered = share > 1.0 - _WHOLE
     own, cuts = within[index], ~within[pieces.facet1]
-    s2_own, x2_own, _ = second.closest(host[index[own]], x[own])
+    s2_own, x2_own, _ = second.closest(host[index[own]], x[own], normals[own])
     facet1 = np.concatenate([index[own], pieces.facet1[cuts]])
     facet2 = np.concatenate([host[index[own]], pieces.facet2[cuts]])
     weights = np.concatenate([w[own], pieces.weights[cuts]])

@@ -337,8 +337,17 @@ class FacetMap:
             out = np.where(beyond[:, None], hypotenuse, out)
         return out
 
-    def closest(self, index: Ints, points: Array) -> tuple[Array, Array, Array]:
-        """Closest point of facet index[p] to points[p].
+    def closest(
+        self, index: Ints, points: Array, along: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Closest point of facet index[p] to points[p], or to a line through it.
+
+        Parameters
+        ----------
+        index, points
+            (p,), (p, d).
+        along
+            (p, d), unit directions of the lines; None: the closest point to points[p] itself.
 
         Returns
         -------
@@ -356,6 +365,10 @@ class FacetMap:
             x, jacobian = self.push_forward(index[active], s[active])
             tangents = jacobian @ self.tangents[self.local[index[active]]]
             residual = points[active] - x
+            if along is not None:  # what is beside the line
+                n = along[active]
+                residual = residual - np.einsum("pi,pi->p", residual, n)[:, None] * n
+                tangents = tangents - n[:, :, None] * np.einsum("pi,pij->pj", n, tangents)[:, None]
             # least squares by QR: the normal equations would lose thin facets
             q, r = np.linalg.qr(tangents)
             step = np.linalg.solve(r, np.swapaxes(q, 1, 2) @ residual[:, :, None])[:, :, 0]
