@@ -16,6 +16,7 @@ DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 # demo -> arguments that make it short; "{}" is a folder to write to
 SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
+    "hertz.py": ["--quick", "--output", "{}"],
 }
 WRITTEN = {
     "bolted_vessel.py": [
@@ -29,6 +30,14 @@ WRITTEN = {
         "figure_8_u1.png",
         "figure_8_u2.png",
         "figure_9_density.png",
+    ],
+    "hertz.py": [
+        "hertz.vtm",
+        "friction_loaded.vtm",
+        "friction_unloaded.vtm",
+        "hertz_pressure.png",
+        "hertz_convergence.png",
+        "cattaneo_mindlin.png",
     ],
 }
 VESSEL_PARTS = ("cylinder", "flange", "ring", "cover", "shank", "head")
