@@ -7,7 +7,7 @@ Problem (N, mm, MPa; plane strain)
     E = 70 000 MPa, nu = 0.3, pressed together with P = 35 kN per mm of thickness. With
     1/E* = (1 - nu^2)/E_1 + (1 - nu^2)/E_2 Hertz gives
 
-        p(x) = p0 sqrt(1 - x^2/a^2),   a = sqrt(4 P R / (pi E*)) = 6.2146 mm,   p0 = 2 P / (pi a) = 3585.4 MPa.
+        p(x) = p0 sqrt(1 - x^2/a^2),   a = sqrt(4 P R / (pi E*)) = 6.2146 mm,  p0 = 2 P/(pi a) = 3585.4 MPa.
 
     Half a cylinder and half the block are modelled, meshed separately with quadratic triangles (curved on
     the cylinder), small near the contact and growing with the distance. The load is a uniform pressure on
@@ -593,10 +593,13 @@ def report_nafems(answers: Sequence[Answer]) -> None:
     """Table of the benchmark."""
     first = answers[0]
     print(
-        f"NAFEMS R0094-1: P = {NAFEMS.load / 1e3:g} kN/mm, facets of {first.h:.3f} mm = a/{NAFEMS.a / first.h:g}, "
-        f"{first.unknowns} unknowns"
+        f"NAFEMS R0094-1: P = {NAFEMS.load / 1e3:g} kN/mm, facets of {first.h:.3f} mm = "
+        f"a/{NAFEMS.a / first.h:g}, {first.unknowns} unknowns"
     )
-    print(f"{'space':<8}{'gap':<20}{'a (mm)':>9}{'':>9}{'p0 (MPa)':>10}{'':>9}{'P (N/mm)':>10}{'iterations':>12}")
+    print(
+        f"{'space':<8}{'gap':<20}{'a (mm)':>9}{'':>9}{'p0 (MPa)':>10}{'':>9}{'P (N/mm)':>10}"
+        f"{'iterations':>12}"
+    )
     print(f"{'Hertz':<28}{NAFEMS.a:>9.4f}{'':>9}{NAFEMS.p0:>10.1f}{'':>9}{NAFEMS.load:>10.0f}")
     for answer, (space, gap, _) in zip(answers, GAPS, strict=True):
         wide, high, _ = answer.errors
@@ -608,7 +611,10 @@ def report_nafems(answers: Sequence[Answer]) -> None:
 
 def report_convergence(levels: dict[Space, list[Level]]) -> None:
     """Table of the errors on finer and finer meshes."""
-    print(f"P = {SMALL.load:g} N/mm: a = {SMALL.a:.5f} mm, p0 = {SMALL.p0:.2f} MPa; rms errors of four meshes")
+    print(
+        f"P = {SMALL.load:g} N/mm: a = {SMALL.a:.5f} mm, p0 = {SMALL.p0:.2f} MPa; "
+        "rms errors of four meshes each"
+    )
     for space, each in levels.items():
         print(f"{space:<10}{'h/a':>8}{'unknowns':>10}{'a':>10}{'p0':>10}{'p in L2':>10}{'iterations':>12}")
         for one in each:
@@ -678,6 +684,7 @@ def draw_pressure(answers: Sequence[Answer], path: Path) -> Path:
         axis.set(xlabel="x / a", ylabel="pressure (MPa)", xlim=(-1.3, 1.3))
         axis.set_title(f"{space}: p0 {answer.errors[1]:+.2%}, a {answer.errors[0]:+.2%}", fontsize=10)
         axis.grid(color="#dddddd", lw=0.6)
+        axis.set_axisbelow(True)
         axis.legend(loc="lower center")
     return _write(figure, path)
 
@@ -697,6 +704,7 @@ def draw_convergence(levels: dict[Space, list[Level]], path: Path) -> Path:
         axis.set_xticks(h, [f"1/{1 / value:.0f}" for value in h], minor=False)
         axis.minorticks_off()
         axis.grid(color="#dddddd", lw=0.6)
+        axis.set_axisbelow(True)
         axis.legend(loc="lower right", fontsize=8)
     return _write(figure, path)
 
@@ -716,6 +724,7 @@ def draw_shear(run: Rubbing, path: Path) -> Path:
         axis.set(xlabel="x / a", ylabel="q / ($\\mu p_0$)", xlim=(-1.2, 1.2), ylim=(-1.1, 1.1))
         axis.set_title(f"{NAMES[step]}: Q = {CYCLE[step]:g} $\\mu$P", fontsize=10)
         axis.grid(color="#dddddd", lw=0.6)
+        axis.set_axisbelow(True)
     axes[0].legend(loc="lower center", fontsize=8)
     return _write(figure, path)
 
@@ -770,7 +779,8 @@ def main(given: Sequence[str] | None = None) -> None:
             draw_convergence(levels, output / "hertz_convergence.png"),
             draw_shear(last, output / "cattaneo_mindlin.png"),
         ]
-    print("wrote " + ", ".join(path.name for path in written))
+    for path in written:
+        print(f"wrote {path.name}")
     check(answers, levels, runs)
     say("all checks passed")
 
@@ -778,7 +788,7 @@ def main(given: Sequence[str] | None = None) -> None:
 def check(
     answers: Sequence[Answer], levels: dict[Space, list[Level]], runs: Sequence[Rubbing]
 ) -> None:
-    """The gates: 1 % at p0, 0.5 % at a; second order of both and first order of p; friction within 1 %."""
+    """The gates: 1 % at p0, 0.5 % at a; second order of both and first order of p; c within 0.5 %."""
     for answer in answers:
         assert answer.result.converged
         assert abs(answer.errors[0]) < 0.005, f"a: {answer.errors[0]:+.3%}"
@@ -793,7 +803,7 @@ def check(
         for step in NAMES:
             assert abs(run.force(step) - CYCLE[step]) < 1e-4, f"Q: {run.force(step)}"
             c, form = run.stick(step)
-            assert abs(c / form - 1.0) < 0.01, f"c: {c / form - 1.0:+.3%}"
+            assert abs(c / form - 1.0) < 0.005, f"c: {c / form - 1.0:+.3%}"
             assert run.shear_error(step) < 0.02, f"q: {run.shear_error(step):.3%}"
         assert abs(run.work / dissipation(run.hertz, SHARE) - 1.0) < 0.04, f"W: {run.work}"
 

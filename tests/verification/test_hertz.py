@@ -15,13 +15,14 @@ from __future__ import annotations
 import importlib.util
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Contact, LinearElastic, Scene, assemble
+from dolfinx_frontend import Contact, LinearElastic, Options, Problem, Scene, Traction, assemble, solve
 
 DEMO = Path(__file__).resolve().parents[2] / "demos" / "hertz.py"
 
@@ -143,6 +144,29 @@ def test_a_cycle_of_tangential_load() -> None:
     assert run.work == pytest.approx(hertz.dissipation(run.hertz, hertz.SHARE), rel=0.035)
     # pressure does not know of the friction (equal bodies), and the loop closes
     swing = np.abs(run.pressure - run.pressure[0]).max()
-    assert swing < 0.05 * run.hertz.p0
+    assert swing < 0.03 * run.hertz.p0  # what the finite bodies tilt: 1.5 %
     back = np.abs(run.shear[hertz.CLOSED] - run.shear[hertz.LOADED]).max()
     assert back < 1e-3 * hertz.MU * run.hertz.p0
+
+
+def test_the_whole_history_equals_one_step_after_the_other() -> None:
+    run = hertz.rub(hertz.RUBBED, 6.25, rtol=1e-8)
+    problem = run.result.problem
+    pull = hertz.MU * run.hertz.load / (2.0 * hertz.HALF_WIDTH)
+    options = Options(rtol=1e-8)
+    slip = np.zeros((problem.interfaces["contact"].num_points, 2))
+    for step, share in enumerate(hertz.CYCLE):
+        laws = {  # the slip so far is an imposed jump of the next step
+            "contact": Contact(friction=hertz.MU, jump=slip.copy()),
+            "traction(block:bottom)": Traction((-pull * share, 0.0)),
+        }
+        interfaces = {
+            name: replace(i, law=laws.get(name, i.law)) for name, i in problem.interfaces.items()
+        }
+        single = Problem(problem.substructures, interfaces)
+        result = solve(single, direction=hertz.direction(run.hertz), options=options)
+        assert result.converged
+        # 100 rtol: errors of single values are larger than those of norms, and add up step by step
+        difference = np.abs(result.force("contact") - run.result.force("contact")[step]).max()
+        assert difference < 1e-6 * run.hertz.p0
+        slip[:, 1] = result.jump("contact")[:, 1]
