@@ -46,7 +46,8 @@ void bind_descriptions(py::module_& m) {
       .def(py::init([](std::string name, Mat stiffness,
                        std::optional<latin::SparseRows> prolongation, latin::Matrix load,
                        std::optional<latin::Matrix> offset) {
-             latin::SparseRows sparse = latin::petsc::to_sparse(stiffness, name);
+             auto sparse = std::make_shared<const latin::SparseRows>(
+                 latin::petsc::to_sparse(stiffness, name));
              return latin::Member{std::move(name), std::move(sparse),
                                   prolongation ? std::move(*prolongation) : latin::SparseRows{},
                                   std::move(load), offset ? std::move(*offset) : latin::Matrix{}};

@@ -29,6 +29,10 @@ inline SparseRows bar(Index n, double ea = 1.0) {
   return k;
 }
 
+inline std::shared_ptr<const SparseRows> shared_bar(Index n) {
+  return std::make_shared<const SparseRows>(bar(n));
+}
+
 inline SparseRows at(Index node, Index n) {
   SparseRows trace(1, n);
   trace.insert(0, node) = 1.0;
@@ -66,7 +70,7 @@ struct Scene {
       bodies.push_back(
           {name,
            nodes,
-           {{name, bar(nodes), {}, end_load(nodes, part + 1 == parts ? force : 0.0), {}}},
+           {{name, shared_bar(nodes), {}, end_load(nodes, part + 1 == parts ? force : 0.0), {}}},
            {}});
       if (part == 0) {
         interfaces.push_back({"wall", "perfect", area, frame, {side(0, 0)}});

@@ -54,7 +54,7 @@ struct Sample {
   [[nodiscard]] Body body(latin::OperatorKind kind, latin::petsc::FactorBackend backend) const {
     return {{"part",
              size,
-             {{"part", stiffness, z, load, offset}},
+             {{"part", std::make_shared<const SparseRows>(stiffness), z, load, offset}},
              {{"ground", {0}, {ground}, Vector::Constant(1, kappa), Vector::Constant(1, jump)}}},
             {{0, left, weights, direction}, {0, right, weights, direction}},
             {kind, backend, 0.0}};
@@ -128,7 +128,7 @@ TEST(Body, CondensesOntoTheUnknownsOfItsSides) {
 TEST(Body, SaysWhichPartIsNotDefinite) {
   const Index n = 4;
   try {
-    const Body body({"loose", n, {{"loose", chain::bar(n), {}, chain::end_load(n, 1.0), {}}}, {}},
+    const Body body({"loose", n, {{"loose", chain::shared_bar(n), {}, chain::end_load(n, 1.0), {}}}, {}},
                     {}, {});
     FAIL() << "a floating bar was factorised";
   } catch (const latin::NumericalError& error) {
@@ -138,6 +138,6 @@ TEST(Body, SaysWhichPartIsNotDefinite) {
 
 TEST(Body, RefusesShapesThatDisagree) {
   EXPECT_THROW(
-      Body({"bad", 5, {{"bad", chain::bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {}, {}),
+      Body({"bad", 5, {{"bad", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {}, {}),
       latin::InputError);
 }

@@ -33,31 +33,38 @@ SparseRows to_sparse(Mat matrix, std::string_view name) {
   PetscInt cols = 0;
   check(MatGetSize(matrix, &rows, &cols), "read the size of a matrix");
 
-  std::vector<int> start(static_cast<std::size_t>(rows) + 1, 0);
-  std::vector<int> column;
-  std::vector<double> value;
+  MatInfo facts{};
+  check(MatGetInfo(matrix, MAT_LOCAL, &facts), "read the size of a matrix");
+  SparseRows copy(rows, cols);
+  copy.resizeNonZeros(static_cast<Index>(facts.nz_used));
+  Index filled = 0;
   for (PetscInt row = 0; row < rows; ++row) {
     PetscInt count = 0;
     const PetscInt* where = nullptr;
     const PetscScalar* what = nullptr;
     check(MatGetRow(matrix, row, &count, &where, &what), "read a row of a matrix");
+    if (filled + count > copy.data().allocatedSize()) {
+      copy.resizeNonZeros(2 * (filled + count));
+    }
+    bool finite = true;
     for (PetscInt i = 0; i < count; ++i) {
-      if (!std::isfinite(what[i])) {
-        check(MatRestoreRow(matrix, row, &count, &where, &what), "release a row of a matrix");
-        throw InputError("matrix of '" + std::string(name) + "' holds a NaN or infinity in row " +
-                         std::to_string(row) +
-                         ": check the material, the mesh (inverted cells) and the UFL form");
-      }
+      finite = finite && std::isfinite(what[i]);
       if (what[i] != 0.0) {
-        column.push_back(where[i]);
-        value.push_back(what[i]);
+        copy.innerIndexPtr()[filled] = where[i];
+        copy.valuePtr()[filled] = what[i];
+        ++filled;
       }
     }
-    start[static_cast<std::size_t>(row) + 1] = static_cast<int>(column.size());
+    copy.outerIndexPtr()[row + 1] = static_cast<int>(filled);
     check(MatRestoreRow(matrix, row, &count, &where, &what), "release a row of a matrix");
+    if (!finite) {
+      throw InputError("matrix of '" + std::string(name) + "' holds a NaN or infinity in row " +
+                       std::to_string(row) +
+                       ": check the material, the mesh (inverted cells) and the UFL form");
+    }
   }
-  return Eigen::Map<const SparseRows>(rows, cols, static_cast<Index>(value.size()), start.data(),
-                                      column.data(), value.data());
+  copy.resizeNonZeros(filled);
+  return copy;
 }
 
 }  // namespace latin::petsc

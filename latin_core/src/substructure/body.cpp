@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <deque>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -52,50 +53,83 @@ SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
   return result;
 }
 
-/// Lower triangle of sum_e Z_e^T K_e Z_e + sum_i B_i^T diag(d_i) B_i.
+/// Lower triangle of sum_e B_e^T M_e B_e, with M_e symmetric.
+///
+/// Gathered row by row of the sum, so that no list of entries is ever stored or sorted: a row collects its
+/// entries in a dense workspace, and one transposition of the rows gives sorted columns.
 class LowerSum {
  public:
   explicit LowerSum(Index size) : size_(size) {}
 
-  void add_congruence(const SparseRows& stiffness, const SparseRows& z) {
-    entries_.reserve(entries_.size() + static_cast<std::size_t>(stiffness.nonZeros()) / 2 + 1);
-    for (Index i = 0; i < stiffness.outerSize(); ++i) {
-      for (SparseRows::InnerIterator k(stiffness, i); k; ++k) {
-        for (SparseRows::InnerIterator left(z, i); left; ++left) {
-          for (SparseRows::InnerIterator right(z, k.col()); right; ++right) {
-            if (left.col() >= right.col()) {
-              entries_.emplace_back(static_cast<int>(left.col()), static_cast<int>(right.col()),
-                                    left.value() * k.value() * right.value());
+  /// Both must outlive build().
+  void add(const SparseRows& middle, const SparseRows& b) {
+    terms_.push_back({&middle, &b, SparseColumns(b)});
+  }
+
+  [[nodiscard]] SparseColumns build() const {
+    SparseRows lower(size_, size_);
+    std::vector<double> sum(static_cast<std::size_t>(size_), 0.0);
+    std::vector<int> last(static_cast<std::size_t>(size_), -1);  // row that last touched a column
+    std::vector<int> touched;
+    Index expected = size_;
+    for (const Term& term : terms_) {
+      expected += term.middle->nonZeros() / 2;
+    }
+    lower.reserve(expected);
+    for (int row = 0; row < size_; ++row) {
+      touched.clear();
+      const auto collect = [&](Index column, double value) {
+        const auto at = static_cast<std::size_t>(column);
+        if (last[at] != row) {
+          last[at] = row;
+          sum[at] = 0.0;
+          touched.push_back(static_cast<int>(column));
+        }
+        sum[at] += value;
+      };
+      collect(row, 0.0);  // the diagonal exists, even if nothing is held
+      for (const Term& term : terms_) {
+        for (SparseColumns::InnerIterator left(term.columns, row); left; ++left) {
+          for (SparseRows::InnerIterator m(*term.middle, left.row()); m; ++m) {
+            const double value = left.value() * m.value();
+            for (SparseRows::InnerIterator right(*term.rows, m.col()); right; ++right) {
+              if (right.col() <= row) {
+                collect(right.col(), value * right.value());
+              }
             }
           }
         }
       }
-    }
-  }
-
-  void add_normal_product(const SparseRows& b, const Vector& diagonal) {
-    for (Index row = 0; row < b.outerSize(); ++row) {
-      for (SparseRows::InnerIterator left(b, row); left; ++left) {
-        for (SparseRows::InnerIterator right(b, row); right && right.col() <= left.col(); ++right) {
-          entries_.emplace_back(static_cast<int>(left.col()), static_cast<int>(right.col()),
-                                left.value() * diagonal(row) * right.value());
+      lower.startVec(row);
+      for (const int column : touched) {
+        const double value = sum[static_cast<std::size_t>(column)];
+        if (column == row || value != 0.0) {
+          lower.insertBackByOuterInnerUnordered(row, column) = value;
         }
       }
     }
-  }
-
-  [[nodiscard]] SparseColumns build() {
-    SparseColumns lower(size_, size_);
-    lower.setFromTriplets(entries_.begin(), entries_.end());
-    entries_ = {};
-    lower.prune([](Index row, Index col, double value) { return row == col || value != 0.0; });
+    lower.finalize();
     return lower;
   }
 
  private:
+  struct Term {
+    const SparseRows* middle;
+    const SparseRows* rows;
+    SparseColumns columns;
+  };
   Index size_;
-  std::vector<Eigen::Triplet<double>> entries_;
+  std::vector<Term> terms_;
 };
+
+SparseRows diagonal(const Vector& values) {
+  SparseRows matrix(values.size(), values.size());
+  matrix.reserve(Eigen::VectorXi::Ones(values.size()));
+  for (Index i = 0; i < values.size(); ++i) {
+    matrix.insert(i, i) = values(i);
+  }
+  return matrix;
+}
 
 /// Whether dense triangular solves on the active unknowns beat sparse ones on all of them. A sparse factor
 /// of a 3D part holds about 12 n^(4/3) numbers (the vessel's two bodies of 1e4 unknowns); a number in it is
@@ -107,16 +141,19 @@ bool dense_is_cheaper(Index size, Index active) {
 
 void check_shapes(const BodyDescription& body) {
   for (const Member& member : body.members) {
-    const Index n = member.stiffness.rows();
+    if (member.stiffness == nullptr) {
+      throw InputError("substructure '" + member.name + "' has no stiffness");
+    }
+    const Index n = member.stiffness->rows();
     const Index loads = body.members.front().load.cols();
-    if (member.stiffness.cols() != n || member.load.rows() != n || member.load.cols() != loads ||
+    if (member.stiffness->cols() != n || member.load.rows() != n || member.load.cols() != loads ||
         (member.offset.size() > 0 &&
          (member.offset.rows() != n || member.offset.cols() != loads)) ||
         (member.prolongation.size() > 0
              ? (member.prolongation.rows() != n || member.prolongation.cols() != body.size)
              : n != body.size)) {
       throw InputError("substructure '" + member.name + "': stiffness " + std::to_string(n) +
-                       " x " + std::to_string(member.stiffness.cols()) + ", load " +
+                       " x " + std::to_string(member.stiffness->cols()) + ", load " +
                        std::to_string(member.load.rows()) + " x " +
                        std::to_string(member.load.cols()) + " and prolongation " +
                        std::to_string(member.prolongation.rows()) + " x " +
@@ -191,16 +228,16 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     Member& member = members[e];
     load += prolongations_[e].transpose() * member.load;
     if (member.offset.size() > 0) {
-      const Matrix reaction = member.stiffness * member.offset;
+      const Matrix reaction = *member.stiffness * member.offset;
       of_offset += prolongations_[e].transpose() * reaction;
       offset_energy += member.offset.transpose() * reaction;
     }
-    sum.add_congruence(member.stiffness, prolongations_[e]);
-    member.stiffness = {};
+    sum.add(*member.stiffness, prolongations_[e]);
     offsets_.push_back(std::move(member.offset));
   }
+  std::deque<SparseRows> of_springs;  // what the sum refers to; a deque does not move its elements
   for (const Spring& spring : description.springs) {
-    SparseRows jump(spring.stiffness.size(), size_);
+    SparseRows& jump = of_springs.emplace_back(spring.stiffness.size(), size_);
     Matrix of_offsets = Matrix::Zero(spring.stiffness.size(), loads);
     for (std::size_t s = 0; s < spring.members.size(); ++s) {
       const auto e = static_cast<std::size_t>(spring.members[s]);
@@ -211,7 +248,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
         of_offsets += sign * (spring.traces[s] * offsets_[e]);
       }
     }
-    sum.add_normal_product(jump, spring.stiffness);
+    sum.add(of_springs.emplace_back(diagonal(spring.stiffness)), jump);
     if (shifted) {
       of_offset += jump.transpose() * (spring.stiffness.asDiagonal() * of_offsets);
       offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
@@ -228,8 +265,12 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     load -= of_offset;
   }
   const Vector robin = weights_.cwiseProduct(direction_);
-  sum.add_normal_product(traces_, robin);
+  const SparseRows of_robin = diagonal(robin);
+  sum.add(of_robin, traces_);
   const SparseColumns lower = sum.build();
+  for (Member& member : members) {
+    member.stiffness.reset();
+  }
   cost_.assemble_s = seconds_since(start);
 
   // factorise, condense
