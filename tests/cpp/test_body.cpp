@@ -52,10 +52,11 @@ struct Sample {
   }
 
   [[nodiscard]] Body body(latin::OperatorKind kind, latin::petsc::FactorBackend backend) const {
+    const Matrix imposed = (Matrix(1, 2) << jump, 0.0).finished();  // of the first load pattern
     return {{"part",
              size,
              {{"part", std::make_shared<const SparseRows>(stiffness), z, load, offset}},
-             {{"ground", {0}, {ground}, Vector::Constant(1, kappa), Vector::Constant(1, jump)}}},
+             {{"ground", {0}, {ground}, Vector::Constant(1, kappa), imposed}}},
             {{0, left, weights, direction}, {0, right, weights, direction}},
             {kind, backend, 0.0}};
   }
@@ -128,8 +129,9 @@ TEST(Body, CondensesOntoTheUnknownsOfItsSides) {
 TEST(Body, SaysWhichPartIsNotDefinite) {
   const Index n = 4;
   try {
-    const Body body({"loose", n, {{"loose", chain::shared_bar(n), {}, chain::end_load(n, 1.0), {}}}, {}},
-                    {}, {});
+    const Body body(
+        {"loose", n, {{"loose", chain::shared_bar(n), {}, chain::end_load(n, 1.0), {}}}, {}}, {},
+        {});
     FAIL() << "a floating bar was factorised";
   } catch (const latin::NumericalError& error) {
     EXPECT_NE(std::string(error.what()).find("loose"), std::string::npos);
@@ -138,6 +140,7 @@ TEST(Body, SaysWhichPartIsNotDefinite) {
 
 TEST(Body, RefusesShapesThatDisagree) {
   EXPECT_THROW(
-      Body({"bad", 5, {{"bad", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {}, {}),
+      Body({"bad", 5, {{"bad", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}}, {}}, {},
+           {}),
       latin::InputError);
 }
