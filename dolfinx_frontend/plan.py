@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.cost import Cost, predict
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.laws import (
@@ -103,6 +104,8 @@ class Plan:
     history
         What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
         ``"patterns"`` (linear: one column a load pattern, superposed) or ``"steps"`` (one column a time).
+    cost
+        Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """
 
     method: Literal["direct", "accelerated", "latin"]
@@ -115,6 +118,7 @@ class Plan:
     times: npt.NDArray[np.float64] | None = None
     patterns: tuple[Amplitude | None, ...] = (None,)
     history: Literal["none", "patterns", "steps"] = "none"
+    cost: Cost | None = None
 
     @property
     def steps(self) -> int:
@@ -346,6 +350,10 @@ def make_plan(
         decisions.append(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         )
+    cost = predict(problem, kept, columns, options.acceleration if kept else 0)
+    decisions.append(
+        Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
+    )
     return Plan(
         chosen,
         kept,
@@ -357,6 +365,7 @@ def make_plan(
         moments,
         patterns,
         history,
+        cost,
     )
 
 

@@ -13,6 +13,7 @@ from dolfinx import fem
 
 from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem, stiffnesses
+from dolfinx_frontend.cost import shown
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.pairing import Interface
@@ -96,6 +97,10 @@ class Result:
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (m, components), in the local frame: column 0 is normal."""
         return self._local(interface)[0]
+
+    def spent(self) -> str:
+        """Where the time and the memory went, beside what the plan predicted, as a table."""
+        return spent(self)
 
     def _local(self, name: str) -> tuple[Array, Array]:
         """Force and jump (m, components) of an interface."""
@@ -378,3 +383,26 @@ def phase_seconds(result: Result) -> dict[str, Any]:
         "local": result.summary.local_s,
         "other": result.summary.other_s,
     }
+
+
+def spent(result: Result) -> str:
+    """Seconds, rates and bytes of a run beside the prediction of its plan, as a table."""
+    cost = result.plan.cost
+    phases = phase_seconds(result)
+    numbers = sum(c["factor_numbers"] for c in result.core.costs)
+    dense = sum(c["dense_numbers"] for c in result.core.costs)
+    loop = phases["global"] + phases["local"] + phases["other"]
+    lines = [f"{'phase':<12}{'seconds':>10}  predicted"]
+    for name, seconds in phases.items():
+        said = ""
+        if cost is not None and name == "factorise":
+            said = f"{shown(cost.factor_flops, 'Flop')}, {shown(8 * cost.factor_numbers, 'B')}"
+            said += f" (spent: {shown(8 * numbers, 'B')}"
+            said += f", {shown(cost.factor_flops / seconds, 'Flop/s')})" if seconds > 0.0 else ")"
+        elif cost is not None and name == "global" and result.iterations:
+            rate = cost.iteration_flops * result.iterations / max(loop, 1e-9)
+            said = f"{shown(cost.iteration_flops, 'Flop')} an iteration"
+            said += f" ({shown(rate, 'Flop/s')} over the loop, dense blocks {shown(8 * dense, 'B')})"
+        lines.append(f"{name:<12}{seconds:>10.4f}  {said}".rstrip())
+    lines.append(f"{'total':<12}{sum(result.seconds.values()):>10.4f}")
+    return "\n".join(lines)
