@@ -12,7 +12,8 @@ namespace latin {
 /// One substructure of a body: u = Z q + u0, with q the unknowns of the body.
 struct Member {
   std::string name;
-  std::shared_ptr<const SparseRows> stiffness;  ///< K (n, n), symmetric, force / length; never copied
+  std::shared_ptr<const SparseRows>
+      stiffness;            ///< K (n, n), symmetric, force / length; never copied
   SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
   Matrix load;              ///< F (n, l), force, one column a load pattern
   Matrix offset;            ///< u0 (n, l), length; empty: zero
