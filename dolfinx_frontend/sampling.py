@@ -6,7 +6,7 @@ tensor and sparse quadrature are the same run over different points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from latin_core import Options, State, SweepPoints, SweptParameter, stochastic
+from latin_core import Problem as Kernel
 from latin_core import sweep as kernel_sweep
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
@@ -25,7 +26,7 @@ from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
-from dolfinx_frontend.random import DiscretisedField, RandomSpace
+from dolfinx_frontend.random import RandomSpace
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import Progress, fingerprint, warn_unconverged
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample
@@ -36,6 +37,7 @@ __all__ = [
     "monte_carlo",
     "quasi_monte_carlo",
     "sample",
+    "sample_on",
     "sparse_quadrature",
     "tensor_quadrature",
 ]
@@ -233,24 +235,11 @@ def _short_steps(germs: Array) -> list[int]:
 
 def _swept(random: RandomLaws, germs: Array) -> list[SweptParameter]:
     parameters = []
-    for (name, parameter), source in random.sources.items():
-        interface = random.problem.interfaces[name]
-        values = np.atleast_2d(random.space.values(source, germs))
-        kernel_name, unit = bridge.kernel_parameter(interface, parameter)
-        if isinstance(source, DiscretisedField):
-            # one row of values a point of the interface, spread over the rows of the parameter
-            points = interface.num_points
-            pattern = np.zeros((len(unit), points))
-            pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // points)] = unit[:, 0]
-            unit = pattern
-        if parameter in ("normal", "tangential") and values.min() < 0.0:
-            count = int((values < 0.0).any(axis=0).sum())
-            raise SceneError(
-                f"sampling: {count} of {len(germs)} samples give interface {name!r} a negative "
-                f"{parameter} stiffness (smallest {values.min():.4g}): {source!r} is not a law for a "
-                "stiffness at this spread; use LogNormal, Gamma or TruncatedNormal"
-            )
-        parameters.append(SweptParameter(name, kernel_name, np.asfortranarray(unit), values))
+    for name, parameter in random.sources:
+        each = random.sampled(name, parameter, germs)
+        parameters.append(
+            SweptParameter(name, each.name, np.asfortranarray(each.pattern), each.values)
+        )
     return parameters
 
 
@@ -291,17 +280,52 @@ def sample(
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError("sampling: nothing is random: give a law a random parameter")
-    points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
-    if points.shape[1] != random.space.dimension:
-        raise SceneError(
-            f"sampling: points of {points.shape[1]} germs, the problem has "
-            f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
-        )
     if plan is None:
         plan = make_plan(problem, "auto", None, random.interfaces, None, plan_options)
     began = perf_counter()
     core = bridge.build(problem, plan)
     built = perf_counter()
+    result = sample_on(
+        core,
+        random,
+        plan,
+        np.atleast_2d(np.asarray(germs, dtype=np.float64)),
+        None if weights is None else np.asarray(weights, dtype=np.float64),
+        kind,
+        keep_states=keep_states,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    result.seconds["setup"] = built - began
+    return result
+
+
+def sample_on(
+    core: Kernel,
+    random: RandomLaws,
+    plan: Plan,
+    points: Array,
+    weights: Array | None = None,
+    kind: Kind = "random",
+    *,
+    keep_states: bool = False,
+    checkpoint: str | Path | None = None,
+    progress: bool = False,
+    start: Mapping[int, State] | None = None,
+) -> SampleResult:
+    """As :func:`sample`, on a kernel problem that is factorised already and has its deterministic laws.
+
+    Parameters
+    ----------
+    start
+        Guesses of the states of some points.
+    """
+    problem = random.problem
+    if points.shape[1] != random.space.dimension:
+        raise SceneError(
+            f"sampling: points of {points.shape[1]} germs, the problem has "
+            f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
+        )
     parameters = _swept(random, points)
     header = None
     if checkpoint is not None:
@@ -317,6 +341,7 @@ def sample(
         if bar is not None:
             bar.step(summary.iterations)
 
+    began = perf_counter()
     try:
         swept = kernel_sweep(
             core,
@@ -329,13 +354,13 @@ def sample(
             header,
             done,
             keep_states=keep_states,
+            start=start,
         )
     finally:
         if bar is not None:
             bar.close()
-    seconds = {"setup": built - began, "solve": perf_counter() - built}
-    rule = None if weights is None else np.asarray(weights, dtype=np.float64)
-    return SampleResult(problem, plan, random, points, rule, kind, swept, seconds, core)
+    seconds = {"setup": 0.0, "solve": perf_counter() - began}
+    return SampleResult(problem, plan, random, points, weights, kind, swept, seconds, core)
 
 
 def monte_carlo(problem: Problem, samples: int, seed: int = 0, **settings: Any) -> SampleResult:

@@ -1,0 +1,237 @@
+"""Chaos through laws that are not linear: the pseudo-spectral local stage.
+
+The chaos modes of the free jump are evaluated at stochastic quadrature points xi_q, the law is resolved there
+as if nothing were random, and the forces are projected back:
+
+    f_k = sum_q  B_qk  f( sum_j Psi_j(xi_q) j_j ; parameters(xi_q) ),    B = W Psi G^-1,   G = Psi^T W Psi,
+
+with weights W >= 0, so that the projection of a monotone law stays monotone (a Smolyak rule, with its negative
+weights, does not keep that). G is the identity for a Gauss rule; for Sobol points, B is their least-squares
+fit, which leaves a law alone that happens to be linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from latin_core import stochastic
+
+from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.random import Chaos
+from dolfinx_frontend.stochastic import RandomLaws
+from dolfinx_frontend.translate import KERNEL_NAMES, law_fields
+
+__all__ = ["MOST_TENSOR", "Collocation", "collocation"]
+
+Array = npt.NDArray[np.float64]
+
+MOST_TENSOR = 4096
+"""Points up to which a tensor Gauss rule is the default."""
+SOBOL_A_MODE = 16
+"""Sobol points taken for each mode that is projected, at least."""
+FEWEST_SOBOL = 1024
+MOST_SOBOL = 2**16
+UNEVEN = 0.5
+"""Departure of the Gram matrix from the identity beyond which Sobol points are too few."""
+
+
+@dataclass(frozen=True)
+class Collocation:
+    """Stochastic quadrature points at which one interface law is evaluated.
+
+    Attributes
+    ----------
+    interface
+        Its name.
+    rule
+        What the points are, in words.
+    points, weights
+        (q, L) germ space, and (q,) >= 0 with sum 1; germs that do not reach the interface stay at one value.
+    germs
+        Numbers of the germs that reach it.
+    forward, backward
+        (P + 1, q) and (q, P + 1); zero for modes in other germs.
+    """
+
+    interface: str
+    rule: str
+    points: Array = field(repr=False)
+    weights: Array = field(repr=False)
+    germs: tuple[int, ...]
+    forward: Array = field(repr=False)
+    backward: Array = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def parameters(self, random: RandomLaws) -> dict[str, Array]:
+        """Kernel parameter -> (rows, q), or (rows, 1) if it is fixed.
+
+        Raises
+        ------
+        SceneError
+            A value at a point that makes no law.
+        """
+        interface = random.problem.interfaces[self.interface]
+        values = dict(law_fields(interface).parameters)
+        for parameter in interface.law.parameters():
+            if random.source(self.interface, parameter) is not None:
+                each = random.sampled(self.interface, parameter, self.points)
+                values[each.name] = each.pattern @ each.values
+        return values
+
+    def group(self, random: RandomLaws) -> dict[str, object]:
+        """The columns of the interface as the kernel takes them."""
+        return {
+            "begin": 0,
+            "end": law_fields(random.problem.interfaces[self.interface]).components,
+            "forward": [self.forward],
+            "backward": [self.backward],
+            "parameters": {k: np.asfortranarray(v) for k, v in self.parameters(random).items()},
+        }
+
+    def bytes(self, random: RandomLaws, steps: int = 1) -> float:
+        """Memory of the local stage of the interface: transforms, samples, forces, parameters."""
+        interface = random.problem.interfaces[self.interface]
+        fields = law_fields(interface)
+        rows = sum(
+            len(fields.parameters[KERNEL_NAMES.get(p, p)])
+            for (name, p) in random.sources
+            if name == self.interface and KERNEL_NAMES.get(p, p) in fields.parameters
+        )
+        block = 2 * steps * fields.components * interface.num_points + rows
+        return 8.0 * len(self) * (2 * len(self.forward) + block)
+
+
+def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
+    """Germs of all interfaces that are joined to one by parts and interfaces."""
+    problem = random.problem
+    parts = {side.substructure for side in problem.interfaces[name].sides}
+    while True:
+        touching = [
+            {side.substructure for side in i.sides}
+            for i in problem.interfaces.values()
+            if any(side.substructure in parts for side in i.sides)
+        ]
+        grown = parts.union(*touching)
+        if grown == parts:
+            break
+        parts = grown
+    germs = set()
+    for (other, _), source in random.sources.items():
+        if any(side.substructure in parts for side in problem.interfaces[other].sides):
+            germs.update(random.space.columns(source))
+    return tuple(sorted(germs))
+
+
+def _own(random: RandomLaws, name: str) -> set[int]:
+    """Germs of the parameters of an interface itself."""
+    return {g for (n, _), s in random.sources.items() if n == name for g in random.space.columns(s)}
+
+
+def _counts(
+    random: RandomLaws, name: str, chaos: Chaos, degrees: npt.NDArray[np.int32], germs: tuple[int, ...]
+) -> list[int]:
+    """Gauss points in each germ: one where neither the modes nor the law's parameters depend on it."""
+    space = random.space
+    own = _own(random, name)
+    wanted = chaos.quadrature
+    given: dict[int, int] = {}
+    if isinstance(wanted, Mapping):
+        for source_name, count in wanted.items():
+            if source_name not in space.names:
+                raise unknown_name("random parameter", source_name, space.names, "Chaos: quadrature")
+        for source in random.sources.values():
+            for germ in space.columns(source) if source.name in wanted else ():
+                given[germ] = int(wanted[source.name])
+    elif wanted is not None:
+        given = dict.fromkeys(germs, int(wanted))
+    counts = []
+    for germ in range(space.dimension):
+        if germ not in germs or (degrees[germ] == 0 and germ not in own):
+            counts.append(1)
+            continue
+        degree = int(degrees[germ]) if degrees[germ] > 0 else chaos.order
+        count = given.get(germ, 2 * (degree + 1))
+        atoms = space.germs[germ].capacity
+        counts.append(min(count, atoms) if atoms is not None else count)
+        if counts[-1] <= degrees[germ]:
+            raise SceneError(
+                f"interface {name!r}: {counts[-1]} quadrature points in the germ "
+                f"{space.germ_names[germ]!r} cannot tell its modes up to degree {degrees[germ]} apart: "
+                f"give at least {degrees[germ] + 1}, better {2 * (degrees[germ] + 1)}"
+            )
+    return counts
+
+
+def _transforms(
+    basis: stochastic.ChaosBasis, rule: stochastic.Rule, reached: npt.NDArray[np.bool_]
+) -> tuple[Array, Array, float]:
+    """forward, backward, and how far the Gram matrix of the modes at the points is from the identity."""
+    both = stochastic.quadrature_transform(basis, rule)
+    forward = np.where(reached[:, None], both.forward, 0.0)
+    gram = (forward * rule.weights) @ forward.T
+    gram[~reached, ~reached] = 1.0
+    uneven = float(np.abs(np.linalg.eigvalsh(gram) - 1.0).max())
+    backward = np.where(reached[None, :], both.backward, 0.0)
+    if 1e-10 < uneven < 1.0:
+        backward = np.linalg.solve(gram, backward.T).T
+    return np.asfortranarray(forward), np.asfortranarray(backward), uneven
+
+
+def collocation(
+    random: RandomLaws, basis: stochastic.ChaosBasis, chaos: Chaos, name: str
+) -> Collocation:
+    """Quadrature points for an interface whose law is not linear.
+
+    A tensor Gauss rule with 2 (p + 1) points in each germ while that is affordable (the response has kinks,
+    where more points help more than in smooth ones), scrambled Sobol points beyond. Germs that do not reach
+    the interface, and those on which neither the modes nor its parameters depend, take one point.
+
+    Raises
+    ------
+    SceneError
+        Too few points for the modes.
+    """
+    space = random.space
+    germs = _reaching(random, name)
+    table = basis.indices.table
+    others = [g for g in range(space.dimension) if g not in germs]
+    reached = ~np.any(table[:, others] > 0, axis=1)
+    degrees = table[reached].max(axis=0, initial=0)
+    counts = _counts(random, name, chaos, degrees, germs)
+    total = float(np.prod(np.array(counts, dtype=float)))
+    if chaos.sobol_points is None and (chaos.quadrature is not None or total <= MOST_TENSOR):
+        rule = space.tensor_gauss(counts)
+        forward, backward, uneven = _transforms(basis, rule, reached)
+        if uneven > 1e-6:
+            raise SceneError(
+                f"interface {name!r}: a rule of {' x '.join(map(str, counts))} points is too coarse for the "
+                f"products of its modes: give more than the highest degree of each germ"
+            )
+        varied = [str(c) for c in counts if c > 1] or ["1"]
+        text = f"tensor Gauss, {' x '.join(varied)}"
+        return Collocation(name, text, rule.points, rule.weights, germs, forward, backward)
+    free = [g for g in range(space.dimension) if counts[g] > 1]
+    number = chaos.sobol_points
+    least = max(FEWEST_SOBOL, SOBOL_A_MODE * int(reached.sum()))
+    count = number or min(1 << (least - 1).bit_length(), MOST_SOBOL)
+    while True:
+        points = np.tile(space.tensor_gauss(1).points, (count, 1))
+        points[:, free] = space.sample_sobol(count, 0)[:, free]
+        rule = stochastic.Rule(points, np.full(count, 1.0 / count))
+        forward, backward, uneven = _transforms(basis, rule, reached)
+        if uneven <= UNEVEN:
+            return Collocation(
+                name, f"{count} Sobol points", rule.points, rule.weights, germs, forward, backward
+            )
+        if number is not None or count >= MOST_SOBOL:
+            raise SceneError(
+                f"interface {name!r}: {count} Sobol points are too few for {int(reached.sum())} modes (their "
+                f"Gram matrix is off the identity by {uneven:.2g}, more than {UNEVEN:g}): give more "
+                "(Chaos(sobol_points=...)), a lower order, or sample"
+            )
+        count *= 2
