@@ -30,6 +30,10 @@ Array = npt.NDArray[np.float64]
 
 MOST_TENSOR = 4096
 """Points up to which a tensor Gauss rule is the default."""
+LEAST_LINE = 16
+"""Points that a germ is given at least while all germs together take no more than..."""
+CHEAP = 256
+"""...so many: kinks cost a coarse rule up to a tenth of a per cent of the mean."""
 SOBOL_A_MODE = 16
 """Sobol points taken for each mode that is projected, at least."""
 FEWEST_SOBOL = 1024
@@ -149,13 +153,15 @@ def _counts(
                 given[germ] = int(wanted[source.name])
     elif wanted is not None:
         given = dict.fromkeys(germs, int(wanted))
+    varied = {g for g in germs if degrees[g] > 0 or g in own}
+    least = LEAST_LINE if LEAST_LINE ** len(varied) <= CHEAP else 1
     counts = []
     for germ in range(space.dimension):
-        if germ not in germs or (degrees[germ] == 0 and germ not in own):
+        if germ not in varied:
             counts.append(1)
             continue
         degree = int(degrees[germ]) if degrees[germ] > 0 else chaos.order
-        count = given.get(germ, 2 * (degree + 1))
+        count = given.get(germ, max(2 * (degree + 1), least))
         atoms = space.germs[germ].capacity
         counts.append(min(count, atoms) if atoms is not None else count)
         if counts[-1] <= degrees[germ]:
@@ -187,8 +193,8 @@ def collocation(
 ) -> Collocation:
     """Quadrature points for an interface whose law is not linear.
 
-    A tensor Gauss rule with 2 (p + 1) points in each germ while that is affordable (the response has kinks,
-    where more points help more than in smooth ones), scrambled Sobol points beyond. Germs that do not reach
+    A tensor Gauss rule with 2 (p + 1) points in each germ, 16 at least in one or two germs, while that is
+    affordable (the response has kinks, where it takes more than p + 1); scrambled Sobol points beyond. Germs that do not reach
     the interface, and those on which neither the modes nor its parameters depend, take one point.
 
     Raises

@@ -1361,8 +1361,9 @@ class Chaos:
         Greatest number of germs in one mode; None: no limit.
     quadrature
         Points in each germ (by name of the parameter, or one number for all) of the tensor Gauss rule at
-        which laws that are not linear are evaluated. None: 2 (p + 1) if that gives few enough points
-        (:data:`dolfinx_frontend.collocation.MOST_TENSOR`), Sobol points otherwise.
+        which laws that are not linear are evaluated. None: 2 (p + 1), and 16 at least in one or two germs,
+        if that gives few enough points (:data:`dolfinx_frontend.collocation.MOST_TENSOR`), Sobol points
+        otherwise.
     sobol_points
         Use so many scrambled Sobol points instead, a power of two.
     check_points
