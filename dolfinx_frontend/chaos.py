@@ -32,14 +32,14 @@ from latin_core import Problem as Kernel
 from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.chaos_file import Field, save_chaos, to_openturns
-from dolfinx_frontend.collocation import Collocation, collocation
+from dolfinx_frontend.collocation import Collocation, collocation, sampled_parameters
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol
 from dolfinx_frontend.solve import Result, start_states
 from dolfinx_frontend.stochastic import RandomLaws, Source
-from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample
+from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
 
 if TYPE_CHECKING:
     from dolfinx_frontend.sampling import SampleResult
@@ -196,30 +196,62 @@ def _guard(
     return tuple(bad)
 
 
-def _modes(random: RandomLaws, basis: stochastic.ChaosBasis, name: str, parameter: str) -> Array:
-    """Chaos coefficients of a value that enters linearly: (1 or m, P + 1), zero but for mode 0 if fixed."""
-    source = random.source(name, parameter)
-    if source is not None:
-        return random.space.coefficients(source, basis)
-    modes = np.zeros((1, len(basis)))
-    modes[0, 0] = 1.0
-    return modes
+@dataclass(frozen=True)
+class Columns:
+    """How one active interface sees the columns: its parameters in them, and column transforms."""
+
+    parameters: dict[str, Array]
+    groups: list[dict[str, Any]]
 
 
-def _affine_field(
-    random: RandomLaws, basis: stochastic.ChaosBasis, name: str, parameter: str
-) -> tuple[str, Array]:
-    """Kernel parameter and (rows, P + 1) of a jump or force: what enters the law linearly."""
+def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
+    """Columns (rows, modes * steps), time steps fastest, times one matrix for all points or one for each."""
+    if not by:
+        return block
+    steps = block.shape[1] // modes
+    parted = block.reshape(points, -1, modes, steps)
+    if len(by) == 1:
+        result = np.einsum("pcjs,jq->pcqs", parted, by[0])
+    else:
+        result = np.einsum("pcjs,pjq->pcqs", parted, np.array(by))
+    return result.reshape(len(block), -1)
+
+
+def _each_step(values: Array, columns: int, steps: int) -> Array:
+    """Values (rows, 1), (rows, steps) or (rows, columns) in all columns * steps; one column stays one."""
+    if values.shape[1] == 1:
+        return values
+    return np.tile(values, (1, columns)) if values.shape[1] == steps else np.repeat(values, steps, axis=1)
+
+
+def _linear_parameters(
+    random: RandomLaws, basis: stochastic.ChaosBasis, name: str, plan: Plan, steps: int
+) -> dict[str, Array]:
+    """Parameters of a linear law in the columns of the run: modes x steps, the steps fastest.
+
+    Jumps and forces enter linearly: what is fixed fills mode 0, what is random is constant in time.
+    """
     interface = random.problem.interfaces[name]
-    modes = _modes(random, basis, name, parameter)
-    source = random.source(name, parameter)
-    if source is None:
-        kernel = bridge.KERNEL_NAMES.get(parameter, parameter)
-        return kernel, bridge.law_fields(interface).parameters[kernel] @ modes
-    kernel, unit = bridge.kernel_parameter(interface, parameter)
-    if len(modes) > 1:
-        modes = np.repeat(modes, len(unit) // len(modes), axis=0)
-    return kernel, unit * modes
+    modes = len(basis)
+    values = {}
+    for kernel, block in bridge.active_fields(interface, plan).parameters.items():
+        if kernel in ("normal", "tangential"):
+            values[kernel] = _each_step(block, modes, steps) if block.shape[1] == steps else block
+            continue
+        values[kernel] = np.zeros((len(block), modes * steps))
+        values[kernel][:, :steps] = block
+    # of the columns of a history, those that a constant value is part of
+    constant = np.array([a is None for a in plan.patterns]) if plan.history == "patterns" else np.ones(steps)
+    for parameter in interface.law.parameters():
+        source = random.source(name, parameter)
+        if source is None or parameter in ("normal", "tangential"):
+            continue
+        kernel, unit = bridge.kernel_parameter(interface, parameter)
+        coefficients = random.space.coefficients(source, basis)
+        if len(coefficients) > 1:
+            coefficients = np.repeat(coefficients, len(unit) // len(coefficients), axis=0)
+        values[kernel] = np.kron(unit * coefficients, constant)
+    return values
 
 
 def _columns(
@@ -227,18 +259,15 @@ def _columns(
     basis: stochastic.ChaosBasis,
     name: str,
     matrices: dict[tuple[str, str], Galerkin],
-) -> tuple[dict[str, Array], list[dict[str, Any]]]:
-    """Parameters (with P + 1 columns) and column transforms of an active interface."""
+    plan: Plan,
+    steps: int,
+) -> Columns:
+    """Parameters and column transforms of an active interface with a linear law."""
     interface = random.problem.interfaces[name]
-    fields = bridge.law_fields(interface)
-    linear = dict(
-        _affine_field(random, basis, name, parameter)
-        for parameter in interface.law.parameters()
-        if parameter not in ("normal", "tangential")
-    )
+    fields = bridge.active_fields(interface, plan)
+    linear = _linear_parameters(random, basis, name, plan, steps)
     if fields.kind != "elastic" or not any(key[0] == name for key in matrices):
-        return linear, []
-    jump = linear.get("jump", np.zeros((len(fields.frames), len(basis))))
+        return Columns(linear, [])
     normal, tangential = (matrices.get((name, p)) for p in ("normal", "tangential"))
     spans: list[tuple[int, int, Galerkin | None]] = [(0, 1, normal)]
     if fields.components > 1:
@@ -253,17 +282,11 @@ def _columns(
         forward = matrix.forward if matrix is not None else []
         for key in ("normal", "tangential"):
             own = matrices.get((name, key))
-            mine = own is not None and matrix is not None and own.source is matrix.source
-            parameters[key] = own.values if mine and own is not None else fields.parameters[key]
-        if not forward:
-            parameters["jump"] = jump
-        elif len(forward) == 1:
-            parameters["jump"] = jump @ forward[0]
-        else:
-            rows = jump.reshape(interface.num_points, fields.components, -1)
-            parameters["jump"] = np.einsum("pcj,pjq->pcq", rows, np.array(forward)).reshape(
-                jump.shape
-            )
+            if own is not None and matrix is not None and own.source is matrix.source:
+                parameters[key] = np.repeat(own.values, steps, axis=1)
+            else:
+                parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
+        parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
         groups.append(
             {
                 "begin": begin,
@@ -273,7 +296,8 @@ def _columns(
                 "parameters": parameters,
             }
         )
-    return linear, groups
+    # the law beside its groups keeps what it was built with: nothing reads it
+    return Columns({}, groups)
 
 
 @dataclass(frozen=True)
@@ -291,7 +315,7 @@ class FieldSamples:
     _psi: Array = field(repr=False)
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1, (N, m, components), local frame: component 0 is normal.
+        """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal.
 
         A law that is not linear is evaluated anew at every sample, with the parameters of the sample: it
         holds exactly, so that a contact never pulls.
@@ -299,29 +323,30 @@ class FieldSamples:
         return self._fields(interface)[0]
 
     def jump(self, interface: str) -> Array:
-        """Jump w2 - w1, (N, m, components), local frame."""
+        """Jump w2 - w1, (N, [T,] m, components), local frame."""
         return self._fields(interface)[1]
 
     def _fields(self, name: str) -> tuple[Array, Array]:
         result = self._result
-        force, jump = (modes @ self._psi.T for modes in result._modes_of(name))
+        blocks = result._columns_of(name)  # (m, components, modes, steps) each
+        force, jump = (np.einsum("pcjs,nj->pcns", block, self._psi) for block in blocks)
         if name in result.collocations:
-            points, components, count = force.shape
-            free = jump + result._flexibility(name)[..., None] * force
-            parameters = []
-            for interface, parameter in result.random.sources:
-                if interface == name:
-                    each = result.random.sampled(name, parameter, self.germs)
-                    parameters.append((each.name, np.asfortranarray(each.pattern @ each.values)))
+            shape = force.shape
+            free = jump + result._flexibility(name)[..., None, None] * force
+            fields = bridge.active_fields(result.problem.interfaces[name], result.plan)
+            parameters = sampled_parameters(result.random, name, self.germs, fields, shape[-1])
             both = result.core.resolve_samples(
-                name, np.asfortranarray(free.reshape(-1, count)), parameters
+                name,
+                np.asfortranarray(free.reshape(shape[0] * shape[1], -1)),
+                list(parameters.items()),
             )
-            force, jump = (block.reshape(points, components, count) for block in both)
+            force, jump = (block.reshape(shape) for block in both)
+        force, jump = (timed(result.plan, block) for block in (force, jump))
         return np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0)
 
     def displacement(self, substructure: str) -> Array:
-        """Unknowns (N, n) of a substructure."""
-        return self._psi @ self._result.coefficients(substructure).T
+        """Unknowns (N, [T,] n) of a substructure."""
+        return np.moveaxis(self._result.coefficients(substructure) @ self._psi.T, -1, 0)
 
 
 @dataclass(frozen=True)
@@ -422,6 +447,8 @@ def _moment_errors(
 class ChaosResult(Result, StochasticResult):
     """Answer of one LATIN-PCE run; fields have one column a chaos mode.
 
+    Over a load history every field has the T time steps in front of its own axes.
+
     Attributes
     ----------
     random, chaos, basis
@@ -472,26 +499,37 @@ class ChaosResult(Result, StochasticResult):
 
     @property
     def displacements(self) -> dict[str, Array]:
-        """Substructure -> (n,) mean of the unknowns."""
-        return {name: self.coefficients(name)[:, 0] for name in self.problem.substructures}
+        """Substructure -> ([T,] n) mean of the unknowns."""
+        return {name: self.coefficients(name)[..., 0] for name in self.problem.substructures}
+
+    def displacement(self, substructure: str, step: int = -1) -> fem.Function:
+        """Mean displacement; of a load history at a time step, the last by default."""
+        return self.mean(substructure, step)
+
+    @property
+    def times(self) -> Array | None:
+        """(T,) of a load history, or None."""
+        return self.plan.times
 
     def coefficients(self, substructure: str) -> Array:
-        """Chaos coefficients (n, P + 1) of the unknowns of a substructure, length."""
+        """Chaos coefficients ([T,] n, P + 1) of the unknowns of a substructure, length."""
         if substructure not in self.problem.substructures:
             raise unknown_name("substructure", substructure, self.problem.substructures, "result")
         if self._blocks is None:
-            amplitudes = np.zeros((1, self.modes))
-            amplitudes[0, 0] = 1.0
-            self._blocks = self.core.displacements(self.state, amplitudes)
+            blocks = self.core.displacements(self.state, _amplitudes(self.plan, self.modes))
+            self._blocks = {
+                name: timed(self.plan, block.reshape(len(block), self.modes, -1))
+                for name, block in blocks.items()
+            }
         return self._blocks[substructure]
 
     def field_moments(self, substructure: str) -> tuple[Array, Array]:
-        """Mean and standard deviation (n,) of the unknowns of a substructure, length."""
+        """Mean and standard deviation ([T,] n) of the unknowns of a substructure, length."""
         block = self.coefficients(substructure)
-        return block[:, 0], np.sqrt(np.sum(block[:, 1:] ** 2, axis=1))
+        return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
-        """Mean and standard deviation (m, components) of the force per area on side 1.
+        """Mean and standard deviation ([T,] m, components) of the force per area on side 1.
 
         From the coefficients, or, where the law is not linear, from many samples of the law.
         """
@@ -502,15 +540,16 @@ class ChaosResult(Result, StochasticResult):
         return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
 
     def _sampled_moments(self, interface: str) -> tuple[Array, Array, Array, Array]:
-        """Mean and variance of the force (m, components) and of its resultant, from Sobol points."""
+        """Mean and variance of the force ([T,] m, components) and of its resultant, from Sobol points."""
         if interface not in self._moments:
             germs = self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
             # about a first sample, so that nothing cancels
             origin = self.at(germs[:1]).force(interface)[0]
             total = self._resultant(interface, origin[None])[0]
             sums = [np.zeros_like(origin), np.zeros_like(origin), 0.0 * total, 0.0 * total]
-            for i in range(0, len(germs), CHUNK):
-                force = self.at(germs[i : i + CHUNK]).force(interface)
+            chunk = max(1, CHUNK // self._steps)
+            for i in range(0, len(germs), chunk):
+                force = self.at(germs[i : i + chunk]).force(interface)
                 for k, part in ((0, force - origin), (2, self._resultant(interface, force) - total)):
                     sums[k] += part.sum(axis=0)
                     sums[k + 1] += (part**2).sum(axis=0)
@@ -524,12 +563,12 @@ class ChaosResult(Result, StochasticResult):
         return self._moments[interface]
 
     def _resultant(self, name: str, force: Array) -> Array:
-        """Total normal force and total tangential force vector, (N, 1 + d), of forces (N, m, components)."""
+        """Total normal and tangential force, (N, [T,] 1 + d), of forces (N, [T,] m, components)."""
         interface = self.problem.interfaces[name]
         weighted = interface.weights[:, None] * force
         frames = interface.frames[:, 1 : force.shape[-1]]
-        shear = np.einsum("npt,ptd->nd", weighted[..., 1:], frames)
-        return np.concatenate([weighted[..., 0].sum(axis=1)[:, None], shear], axis=1)
+        shear = np.einsum("...pt,ptd->...d", weighted[..., 1:], frames)
+        return np.concatenate([weighted[..., 0].sum(axis=-1)[..., None], shear], axis=-1)
 
     def _flexibility(self, name: str) -> Array:
         """1/k1 (+ 1/k2) of an interface, (m, components)."""
@@ -539,35 +578,45 @@ class ChaosResult(Result, StochasticResult):
         )
         return np.asarray(inverse).reshape(self.problem.interfaces[name].num_points, -1)
 
-    def mode(self, substructure: str, index: int) -> fem.Function:
+    def mode(self, substructure: str, index: int, step: int = -1) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
-        return self._function(substructure, self.coefficients(substructure)[:, index], f"u{index}")
+        block = self.coefficients(substructure)[..., index]
+        return self._function(substructure, block, f"u{index}", step)
 
     def force_coefficients(self, interface: str) -> Array:
-        """Chaos coefficients (m, components, P + 1) of the force per area on side 1."""
-        return self._modes_of(interface)[0]
+        """Chaos coefficients ([T,] m, components, P + 1) of the force per area on side 1."""
+        return timed(self.plan, self._columns_of(interface)[0])
 
     def jump_coefficients(self, interface: str) -> Array:
-        """Chaos coefficients (m, components, P + 1) of the jump."""
-        return self._modes_of(interface)[1]
+        """Chaos coefficients ([T,] m, components, P + 1) of the jump."""
+        return timed(self.plan, self._columns_of(interface)[1])
 
-    def _modes_of(self, name: str) -> tuple[Array, Array]:
+    @property
+    def _steps(self) -> int:
+        """Columns of the run for each mode."""
+        return self.state.data.shape[1] // self.modes
+
+    def _columns_of(self, name: str) -> tuple[Array, Array]:
+        """Force and jump of an active interface, (m, components, P + 1, steps) each."""
         if name not in self.plan.active:
             raise unknown_name("active interface", name, self.plan.active, "chaos result")
         points = self.problem.interfaces[name].num_points
-        force, jump = self.core.local_fields(name, self.state)
-        return force.reshape(points, -1, self.modes), jump.reshape(points, -1, self.modes)
+        force, jump = (
+            block.reshape(points, -1, self.modes, self._steps)
+            for block in self.core.local_fields(name, self.state)
+        )
+        return force, jump
 
     def force(self, interface: str) -> Array:
-        """Mean force per area on side 1, (m, components)."""
+        """Mean force per area on side 1, ([T,] m, components)."""
         return self.force_coefficients(interface)[..., 0]
 
     def jump(self, interface: str) -> Array:
-        """Mean jump, (m, components)."""
+        """Mean jump, ([T,] m, components)."""
         return self.jump_coefficients(interface)[..., 0]
 
     def sobol(self, interface: str) -> dict[str, Sobol]:
-        """Sobol indices (m * components,) of the interface force, by random source."""
+        """Sobol indices ([T *] m * components,) of the interface force, by random source."""
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return self.space.sobol(block, self.basis)
 
@@ -583,7 +632,7 @@ class ChaosResult(Result, StochasticResult):
         unit: str = "",
         samples: int = 100_000,
         seed: int = 0,
-        chunk: int = 5000,
+        chunk: int | None = None,
     ) -> Quantity:
         """A scalar quantity of interest, evaluated sample by sample on the chaos.
 
@@ -596,8 +645,9 @@ class ChaosResult(Result, StochasticResult):
         samples, seed
             Size and seed of the Monte Carlo sample of the germs.
         chunk
-            Samples evaluated at once: bounds the memory.
+            Samples evaluated at once: bounds the memory. None: 5 000, fewer over a history.
         """
+        chunk = chunk or max(1, 5000 // self._steps)
         points = self.space.sample(samples, seed)
         parts = [points[i : i + chunk] for i in range(0, samples, chunk)]
         values = [one_number_a_sample(function(self.at(p)), len(p), name) for p in parts]
@@ -617,10 +667,13 @@ class ChaosResult(Result, StochasticResult):
                 ("jump", self.jump_coefficients(name), "length"),
             ):
                 fields[f"{what}:{name}"] = Field(
-                    block.reshape(-1, self.modes), unit, block.shape[:2], f"{what} of {name}"
+                    block.reshape(-1, self.modes), unit, block.shape[:-1], f"{what} of {name}"
                 )
         for name in substructures:
-            fields[f"displacement:{name}"] = Field(self.coefficients(name), "length")
+            block = self.coefficients(name)
+            fields[f"displacement:{name}"] = Field(
+                block.reshape(-1, self.modes), "length", block.shape[:-1]
+            )
         meta = {"order": int(self.chaos.order), "error": self.error, "status": self.status}
         save_chaos(path, self.space, self.basis, fields, meta)
 
@@ -645,12 +698,12 @@ class ChaosResult(Result, StochasticResult):
         points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
         every = -(-len(points) // STARTS)
         psi = self.basis.evaluate(points[::every])
+        columns = np.kron(psi.T, np.eye(self._steps))  # modes to one point's time steps each
         start = {
             every * i: State(
-                np.asfortranarray(self.state.data @ row[:, None]),
-                np.asfortranarray(self.state.traces @ row[:, None]),
+                np.asfortranarray(self.state.data @ one), np.asfortranarray(self.state.traces @ one)
             )
-            for i, row in enumerate(psi)
+            for i, one in enumerate(np.split(columns, len(psi), axis=1))
         }
         _make_deterministic(self.core, self.problem, self.plan)
         try:
@@ -696,7 +749,7 @@ class ChaosResult(Result, StochasticResult):
         """Estimate from the coefficients, and standard deviation of the force in the norm of the interface."""
         block = self.force_coefficients(interface)
         weights = self.problem.interfaces[interface].weights
-        share = np.einsum("p,pcj->j", weights, block**2)
+        share = np.einsum("p,...pcj->j", weights, block**2)
         deviation = float(np.sqrt(share[1:].sum()))
         degree = self.basis.indices.table.sum(axis=1)
         by_degree = [float(np.sqrt(share[degree == d].sum())) for d in range(1, degree.max() + 1)]
@@ -713,7 +766,7 @@ class ChaosResult(Result, StochasticResult):
         exact = np.concatenate([part.force(interface) for part in truth])
         own = np.concatenate([self.at(part.germs).force(interface) for part in truth])
         weights = self.problem.interfaces[interface].weights
-        square = np.einsum("p,npc->n", weights, (exact - own) ** 2)
+        square = np.einsum("p,n...pc->n", weights, (exact - own) ** 2)
         measured = float(np.sqrt(square.mean())) / deviation if deviation > 0.0 else np.nan
         count = len(exact)
         if count < 2:
@@ -724,14 +777,14 @@ class ChaosResult(Result, StochasticResult):
             own.reshape(count, -1),
             mean.ravel(),
             variance.ravel(),
-            np.repeat(weights, exact.shape[-1]),
+            np.broadcast_to(weights[:, None], exact.shape[1:]).ravel(),
         )
         total_mean, total_std, total_estimate = _moment_errors(
-            self._resultant(interface, exact),
-            self._resultant(interface, own),
-            total,
-            total_variance,
-            np.ones(len(total)),
+            self._resultant(interface, exact).reshape(count, -1),
+            self._resultant(interface, own).reshape(count, -1),
+            total.ravel(),
+            total_variance.ravel(),
+            np.ones(total.size),
         )
         return TruncationError(
             decay,
@@ -794,19 +847,16 @@ class ChaosResult(Result, StochasticResult):
         return text + ")"
 
 
-@dataclass(frozen=True)
-class Columns:
-    """How one active interface sees the modes: parameters with P + 1 columns, and column transforms."""
-
-    parameters: dict[str, Array]
-    groups: list[dict[str, Any]]
+def _amplitudes(plan: Plan, modes: int) -> Array:
+    """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
+    return np.kron(np.eye(1, modes), plan.amplitudes)
 
 
 def _make_deterministic(core: Kernel, problem: Problem, plan: Plan) -> None:
     """Give the active interfaces of a kernel problem back the laws that they were built with."""
     for name in plan.active:
         core.set_columns(name, [])
-        for parameter, values in bridge.law_fields(problem.interfaces[name]).parameters.items():
+        for parameter, values in bridge.active_fields(problem.interfaces[name], plan).parameters.items():
             core.set_parameter(name, parameter, values)
 
 
@@ -826,7 +876,8 @@ def _with_collocations(
     decisions = [
         Decision(
             f"law of {name}",
-            f"at {len(each)} points in {len(each.germs)} germs ({each.rule}), {each.bytes(random) / 1e6:.3g} MB",
+            f"at {len(each)} points in {len(each.germs)} germs ({each.rule}), "
+            f"{each.bytes(random, plan.steps) / 1e6:.3g} MB",
             "it is not linear: evaluated at stochastic quadrature points and projected on the modes",
         )
         for name, each in collocations.items()
@@ -848,6 +899,7 @@ def solve_chaos(
     chaos: Chaos | int,
     method: Method = "auto",
     *,
+    times: npt.ArrayLike | None = None,
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
@@ -864,6 +916,8 @@ def solve_chaos(
         Order and index set; a number is the order of a total-degree set.
     method, active, direction, options, plan, start, callback
         As for :func:`dolfinx_frontend.solve`; interfaces with random parameters are always active.
+    times
+        Times (T,) of a load history; random values do not change in it.
     indefinite
         ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"`` first that the
         structure as a whole is definite and go on (the result carries the fact).
@@ -892,31 +946,42 @@ def solve_chaos(
         )
     options = options or (Options.plain() if method == "latin" else Options())
     rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
-    basis = random.space.basis(chaos, rows=problem.size + rows * (4 + 3 * options.acceleration))
+    history = len(np.atleast_1d(np.asarray(times))) if times is not None and problem.amplitudes else 1
+    needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
+    basis = random.space.basis(chaos, rows=needed)
     if plan is None:
         plan = make_plan(
-            problem, method, active, random.interfaces, direction, options, random, len(basis)
+            problem,
+            method,
+            active,
+            random.interfaces,
+            direction,
+            options,
+            random,
+            len(basis),
+            times=times,
         )
     began = perf_counter()
+    steps = plan.amplitudes.shape[1]
     curved = [name for name in plan.active if not random.linear(name)]
-    collocations = {name: collocation(random, basis, chaos, name) for name in curved}
+    collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
     plan = _with_collocations(plan, random, collocations, chaos)
     matrices = galerkin(random, basis)
     proven = _guard(problem, random, basis, matrices, indefinite)
-    columns = {
-        name: Columns({}, [collocations[name].group(random)])
-        if name in collocations
-        else Columns(*_columns(random, basis, name, matrices))
-        for name in plan.active
-    }
+    columns = {}
+    for name in plan.active:
+        if name in collocations:
+            fields = bridge.active_fields(problem.interfaces[name], plan)
+            columns[name] = Columns({}, [collocations[name].group(random, fields, steps)])
+        else:
+            columns[name] = _columns(random, basis, name, matrices, plan, steps)
     core = bridge.build(problem, plan)
+    core.set_steps(steps)
     _make_stochastic(core, columns)
-    amplitudes = np.zeros((1, len(basis)))
-    amplitudes[0, 0] = 1.0
     built = perf_counter()
     summary, state = core.solve(
         options=plan.options.kernel(),
-        amplitudes=amplitudes,
+        amplitudes=_amplitudes(plan, len(basis)),
         start=start_states(start),
         callback=callback,
     )

@@ -22,14 +22,16 @@ from latin_core import stochastic
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.random import Chaos
 from dolfinx_frontend.stochastic import RandomLaws
-from dolfinx_frontend.translate import KERNEL_NAMES, law_fields
+from dolfinx_frontend.translate import KERNEL_NAMES, LawFields, law_fields
 
-__all__ = ["MOST_TENSOR", "Collocation", "collocation"]
+__all__ = ["MOST_TENSOR", "Collocation", "collocation", "sampled_parameters"]
 
 Array = npt.NDArray[np.float64]
 
 MOST_TENSOR = 4096
-"""Points up to which a tensor Gauss rule is the default."""
+"""Points up to which a tensor Gauss rule is the default..."""
+MOST_BYTES = 1e9
+"""...if samples and forces of the interface take no more memory."""
 LEAST_LINE = 16
 """Points that a germ is given at least while all germs together take no more than..."""
 CHEAP = 256
@@ -71,43 +73,66 @@ class Collocation:
     def __len__(self) -> int:
         return len(self.weights)
 
-    def parameters(self, random: RandomLaws) -> dict[str, Array]:
-        """Kernel parameter -> (rows, q), or (rows, 1) if it is fixed.
+    def group(self, random: RandomLaws, fields: LawFields, steps: int = 1) -> dict[str, object]:
+        """The columns of the interface as the kernel takes them.
+
+        Parameters
+        ----------
+        fields, steps
+            The law with its random values at their means; parameters that change in time have a column a
+            step.
 
         Raises
         ------
         SceneError
-            A value at a point that makes no law.
+            A random value at a point makes no law.
         """
-        interface = random.problem.interfaces[self.interface]
-        values = dict(law_fields(interface).parameters)
-        for parameter in interface.law.parameters():
-            if random.source(self.interface, parameter) is not None:
-                each = random.sampled(self.interface, parameter, self.points)
-                values[each.name] = each.pattern @ each.values
-        return values
-
-    def group(self, random: RandomLaws) -> dict[str, object]:
-        """The columns of the interface as the kernel takes them."""
         return {
             "begin": 0,
-            "end": law_fields(random.problem.interfaces[self.interface]).components,
+            "end": fields.components,
             "forward": [self.forward],
             "backward": [self.backward],
-            "parameters": {k: np.asfortranarray(v) for k, v in self.parameters(random).items()},
+            "parameters": sampled_parameters(random, self.interface, self.points, fields, steps),
         }
 
     def bytes(self, random: RandomLaws, steps: int = 1) -> float:
-        """Memory of the local stage of the interface: transforms, samples, forces, parameters."""
-        interface = random.problem.interfaces[self.interface]
-        fields = law_fields(interface)
+        """Memory of the local stage of the interface: transforms, samples, forces, random parameters."""
+        fields = nominal_fields(random, self.interface)
         rows = sum(
             len(fields.parameters[KERNEL_NAMES.get(p, p)])
             for (name, p) in random.sources
             if name == self.interface and KERNEL_NAMES.get(p, p) in fields.parameters
         )
-        block = 2 * steps * fields.components * interface.num_points + rows
+        block = steps * (2 * len(fields.frames) + rows)
         return 8.0 * len(self) * (2 * len(self.forward) + block)
+
+
+def nominal_fields(random: RandomLaws, name: str) -> LawFields:
+    """Law of an interface in kernel terms, with what varies at nominal values."""
+    interface = random.problem.interfaces[name]
+    return law_fields(interface, interface.law.nominal)
+
+
+def sampled_parameters(
+    random: RandomLaws, name: str, points: Array, fields: LawFields, steps: int = 1
+) -> dict[str, Array]:
+    """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
+
+    What is the same everywhere keeps its one column.
+
+    Parameters
+    ----------
+    fields
+        The law, with one column or one a time step.
+    """
+    values = {}
+    for parameter, block in fields.parameters.items():
+        values[parameter] = np.tile(block, (1, len(points))) if block.shape[1] > 1 else block
+    for interface, parameter in random.sources:
+        if interface == name:
+            each = random.sampled(name, parameter, points)
+            values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
+    return {parameter: np.asfortranarray(block) for parameter, block in values.items()}
 
 
 def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
@@ -189,13 +214,18 @@ def _transforms(
 
 
 def collocation(
-    random: RandomLaws, basis: stochastic.ChaosBasis, chaos: Chaos, name: str
+    random: RandomLaws, basis: stochastic.ChaosBasis, chaos: Chaos, name: str, steps: int = 1
 ) -> Collocation:
     """Quadrature points for an interface whose law is not linear.
 
     A tensor Gauss rule with 2 (p + 1) points in each germ, 16 at least in one or two germs, while that is
     affordable (the response has kinks, where it takes more than p + 1); scrambled Sobol points beyond. Germs that do not reach
     the interface, and those on which neither the modes nor its parameters depend, take one point.
+
+    Parameters
+    ----------
+    steps
+        Time steps of a history, each of which is evaluated at all points.
 
     Raises
     ------
@@ -210,7 +240,9 @@ def collocation(
     degrees = table[reached].max(axis=0, initial=0)
     counts = _counts(random, name, chaos, degrees, germs)
     total = float(np.prod(np.array(counts, dtype=float)))
-    if chaos.sobol_points is None and (chaos.quadrature is not None or total <= MOST_TENSOR):
+    rows = len(nominal_fields(random, name).frames)
+    affordable = total <= MOST_TENSOR and (total <= CHEAP or 16.0 * total * rows * steps <= MOST_BYTES)
+    if chaos.sobol_points is None and (chaos.quadrature is not None or affordable):
         rule = space.tensor_gauss(counts)
         forward, backward, uneven = _transforms(basis, rule, reached)
         if uneven > 1e-6:

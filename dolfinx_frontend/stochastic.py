@@ -110,7 +110,8 @@ class RandomLaws:
 
     def linear(self, interface: str) -> bool:
         """Whether the law of an interface is linear."""
-        return law_fields(self.problem.interfaces[interface]).kind in LINEAR
+        each = self.problem.interfaces[interface]
+        return law_fields(each, each.law.nominal).kind in LINEAR
 
     def sampled(self, name: str, parameter: str, points: Array) -> SampledParameter:
         """A random parameter of an interface at points (N, L) of the germs, as the kernel takes it.
@@ -138,7 +139,7 @@ class RandomLaws:
             )
         if inverted:
             # a compliance for the kernel
-            fields = law_fields(interface, interface.law.with_(stiffness=1.0))
+            fields = law_fields(interface, interface.law.nominal.with_(stiffness=1.0))
             kernel_name, unit, values = "compliance", fields.parameters["compliance"], 1.0 / values
         else:
             kernel_name, unit = kernel_parameter(interface, parameter)
