@@ -10,8 +10,8 @@ law is the deterministic one with the stiffness lambda_q. So the kernel runs the
 iteration as for one column, and its fixed point is the stochastic Galerkin solution (equations 17 and 19).
 
 A law that is not linear (contact, friction) is evaluated at stochastic quadrature points instead, see
-:mod:`dolfinx_frontend.collocation`. The response then has kinks, and its chaos converges slowly: such an answer
-is compared with deterministic solves at check points before it is handed out.
+:mod:`dolfinx_frontend.collocation`. The response then has kinks, and its chaos converges slowly: such an
+answer is compared with deterministic solves at check points before it is handed out.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
     steps = block.shape[1] // modes
     parted = block.reshape(points, -1, modes, steps)
     if len(by) == 1:
-        result = np.einsum("pcjs,jq->pcqs", parted, by[0])
+        result: Array = np.einsum("pcjs,jq->pcqs", parted, by[0])
     else:
         result = np.einsum("pcjs,pjq->pcqs", parted, np.array(by))
     return result.reshape(len(block), -1)
@@ -723,11 +723,11 @@ class ChaosResult(Result, StochasticResult):
             _make_stochastic(self.core, self._columns)
 
     def monte_carlo(self, samples: int, seed: int = 0, **settings: Any) -> SampleResult:
-        """As :func:`dolfinx_frontend.monte_carlo`, on the solver of this result, started from its chaos."""
+        """As :func:`dolfinx_frontend.monte_carlo`, on this result's solver, started from its chaos."""
         return self.sample(self.space.sample(samples, seed), **settings)
 
     def quasi_monte_carlo(self, samples: int, seed: int = 0, **settings: Any) -> SampleResult:
-        """As :func:`dolfinx_frontend.quasi_monte_carlo`, on the solver of this result, started from its chaos."""
+        """As :func:`dolfinx_frontend.quasi_monte_carlo`, on this result's solver, started from its chaos."""
         return self.sample(self.space.sample_sobol(samples, seed), kind="qmc", **settings)
 
     def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
@@ -746,10 +746,10 @@ class ChaosResult(Result, StochasticResult):
         return self._compared(interface, [self.sample(self.space.sample(points, seed))])
 
     def _decay(self, interface: str) -> tuple[float, float]:
-        """Estimate from the coefficients, and standard deviation of the force in the norm of the interface."""
+        """Estimate from the coefficients, and standard deviation of the force in the interface's norm."""
         block = self.force_coefficients(interface)
         weights = self.problem.interfaces[interface].weights
-        share = np.einsum("p,...pcj->j", weights, block**2)
+        share = (weights[:, None, None] * block**2).reshape(-1, self.modes).sum(axis=0)
         deviation = float(np.sqrt(share[1:].sum()))
         degree = self.basis.indices.table.sum(axis=1)
         by_degree = [float(np.sqrt(share[degree == d].sum())) for d in range(1, degree.max() + 1)]
@@ -766,7 +766,7 @@ class ChaosResult(Result, StochasticResult):
         exact = np.concatenate([part.force(interface) for part in truth])
         own = np.concatenate([self.at(part.germs).force(interface) for part in truth])
         weights = self.problem.interfaces[interface].weights
-        square = np.einsum("p,n...pc->n", weights, (exact - own) ** 2)
+        square = (weights[:, None] * (exact - own) ** 2).reshape(len(exact), -1).sum(axis=1)
         measured = float(np.sqrt(square.mean())) / deviation if deviation > 0.0 else np.nan
         count = len(exact)
         if count < 2:
@@ -825,8 +825,8 @@ class ChaosResult(Result, StochasticResult):
             f"the chaos of order {self.chaos.order} is not proven converged to {_percent(tolerance)} by "
             f"{solves} deterministic solves:\n  "
             + "\n  ".join(bad)
-            + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or sample "
-            "on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without chaos "
+            + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or "
+            "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without chaos "
             "quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
             TruncationWarning,
             stacklevel=4,
@@ -849,7 +849,7 @@ class ChaosResult(Result, StochasticResult):
 
 def _amplitudes(plan: Plan, modes: int) -> Array:
     """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
-    return np.kron(np.eye(1, modes), plan.amplitudes)
+    return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)
 
 
 def _make_deterministic(core: Kernel, problem: Problem, plan: Plan) -> None:

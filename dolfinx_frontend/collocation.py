@@ -5,8 +5,8 @@ as if nothing were random, and the forces are projected back:
 
     f_k = sum_q  B_qk  f( sum_j Psi_j(xi_q) j_j ; parameters(xi_q) ),    B = W Psi G^-1,   G = Psi^T W Psi,
 
-with weights W >= 0, so that the projection of a monotone law stays monotone (a Smolyak rule, with its negative
-weights, does not keep that). G is the identity for a Gauss rule; for Sobol points, B is their least-squares
+with weights W >= 0, so that the projection of a monotone law stays monotone (the negative weights of a
+Smolyak rule do not keep that). G is the identity for a Gauss rule; for Sobol points, B is their least-squares
 fit, which leaves a law alone that happens to be linear.
 """
 
@@ -149,7 +149,7 @@ def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
         if grown == parts:
             break
         parts = grown
-    germs = set()
+    germs: set[int] = set()
     for (other, _), source in random.sources.items():
         if any(side.substructure in parts for side in problem.interfaces[other].sides):
             germs.update(random.space.columns(source))
@@ -219,8 +219,9 @@ def collocation(
     """Quadrature points for an interface whose law is not linear.
 
     A tensor Gauss rule with 2 (p + 1) points in each germ, 16 at least in one or two germs, while that is
-    affordable (the response has kinks, where it takes more than p + 1); scrambled Sobol points beyond. Germs that do not reach
-    the interface, and those on which neither the modes nor its parameters depend, take one point.
+    affordable (the response has kinks, where it takes more than p + 1); scrambled Sobol points beyond. Germs
+    that do not reach the interface, and those on which neither the modes nor its parameters depend, take one
+    point.
 
     Parameters
     ----------

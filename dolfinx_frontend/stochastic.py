@@ -140,7 +140,8 @@ class RandomLaws:
         if inverted:
             # a compliance for the kernel
             fields = law_fields(interface, interface.law.nominal.with_(stiffness=1.0))
-            kernel_name, unit, values = "compliance", fields.parameters["compliance"], 1.0 / values
+            kernel_name, unit = "compliance", fields.parameters["compliance"]
+            values = np.reciprocal(values)
         else:
             kernel_name, unit = kernel_parameter(interface, parameter)
         if isinstance(source, DiscretisedField):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from latin_core import Options
+from latin_core import InputError, Options
 from scipy import stats
 
 from dolfinx_frontend import compat, geometry
@@ -18,6 +18,7 @@ from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.chaos import ChaosResult, TruncationWarning
 from dolfinx_frontend.collocation import MOST_TENSOR, collocation
 from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.quantities import Quantity
@@ -77,7 +78,7 @@ def bolt_law(normal: Any, jump: Any = -PRELOAD) -> Elastic:
 
 
 def closed_form(result: ChaosResult, share: float) -> tuple[Array, Array]:
-    """Forces of joint and bolt, 1e5 samples: N = k (K (D - g) - Q) / (K + k) while that is positive, N + Q."""
+    """Forces of joint and bolt, 1e5 samples: N = k (K (D - g) - Q) / (K + k) if positive, and N + Q."""
     count = 100_000
     germs = result.space.sample(count, SEED)
 
@@ -325,6 +326,109 @@ def test_the_answer_stays_after_sampling() -> None:
         result.truncation("nowhere")
 
 
+def test_history_of_preloaded_springs() -> None:
+    # pulled beyond opening and let go again: the closed form holds at every time
+    times = [0.0, 1.0, 2.0, 3.0]
+    pull = Amplitude([0.0, 2.0, 4.0], [0.0, 1.2, 0.0])
+    scene = Scene()
+    bolt = bolt_law(LogNormal("K", BOLT, cov=0.1), Normal("D", -PRELOAD, cov=0.05))
+    add_bolted(scene, 0.0, bolt, Contact(stiffness=JOINT / AREA), "")
+    problem = assemble(scene)
+    load = pull * (BOLT * PRELOAD / AREA, 0.0, 0.0)
+    problem = with_laws(problem, load=replace(problem.interfaces["load"].law, t=load))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TruncationWarning)
+        result = solve(problem, chaos=3, times=times, options=TIGHT)
+    assert result.converged and result.state.data.shape[1] == 10 * 4
+    assert "10 chaos modes x 4 time steps" in str(result.plan)
+    germs = result.space.sample(1000, 5)
+    samples = result.at(germs)
+    weights = problem.interfaces["joint"].weights
+    found = samples.force("joint")[..., 0] @ weights
+    assert found.shape == (1000, 4)
+    stiffness, jump = (
+        result.space.values(result.random.sources["bolt", p], germs) for p in ("normal", "jump")
+    )
+    for k, time in enumerate(times):
+        free = -stiffness * jump - pull(time) * BOLT * PRELOAD
+        closed = np.maximum(0.0, JOINT * free / (stiffness + JOINT))
+        error = np.sqrt(np.mean((found[:, k] + closed) ** 2))
+        assert error < 0.02 * BOLT * PRELOAD * JOINT / (BOLT + JOINT)
+    assert np.mean(found[:, 2] == 0.0) > 0.9 and np.all(found[:, 0] < 0.0)
+    mean, deviation = result.force_moments("joint")
+    assert mean.shape == deviation.shape == (4, len(weights), 1)
+    assert result.displacements["right"].shape[0] == 4
+    assert result.mean("right", 1).x.array == pytest.approx(result.displacements["right"][1])
+    assert samples.displacement("right").shape[:2] == (1000, 4)
+    drawn = result.monte_carlo(20, keep_states=True)
+    assert drawn.force("joint").shape == (20, 4, len(weights), 1)
+    assert drawn.field_moments("right")[0].shape[0] == 4
+    quantity = result.quantity(lambda f: f.force("joint")[:, 2, :, 0].min(axis=1), samples=100)
+    assert len(quantity.values) == 100
+
+
+def test_friction_over_a_load_cycle() -> None:
+    # the slip that is left depends on the way: chaos and samples against one deterministic history each
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 20.0)):
+        box = geometry.box((20.0, 10.0, 10.0), (1, 1, 1), origin=(x0, 0.0, 0.0), cell="hexahedron")
+        scene.substructure(name, box, LinearElastic(E=200e3, nu=0.3), degree=1)
+    scene.fix("left:x0")
+    shear = Amplitude([0.0, 1.0, 3.0, 4.0], [0.0, 1.0, -1.0, 0.0])
+    press = Amplitude([0.0, 1e-3], [0.0, 1.0])
+    scene.traction("right:x1", press * (-10.0, 0.0, 0.0) + shear * (0.0, 4.0, 0.0), name="load")
+    scene.interface("guide", "right:x1", Elastic(normal=1.0, tangential=200.0))
+    law = Contact(friction=Uniform("mu", 0.25, 0.3), stiffness=2000.0)
+    scene.interface("joint", "left:x1", "right:x0", law)
+    problem = assemble(scene)
+    times = np.array([1e-3, 0.5, 1.0, 2.0, 3.0, 4.0])
+    options = Options(rtol=1e-7, max_iterations=3000)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TruncationWarning)
+        result = solve(problem, chaos=Chaos(3, check_points=8), times=times, options=options)
+    assert result.converged
+    germs = result.space.sample(3, 2)
+    drawn = sample(problem, germs, plan_options=options, times=times, progress=False)
+    own = result.at(germs).force("joint")
+    left = []
+    for i, point in enumerate(germs):
+        fixed = with_laws(problem, **result.random.at(point))
+        exact = solve(fixed, times=times, options=options)
+        size = np.linalg.norm(exact.force("joint"))
+        assert np.linalg.norm(drawn.force("joint")[i] - exact.force("joint")) < 1e-4 * size
+        assert np.linalg.norm(own[i] - exact.force("joint")) < 0.01 * size
+        left.append(np.abs(exact.jump("joint")[-1, :, 1]).max())
+    assert min(left) > 1e-5  # something slipped and stayed
+
+
+def test_linear_histories_are_superposed_with_chaos_too() -> None:
+    pull = Amplitude([0.0, 1.0], [0.0, 1.0])
+    jump = pull * -PRELOAD
+    bolt = bolt_law(LogNormal("K", BOLT, cov=0.1), jump)
+    joint = Elastic(normal=JOINT / AREA, jump=Normal("g", 0.0, std=0.002))
+    scene = Scene()
+    add_bolted(scene, 0.0, bolt, joint, "")
+    problem = assemble(scene)
+    load = Amplitude([0.0, 1.0, 2.0], [0.0, 0.0, 1.0]) * (20.0, 0.0, 0.0) + (1.0, 0.0, 0.0)
+    problem = with_laws(problem, load=replace(problem.interfaces["load"].law, t=load))
+    times = np.linspace(0.0, 2.0, 9)
+    result = solve(problem, chaos=3, times=times, options=TIGHT)
+    assert result.plan.history == "patterns" and result.state.data.shape[1] == 10 * 3
+    assert result.force_coefficients("bolt").shape[0] == 9
+    for k in (0, 3, 8):
+        still = solve(problem.at(times[k]), chaos=3, options=TIGHT)
+        for name in ("joint", "bolt"):
+            expected = still.force_coefficients(name)
+            found = result.force_coefficients(name)[k]
+            assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+        expected = still.coefficients("right")
+        assert np.abs(result.coefficients("right")[k] - expected).max() < 1e-6 * np.abs(expected).max()
+    drawn = sample(problem, result.space.sample(2, 0), times=times, plan_options=TIGHT, progress=False)
+    own = result.at(drawn.germs).force("bolt")
+    assert np.abs(own - drawn.force("bolt")).max() < 1e-3 * np.abs(own).max()
+    assert result.truncation("bolt").error < 0.01
+
+
 def test_the_plan_says_what_it_costs() -> None:
     bolt = bolt_law(LogNormal("K", BOLT, cov=0.1), Normal("D", -PRELOAD, cov=0.01))
     result = solve(bolted(0.5, bolt, Contact(stiffness=JOINT / AREA)), chaos=Chaos(2, quadrature=5))
@@ -364,6 +468,26 @@ def test_mistakes_are_named() -> None:
     ):
         with pytest.raises(SceneError, match=text):
             Chaos(3, **settings)  # type: ignore[arg-type]
+
+
+def test_the_kernel_checks_what_it_resolves() -> None:
+    bolt = bolt_law(LogNormal("K", BOLT, cov=0.1))
+    chaos = Chaos(1, check_points=0)
+    result = solve(bolted(0.5, bolt, Contact(stiffness=JOINT / AREA)), chaos=chaos)
+    core = result.core
+    rows = len(core.local_fields("joint", result.state)[0])
+    free = np.linspace(-1.0, 1.0, 3 * rows).reshape(rows, 3, order="F")
+    force, jump = core.resolve_samples("joint", free, [("gap", np.zeros((1, 3)))])
+    assert np.all(force <= 0.0) and np.array_equal(force < 0.0, free < 0.0)
+    assert np.array_equal(jump[free >= 0.0], free[free >= 0.0])
+    with pytest.raises(InputError, match="'joint'.*free jump of 1 rows"):
+        core.resolve_samples("joint", free[:1], [])
+    with pytest.raises(InputError, match="'joint'.*'gap' is 1 x 2"):
+        core.resolve_samples("joint", free, [("gap", np.zeros((1, 2)))])
+    with pytest.raises(InputError, match="'joint'.*no parameter 'slip'"):
+        core.resolve_samples("joint", free, [("slip", np.zeros((1, 1)))])
+    with pytest.raises(InputError, match="'joint'.*at least"):
+        core.resolve_samples("joint", free, [("compliance", np.full((1, 1), -1.0))])
 
 
 def test_warnings_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
