@@ -826,8 +826,8 @@ class ChaosResult(Result, StochasticResult):
             f"{solves} deterministic solves:\n  "
             + "\n  ".join(bad)
             + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or "
-            "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without chaos "
-            "quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
+            "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
+            "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
             TruncationWarning,
             stacklevel=4,
         )
