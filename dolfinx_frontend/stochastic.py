@@ -26,7 +26,16 @@ Source = RandomParameter | DiscretisedField
 LINEAR = ("perfect", "elastic", "force")
 """Kernel laws that are linear: chaos coefficients go through them exactly."""
 
-NOT_NEGATIVE = ("normal", "tangential", "stiffness", "friction", "threshold")
+NOT_NEGATIVE = (
+    "normal",
+    "tangential",
+    "stiffness",
+    "friction",
+    "threshold",
+    "strength",
+    "opening",
+    "energy",
+)
 """Parameters of laws that are no law if they are negative."""
 
 
