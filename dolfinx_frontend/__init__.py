@@ -7,7 +7,13 @@ here.
 
 from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ssfem
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
-from dolfinx_frontend.chaos import ChaosResult, IndefiniteError, NearlyIndefiniteWarning
+from dolfinx_frontend.chaos import (
+    ChaosResult,
+    IndefiniteError,
+    NearlyIndefiniteWarning,
+    TruncationError,
+    TruncationWarning,
+)
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import (
@@ -93,6 +99,8 @@ __all__ = [
     "Symmetry",
     "Traction",
     "TruncatedNormal",
+    "TruncationError",
+    "TruncationWarning",
     "Uniform",
     "assemble",
     "fields",

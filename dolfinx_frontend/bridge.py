@@ -21,7 +21,15 @@ from dolfinx_frontend.reduction import Body, reduce
 from dolfinx_frontend.translate import KERNEL_NAMES, LawFields, kernel_parameter, law_fields
 from latin_core import NumericalError, _core
 
-__all__ = ["KERNEL_NAMES", "LawFields", "build", "definite", "kernel_parameter", "law_fields"]
+__all__ = [
+    "KERNEL_NAMES",
+    "LawFields",
+    "active_fields",
+    "build",
+    "definite",
+    "kernel_parameter",
+    "law_fields",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -145,7 +153,7 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     laws = {}
     for name in plan.active:
         interface = problem.interfaces[name]
-        laws[name] = fields = _active_fields(interface, plan)
+        laws[name] = fields = active_fields(interface, plan)
         direction = _direction(problem, plan, interface, fields)
         interfaces.append(
             _core.Interface(
@@ -191,7 +199,7 @@ def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]
     return found
 
 
-def _active_fields(interface: Interface, plan: Plan) -> LawFields:
+def active_fields(interface: Interface, plan: Plan) -> LawFields:
     """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
     law = interface.law
     if plan.times is None or plan.history == "none":

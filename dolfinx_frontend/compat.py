@@ -8,6 +8,7 @@ does not know which release is installed.
 from __future__ import annotations
 
 import importlib
+import logging
 from typing import Any
 
 import basix
@@ -19,6 +20,16 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 __all__ = ["create_mesh", "gmsh_cell_permutation"]
+
+
+def _show_warnings() -> None:
+    """Have Python show warnings again: ffcx sends them all to a logger to which nobody listens."""
+    loggers = (logging.getLogger("py.warnings"), logging.getLogger())
+    if all(isinstance(h, logging.NullHandler) for logger in loggers for h in logger.handlers):
+        logging.captureWarnings(False)
+
+
+_show_warnings()
 
 
 def _gmsh_reader() -> Any:

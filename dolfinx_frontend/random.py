@@ -1359,6 +1359,18 @@ class Chaos:
         degree i of a germ counts as weight * i.
     max_interaction
         Greatest number of germs in one mode; None: no limit.
+    quadrature
+        Points in each germ (by name of the parameter, or one number for all) of the tensor Gauss rule at
+        which laws that are not linear are evaluated. None: 2 (p + 1), and 16 at least in one or two germs,
+        if that gives few enough points (:data:`dolfinx_frontend.collocation.MOST_TENSOR`), Sobol points
+        otherwise.
+    sobol_points
+        Use so many scrambled Sobol points instead, a power of two.
+    check_points
+        Deterministic solves with which the truncation of a scene that is not linear is checked; 0: none.
+    tolerance
+        Relative error of mean and standard deviation of an interface force up to which such an answer is
+        trusted.
     """
 
     order: int
@@ -1366,6 +1378,10 @@ class Chaos:
     q: float = 0.75
     weights: Sequence[float] | Mapping[str, float] | None = None
     max_interaction: int | None = None
+    quadrature: int | Mapping[str, int] | None = None
+    sobol_points: int | None = None
+    check_points: int = 32
+    tolerance: float = 0.01
 
     def __post_init__(self) -> None:
         if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)):
@@ -1381,6 +1397,7 @@ class Chaos:
             raise SceneError(f"Chaos: q = {self.q:g} must be in (0, 1]")
         if self.max_interaction is not None and self.max_interaction < 1:
             raise SceneError(f"Chaos: max_interaction = {self.max_interaction} must be >= 1")
+        self._check_points()
         if self.weights is not None:
             named = isinstance(self.weights, Mapping)
             values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
@@ -1388,6 +1405,28 @@ class Chaos:
                 _number("Chaos", "weights", "weight", value, positive=True)
             if not named:
                 object.__setattr__(self, "weights", tuple(self.weights))
+
+    def _check_points(self) -> None:
+        _number("Chaos", "tolerance", "tolerance", self.tolerance, positive=True)
+        wanted = self.quadrature
+        for count in wanted.values() if isinstance(wanted, Mapping) else (wanted,):
+            if count is not None and (not _whole(count) or count < 1):
+                raise SceneError(
+                    f"Chaos: quadrature = {wanted!r}: give a whole number of points >= 1 in each germ"
+                )
+        sobol = self.sobol_points
+        if sobol is not None and (not _whole(sobol) or sobol < 1 or sobol & (sobol - 1)):
+            raise SceneError(f"Chaos: sobol_points = {sobol!r} must be a power of two")
+        if sobol is not None and wanted is not None:
+            raise SceneError("Chaos: quadrature and sobol_points are two rules: give one")
+        if not _whole(self.check_points) or self.check_points < 0 or self.check_points == 1:
+            raise SceneError(
+                f"Chaos: check_points = {self.check_points!r}: give 0 (no check) or a number >= 2"
+            )
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 class Expansion(NamedTuple):
@@ -1578,6 +1617,10 @@ class RandomSpace:
         return result
 
     # -- coefficients --------------------------------------------------------------------------
+    def columns(self, source: Source) -> tuple[int, ...]:
+        """Numbers of the germs that a parameter or field shares in."""
+        return self._find(source)[0].columns
+
     def _find(self, source: Source) -> tuple[_Block, int]:
         """Block of a source, and its place among the members."""
         for block in self._blocks:

@@ -6,7 +6,7 @@ tensor and sparse quadrature are the same run over different points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 from latin_core import Options, State, SweepPoints, SweptParameter, stochastic
+from latin_core import Problem as Kernel
 from latin_core import sweep as kernel_sweep
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
@@ -25,10 +26,10 @@ from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
-from dolfinx_frontend.random import DiscretisedField, RandomSpace
+from dolfinx_frontend.random import RandomSpace
 from dolfinx_frontend.stochastic import RandomLaws
-from dolfinx_frontend.sweep import Progress, fingerprint, warn_unconverged
-from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample
+from dolfinx_frontend.sweep import Progress, fingerprint, in_time, warn_unconverged
+from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
 
 __all__ = [
     "SampleFields",
@@ -36,6 +37,7 @@ __all__ = [
     "monte_carlo",
     "quasi_monte_carlo",
     "sample",
+    "sample_on",
     "sparse_quadrature",
     "tensor_quadrature",
 ]
@@ -52,11 +54,11 @@ class SampleFields:
     _result: SampleResult = field(repr=False)
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1, (N, m, components), local frame: component 0 is normal."""
+        """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal."""
         return self._result.force(interface)
 
     def jump(self, interface: str) -> Array:
-        """Jump w2 - w1, (N, m, components), local frame."""
+        """Jump w2 - w1, (N, [T,] m, components), local frame."""
         return self._result.jump(interface)
 
 
@@ -110,18 +112,19 @@ class SampleResult(StochasticResult):
         return bool((self.points.status == "converged").all())
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (N, m, components), local frame."""
+        """Force per area on side 1 of an active interface, (N, [T,] m, components), local frame."""
         return self._field(self.points.forces, interface)
 
     def jump(self, interface: str) -> Array:
-        """Jump of an active interface, (N, m, components), local frame."""
+        """Jump of an active interface, (N, [T,] m, components), local frame."""
         return self._field(self.points.jumps, interface)
 
     def _field(self, store: dict[str, Array], interface: str) -> Array:
         if interface not in store:
             raise unknown_name("active interface", interface, store, "samples")
-        points = self.problem.interfaces[interface].num_points
-        return store[interface].reshape(len(self.germs), points, -1)
+        return in_time(
+            self.plan, store[interface], (len(self.germs),), self.problem.interfaces[interface]
+        )
 
     @property
     def _probabilities(self) -> Array:
@@ -129,7 +132,7 @@ class SampleResult(StochasticResult):
         return self.weights if self.weights is not None else np.full(count, 1.0 / count)
 
     def displacements(self, chunk: int = 64) -> Iterator[tuple[slice, dict[str, Array]]]:
-        """Unknowns of all substructures, some points at a time: (points, substructure -> (n, points)).
+        """Unknowns of all substructures, some points at a time: (points, substructure -> ([T,] n, points)).
 
         Interior fields are recovered here, one solve a point.
         """
@@ -137,14 +140,18 @@ class SampleResult(StochasticResult):
             raise SceneError("the states of the points were not kept: sample with keep_states=True")
         for start in range(0, len(self.germs), chunk):
             part = slice(start, min(start + chunk, len(self.germs)))
-            states = self.points.states[part]
-            state = State(
-                np.asfortranarray(states[:, 0, :, 0].T), np.asfortranarray(states[:, 1, :, 0].T)
-            )
-            yield part, self.core.displacements(state, np.ones((1, len(states))))
+            states = self.points.states[part]  # (points, 2, rows, columns)
+            data, traces = np.moveaxis(states, 0, 2).reshape(2, states.shape[2], -1)
+            state = State(np.asfortranarray(data), np.asfortranarray(traces))
+            amplitudes = np.asfortranarray(np.tile(self.plan.amplitudes, (1, len(states))))
+            fields = self.core.displacements(state, amplitudes)
+            yield part, {
+                name: timed(self.plan, values.reshape(len(values), len(states), -1))
+                for name, values in fields.items()
+            }
 
     def field_moments(self, substructure: str) -> tuple[Array, Array]:
-        """Mean and standard deviation (n,) of the unknowns of a substructure, length."""
+        """Mean and standard deviation ([T,] n) of the unknowns of a substructure, length."""
         if substructure not in self.problem.substructures:
             raise unknown_name("substructure", substructure, self.problem.substructures, "samples")
         if self._moments is None:
@@ -152,16 +159,17 @@ class SampleResult(StochasticResult):
         return self._moments[substructure]
 
     def _all_moments(self) -> dict[str, tuple[Array, Array]]:
-        first = {n: np.zeros(s.size) for n, s in self.problem.substructures.items()}
-        second = {n: np.zeros(s.size) for n, s in self.problem.substructures.items()}
+        first: dict[str, Array] = {}
+        second: dict[str, Array] = {}
         shift: dict[str, Array] = {}
         for part, fields in self.displacements():
             weights = self._probabilities[part]
             for name, values in fields.items():
                 # deviations from the first point: no cancellation where the spread is small
-                base = shift.setdefault(name, values[:, 0].copy())
-                first[name] += (values - base[:, None]) @ weights
-                second[name] += (values - base[:, None]) ** 2 @ weights
+                base = shift.setdefault(name, values[..., 0].copy())
+                away = values - base[..., None]
+                first[name] = first.get(name, 0.0) + away @ weights
+                second[name] = second.get(name, 0.0) + away**2 @ weights
         total = float(self._probabilities.sum())
         out = {}
         for name, base in shift.items():
@@ -171,22 +179,20 @@ class SampleResult(StochasticResult):
         return out
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
-        """Mean and standard deviation (m, components) of the force per area on side 1."""
+        """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
         samples = self.force(interface)
         weights = self._probabilities / self._probabilities.sum()
-        mean = np.einsum("n,npc->pc", weights, samples)
-        variance = np.einsum("n,npc->pc", weights, (samples - mean) ** 2)
+        mean = np.tensordot(weights, samples, 1)
+        variance = np.tensordot(weights, (samples - mean) ** 2, 1)
         return mean, np.sqrt(np.maximum(variance, 0.0))
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
-        """Non-intrusive chaos: coefficients (n, P + 1) of the unknowns by projection with the weights."""
+        """Non-intrusive chaos: coefficients ([T,] n, P + 1) of the unknowns, projected with the weights."""
         weighted = basis.evaluate(self.germs) * self._probabilities[:, None]
-        out: dict[str, Array] = {
-            n: np.zeros((s.size, len(basis))) for n, s in self.problem.substructures.items()
-        }
+        out: dict[str, Array] = {}
         for part, fields in self.displacements():
             for name, values in fields.items():
-                out[name] += values @ weighted[part]
+                out[name] = out.get(name, 0.0) + values @ weighted[part]
         return out
 
     def quantity(
@@ -231,26 +237,18 @@ def _short_steps(germs: Array) -> list[int]:
     return [int(i) for i in walk] + [int(i) for i in np.flatnonzero(~seen)]
 
 
-def _swept(random: RandomLaws, germs: Array) -> list[SweptParameter]:
+def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]:
     parameters = []
-    for (name, parameter), source in random.sources.items():
-        interface = random.problem.interfaces[name]
-        values = np.atleast_2d(random.space.values(source, germs))
-        kernel_name, unit = bridge.kernel_parameter(interface, parameter)
-        if isinstance(source, DiscretisedField):
-            # one row of values a point of the interface, spread over the rows of the parameter
-            points = interface.num_points
-            pattern = np.zeros((len(unit), points))
-            pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // points)] = unit[:, 0]
-            unit = pattern
-        if parameter in ("normal", "tangential") and values.min() < 0.0:
-            count = int((values < 0.0).any(axis=0).sum())
-            raise SceneError(
-                f"sampling: {count} of {len(germs)} samples give interface {name!r} a negative "
-                f"{parameter} stiffness (smallest {values.min():.4g}): {source!r} is not a law for a "
-                "stiffness at this spread; use LogNormal, Gamma or TruncatedNormal"
-            )
-        parameters.append(SweptParameter(name, kernel_name, np.asfortranarray(unit), values))
+    for name, parameter in random.sources:
+        each = random.sampled(name, parameter, germs)
+        pattern, columns = each.pattern, 1
+        if plan.history == "patterns" and parameter in random.problem.interfaces[name].law.loading:
+            # a random value does not change in time: it belongs to the constant load pattern
+            constant = np.array([[float(a is None)] for a in plan.patterns])
+            pattern, columns = np.kron(constant, pattern), len(constant)
+        parameters.append(
+            SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns)
+        )
     return parameters
 
 
@@ -262,6 +260,7 @@ def sample(
     *,
     plan: Plan | None = None,
     plan_options: Options | None = None,
+    times: npt.ArrayLike | None = None,
     keep_states: bool = False,
     checkpoint: str | Path | None = None,
     progress: bool = True,
@@ -276,6 +275,8 @@ def sample(
         (N,) quadrature weights; None: equal.
     plan, plan_options
         A plan, or the settings for one.
+    times
+        Times (T,) of a load history; random values do not change in it.
     keep_states
         Keep the interface states, from which displacements can be recovered.
     checkpoint
@@ -291,18 +292,53 @@ def sample(
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError("sampling: nothing is random: give a law a random parameter")
-    points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+    if plan is None:
+        plan = make_plan(problem, "auto", None, random.interfaces, None, plan_options, times=times)
+    began = perf_counter()
+    core = bridge.build(problem, plan)
+    built = perf_counter()
+    result = sample_on(
+        core,
+        random,
+        plan,
+        np.atleast_2d(np.asarray(germs, dtype=np.float64)),
+        None if weights is None else np.asarray(weights, dtype=np.float64),
+        kind,
+        keep_states=keep_states,
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    result.seconds["setup"] = built - began
+    return result
+
+
+def sample_on(
+    core: Kernel,
+    random: RandomLaws,
+    plan: Plan,
+    points: Array,
+    weights: Array | None = None,
+    kind: Kind = "random",
+    *,
+    keep_states: bool = False,
+    checkpoint: str | Path | None = None,
+    progress: bool = False,
+    start: Mapping[int, State] | None = None,
+) -> SampleResult:
+    """As :func:`sample`, on a kernel problem that is factorised already and has its deterministic laws.
+
+    Parameters
+    ----------
+    start
+        Guesses of the states of some points.
+    """
+    problem = random.problem
     if points.shape[1] != random.space.dimension:
         raise SceneError(
             f"sampling: points of {points.shape[1]} germs, the problem has "
             f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
         )
-    if plan is None:
-        plan = make_plan(problem, "auto", None, random.interfaces, None, plan_options)
-    began = perf_counter()
-    core = bridge.build(problem, plan)
-    built = perf_counter()
-    parameters = _swept(random, points)
+    parameters = _swept(random, plan, points)
     header = None
     if checkpoint is not None:
         header = {
@@ -317,10 +353,11 @@ def sample(
         if bar is not None:
             bar.step(summary.iterations)
 
+    began = perf_counter()
     try:
         swept = kernel_sweep(
             core,
-            np.ones((1, 1)),
+            plan.amplitudes,
             parameters,
             _short_steps(points),
             plan.active,
@@ -329,13 +366,13 @@ def sample(
             header,
             done,
             keep_states=keep_states,
+            start=start,
         )
     finally:
         if bar is not None:
             bar.close()
-    seconds = {"setup": built - began, "solve": perf_counter() - built}
-    rule = None if weights is None else np.asarray(weights, dtype=np.float64)
-    return SampleResult(problem, plan, random, points, rule, kind, swept, seconds, core)
+    seconds = {"setup": 0.0, "solve": perf_counter() - began}
+    return SampleResult(problem, plan, random, points, weights, kind, swept, seconds, core)
 
 
 def monte_carlo(problem: Problem, samples: int, seed: int = 0, **settings: Any) -> SampleResult:

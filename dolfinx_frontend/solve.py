@@ -270,6 +270,7 @@ def solve(
     method: Method = "auto",
     *,
     chaos: Chaos | int,
+    times: npt.ArrayLike | None = None,
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
@@ -334,14 +335,13 @@ def solve(
         Within one iteration of Ctrl-C.
     """
     if chaos is not None:
-        if times is not None:
-            raise SceneError("solve: chaos and times together are not supported; sample instead")
         from dolfinx_frontend.chaos import solve_chaos  # which builds on this module
 
         return solve_chaos(
             problem,
             chaos,
             method,
+            times=times,
             active=active,
             direction=direction,
             options=options,

@@ -7,19 +7,44 @@ speak of the same germs in the same order.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Elastic, Law, Perfect
+from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.random import DiscretisedField, RandomField, RandomParameter, RandomSpace
+from dolfinx_frontend.translate import kernel_parameter, law_fields
 
-__all__ = ["RandomLaws", "Source", "is_random"]
+__all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random"]
 
 Array = npt.NDArray[np.float64]
 Source = RandomParameter | DiscretisedField
+
+LINEAR = ("perfect", "elastic", "force")
+"""Kernel laws that are linear: chaos coefficients go through them exactly."""
+
+NOT_NEGATIVE = (
+    "normal",
+    "tangential",
+    "stiffness",
+    "friction",
+    "threshold",
+    "strength",
+    "opening",
+    "energy",
+)
+"""Parameters of laws that are no law if they are negative."""
+
+
+class SampledParameter(NamedTuple):
+    """A random parameter in kernel terms at N points of the germs: ``pattern @ values``."""
+
+    name: str  # the kernel's
+    pattern: Array  # (rows, r)
+    values: Array  # (r, N)
 
 
 def is_random(value: object) -> bool:
@@ -91,6 +116,50 @@ class RandomLaws:
         if isinstance(law, Elastic) and law.total and parameter in ("normal", "tangential"):
             return 1.0 / self.problem.interfaces[interface].area
         return 1.0
+
+    def linear(self, interface: str) -> bool:
+        """Whether the law of an interface is linear."""
+        each = self.problem.interfaces[interface]
+        return law_fields(each, each.law.nominal).kind in LINEAR
+
+    def sampled(self, name: str, parameter: str, points: Array) -> SampledParameter:
+        """A random parameter of an interface at points (N, L) of the germs, as the kernel takes it.
+
+        Raises
+        ------
+        SceneError
+            A value that makes no law: a negative stiffness, friction or threshold.
+        """
+        interface = self.problem.interfaces[name]
+        source = self.sources[name, parameter]
+        values = np.atleast_2d(self.space.values(source, points))
+        inverted = isinstance(interface.law, Contact) and parameter == "stiffness"
+        if parameter in NOT_NEGATIVE and (values.min() < 0.0 or (inverted and values.min() == 0.0)):
+            count = int((values < 0.0).any(axis=0).sum())
+            worst = int(values.min(axis=0).argmin())
+            at = ", ".join(
+                f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
+            )
+            what = f"{parameter} stiffness" if parameter in ("normal", "tangential") else parameter
+            raise SceneError(
+                f"interface {name!r}: {count} of {len(points)} samples give it a negative {what} "
+                f"(smallest {values.min():.4g}, at the germs {at}): {source!r} is not a law for it at this "
+                "spread; use one that cannot be negative: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
+            )
+        if inverted:
+            # a compliance for the kernel
+            fields = law_fields(interface, interface.law.nominal.with_(stiffness=1.0))
+            kernel_name, unit = "compliance", fields.parameters["compliance"]
+            values = np.reciprocal(values)
+        else:
+            kernel_name, unit = kernel_parameter(interface, parameter)
+        if isinstance(source, DiscretisedField):
+            # one row of values a point of the interface, spread over the rows of the parameter
+            m = interface.num_points
+            pattern = np.zeros((len(unit), m))
+            pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // m)] = unit[:, 0]
+            unit = pattern
+        return SampledParameter(kernel_name, unit, values)
 
     def at(self, point: Array) -> dict[str, Law]:
         """The laws of one sample: interface -> law with numbers instead of random values.

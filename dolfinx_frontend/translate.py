@@ -152,5 +152,5 @@ def kernel_parameter(interface: Interface, parameter: str) -> tuple[str, Array]:
             "vary its gap, friction, threshold or jump"
         )
     kernel_name = KERNEL_NAMES.get(parameter, parameter)
-    unit = law_fields(interface, law.with_(**{parameter: 1.0}))
+    unit = law_fields(interface, law.nominal.with_(**{parameter: 1.0}))
     return kernel_name, unit.parameters[kernel_name]

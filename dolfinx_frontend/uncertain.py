@@ -12,26 +12,35 @@ from dolfinx import fem
 
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import RandomSpace
 
-__all__ = ["StochasticResult", "Samples", "one_number_a_sample"]
+__all__ = ["Samples", "StochasticResult", "one_number_a_sample", "timed"]
 
 Array = npt.NDArray[np.float64]
 
 
+def timed(plan: Plan, block: Array) -> Array:
+    """Fields (..., columns of a history) as ([T,] ...): T only where the plan has times."""
+    return block[..., 0] if plan.times is None else plan.in_time(block)
+
+
 class Samples(Protocol):
-    """Interface fields at N points of the germs: what a quantity of interest is computed from."""
+    """Interface fields at N points of the germs: what a quantity of interest is computed from.
+
+    Over a load history they have the T time steps after the samples.
+    """
 
     @property
     def germs(self) -> Array:
         """(N, L) points."""
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1, (N, m, components), local frame: component 0 is normal."""
+        """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal."""
 
     def jump(self, interface: str) -> Array:
-        """Jump w2 - w1, (N, m, components), local frame."""
+        """Jump w2 - w1, (N, [T,] m, components), local frame."""
 
 
 class StochasticResult(ABC):
@@ -52,11 +61,11 @@ class StochasticResult(ABC):
 
     @abstractmethod
     def field_moments(self, substructure: str) -> tuple[Array, Array]:
-        """Mean and standard deviation (n,) of the unknowns of a substructure, length."""
+        """Mean and standard deviation ([T,] n) of the unknowns of a substructure, length."""
 
     @abstractmethod
     def force_moments(self, interface: str) -> tuple[Array, Array]:
-        """Mean and standard deviation (m, components) of the force per area on side 1."""
+        """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
 
     @abstractmethod
     def quantity(
@@ -64,19 +73,21 @@ class StochasticResult(ABC):
     ) -> Quantity:
         """A scalar quantity of interest: `function` takes :class:`Samples`, returns (N,) values."""
 
-    def mean(self, substructure: str) -> fem.Function:
-        """Mean displacement."""
-        return self._function(substructure, self.field_moments(substructure)[0], "mean")
+    def mean(self, substructure: str, step: int = -1) -> fem.Function:
+        """Mean displacement; of a load history at a time step, the last by default."""
+        return self._function(substructure, self.field_moments(substructure)[0], "mean", step)
 
-    def std(self, substructure: str) -> fem.Function:
-        """Standard deviation of each displacement component."""
-        return self._function(substructure, self.field_moments(substructure)[1], "deviation")
+    def std(self, substructure: str, step: int = -1) -> fem.Function:
+        """Standard deviation of each displacement component; of a load history at a time step."""
+        return self._function(substructure, self.field_moments(substructure)[1], "deviation", step)
 
-    def _function(self, substructure: str, values: Array, name: str) -> fem.Function:
+    def _function(
+        self, substructure: str, values: Array, name: str, step: int = -1
+    ) -> fem.Function:
         if substructure not in self.problem.substructures:
             raise unknown_name("substructure", substructure, self.problem.substructures, "result")
         function = fem.Function(self.problem.substructures[substructure].V, name=name)
-        function.x.array[:] = values
+        function.x.array[:] = values[step] if values.ndim > 1 else values
         return function
 
 

@@ -28,6 +28,7 @@ FACE_USERS = (
     "bridge.py",
     "chaos.py",
     "chaos_file.py",
+    "collocation.py",
     "plan.py",
     "quantities.py",
     "random.py",

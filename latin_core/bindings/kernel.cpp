@@ -250,6 +250,14 @@ void bind_problem(py::module_& m) {
           },
           "interface"_a, "state"_a)
       .def(
+          "resolve_samples",
+          [](const latin::Problem& p, const std::string& interface, const latin::Matrix& free_jump,
+             const std::vector<std::pair<std::string, latin::Matrix>>& parameters) {
+            auto fields = p.resolve_samples(p.find_interface(interface), free_jump, parameters);
+            return py::make_tuple(std::move(fields.force), std::move(fields.jump));
+          },
+          "interface"_a, "free_jump"_a, "parameters"_a)
+      .def(
           "first_rows",
           [](const latin::Problem& p, const std::string& interface) {
             const std::size_t i = p.find_interface(interface);

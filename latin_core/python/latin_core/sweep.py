@@ -96,6 +96,7 @@ def sweep(
     keep_states: bool = False,
     keep_fields: bool = True,
     outputs: Mapping[str, Callable[[int, Fields], npt.ArrayLike]] | None = None,
+    start: Mapping[int, _core.State] | None = None,
 ) -> SweepPoints:
     """Solve for every point, each started from the states of its nearest solved neighbours.
 
@@ -120,6 +121,8 @@ def sweep(
     outputs
         Name -> function of the point and the fields of `interfaces`, called after every point; what it
         returns (a number or an array, of one shape for all points) is kept.
+    start
+        Guesses of the states of some points, from which they and their neighbours are started.
 
     Raises
     ------
@@ -168,8 +171,8 @@ def sweep(
             if f"output:{name}" in arrays:
                 store(result.outputs, name, point, arrays[f"output:{name}"])
 
-    known: list[_core.State] = []
-    known_points: list[int] = []
+    known: list[_core.State] = list(start.values()) if start else []
+    known_points: list[int] = list(start) if start else []
     file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
     try:
         for number, arrays in file or ():

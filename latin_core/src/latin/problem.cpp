@@ -356,6 +356,46 @@ Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef
   return fields;
 }
 
+Problem::LocalFields Problem::resolve_samples(
+    std::size_t interface, ConstMatrixRef free_jump,
+    const std::vector<std::pair<std::string, Matrix>>& parameters) const {
+  const Entry& entry = interfaces_.at(interface);
+  const auto fail = [&entry](const std::string& text) {
+    throw InputError("interface '" + entry.geometry.name + "': " + text);
+  };
+  if (free_jump.rows() != entry.flexibility.size()) {
+    fail("a free jump of " + std::to_string(free_jump.rows()) + " rows, expected " +
+         std::to_string(entry.flexibility.size()));
+  }
+  const std::unique_ptr<Law> law = make_law(entry.geometry.law->name());
+  for (const auto& info : law->parameters()) {
+    law->set(info.name, entry.geometry.law->get(info.name));
+  }
+  for (const auto& [name, values] : parameters) {
+    try {
+      law->set(name, ParameterField(values));
+    } catch (const InputError& error) {
+      fail(error.what());
+    }
+  }
+  for (const auto& info : law->parameters()) {
+    const Matrix& values = law->get(info.name).values();
+    const Index rows =
+        info.shape == Law::Shape::per_point ? entry.geometry.points : free_jump.rows();
+    if ((values.rows() != 1 && values.rows() != rows) ||
+        (values.cols() != 1 && values.cols() != free_jump.cols())) {
+      fail("parameter '" + info.name + "' is " + std::to_string(values.rows()) + " x " +
+           std::to_string(values.cols()) + ", expected " + std::to_string(rows) + " x " +
+           std::to_string(free_jump.cols()));
+    }
+  }
+  LocalFields fields;
+  fields.force.resize(free_jump.rows(), free_jump.cols());
+  law->resolve({entry.geometry.components, free_jump, entry.flexibility, steps_}, fields.force);
+  fields.jump = free_jump - entry.flexibility.asDiagonal() * fields.force;
+  return fields;
+}
+
 Index Problem::first_row(std::size_t interface, std::size_t side) const {
   return interfaces_.at(interface).rows.at(side);
 }

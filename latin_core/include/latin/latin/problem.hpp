@@ -111,6 +111,13 @@ class Problem {
   };
   [[nodiscard]] LocalFields local_fields(std::size_t interface, ConstMatrixRef data,
                                          ConstMatrixRef traces) const;
+  /// The law of one interface, column by column and without transforms, for a given free jump j0
+  /// (components * points, c): what a chaos is evaluated with sample by sample.
+  /// @param parameters replace those of the law, c columns or one each
+  /// @throws InputError naming the interface on a wrong name, shape or value
+  [[nodiscard]] LocalFields resolve_samples(
+      std::size_t interface, ConstMatrixRef free_jump,
+      const std::vector<std::pair<std::string, Matrix>>& parameters) const;
 
   /// Row of the first value of a side in the stacked blocks.
   [[nodiscard]] Index first_row(std::size_t interface, std::size_t side) const;
