@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include <optional>
+#include <variant>
 
 #include "latin/latin/sweep.hpp"
 #include "latin/petsc/factor.hpp"
@@ -90,10 +91,14 @@ void bind_descriptions(py::module_& m) {
            py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a);
 
   py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
-      .def(py::init([](std::string name, std::string law, latin::Vector weights,
-                       latin::Matrix frames, std::vector<latin::SideDescription> sides) {
-             return latin::InterfaceDescription{std::move(name), std::move(law), std::move(weights),
-                                                std::move(frames), std::move(sides)};
+      .def(py::init([](std::string name, std::variant<std::string, std::shared_ptr<latin::Law>> law,
+                       latin::Vector weights, latin::Matrix frames,
+                       std::vector<latin::SideDescription> sides) {
+             auto source = std::visit([](auto&& each) { return latin::LawSource(std::move(each)); },
+                                      std::move(law));
+             return latin::InterfaceDescription{std::move(name), std::move(source),
+                                                std::move(weights), std::move(frames),
+                                                std::move(sides)};
            }),
            py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a);
 }

@@ -21,6 +21,27 @@ Status: TypeAlias = Literal["converged", "max_iterations", "stagnated", "diverge
 class InputError(ValueError): ...
 class NumericalError(RuntimeError): ...
 
+class Law:
+    """A law that a user wrote, for ``Interface(law=...)``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def history(self) -> bool: ...
+    @property
+    def parameters(self) -> list[str]: ...
+
+def python_law(
+    *,
+    name: str,
+    parameters: Sequence[tuple[str, float]],  # name, smallest admissible value
+    history: bool,
+    # (jump (points, components, columns), flexibility (points, components, 1),
+    #  parameters {name: (points, columns)}, steps) -> force (points, components, columns)
+    resolve: Callable[[Array, Array, dict[str, Array], int], npt.ArrayLike],
+) -> Law: ...
+def compiled_law(capsule: object) -> Law: ...
+
 class Member:
     def __init__(
         self,
@@ -64,7 +85,7 @@ class Interface:
         self,
         *,
         name: str,
-        law: str,
+        law: str | Law,
         weights: Array,  # (points,), areas
         frames: Array,  # (components * points, d)
         sides: Sequence[Side],

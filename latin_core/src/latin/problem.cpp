@@ -95,7 +95,7 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
     Entry entry;
     entry.geometry = {interface.name, points, components,
                       interface.weights.replicate(1, components).transpose().reshaped(),
-                      make_law(interface.law)};
+                      interface.law.make()};
     entry.rows.resize(interface.sides.size());
     entry.flexibility = Vector::Zero(points * components);
     for (std::size_t s = 0; s < interface.sides.size(); ++s) {
@@ -233,7 +233,7 @@ void Problem::set_columns(const std::string& interface, std::vector<LawColumns> 
          "groups must cover the components in order, without gaps");
   entry.group_laws.clear();
   for (const LawColumns& group : groups) {
-    std::shared_ptr<Law> law = make_law(entry.geometry.law->name());
+    std::shared_ptr<Law> law = entry.geometry.law->blank();
     for (const auto& info : law->parameters()) {
       law->set(info.name, entry.geometry.law->get(info.name));
     }
@@ -314,14 +314,16 @@ void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force
   const Index components = entry.geometry.components;
   force.resize(free_jump.rows(), free_jump.cols());
   if (entry.groups.empty()) {
-    entry.geometry.law->resolve({components, free_jump, entry.flexibility, steps_}, force);
+    entry.geometry.law->resolve(
+        {components, free_jump, entry.flexibility, steps_, entry.geometry.name}, force);
     return;
   }
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
     const Matrix samples = transformed(group.forward, free_jump, components, steps_);
     Matrix forces(samples.rows(), samples.cols());
-    entry.group_laws[g]->resolve({components, samples, entry.flexibility, steps_}, forces);
+    entry.group_laws[g]->resolve(
+        {components, samples, entry.flexibility, steps_, entry.geometry.name}, forces);
     const Matrix back = transformed(group.backward, forces, components, steps_);
     for (Index component = group.begin; component < group.end; ++component) {
       const auto rows = Eigen::seqN(component, entry.geometry.points, components);

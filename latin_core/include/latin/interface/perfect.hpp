@@ -12,6 +12,9 @@ class PerfectLaw final : public Law {
  public:
   [[nodiscard]] std::string name() const override { return "perfect"; }
   [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  [[nodiscard]] std::unique_ptr<Law> blank() const override {
+    return std::make_unique<PerfectLaw>();
+  }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 

@@ -32,7 +32,7 @@ struct Size {
 /// An active interface: the caller's description. One side: boundary interface.
 struct InterfaceDescription {
   std::string name;
-  std::string law;                     ///< see make_law()
+  LawSource law;                       ///< a name, see make_law(), or a law of the caller
   Vector weights;                      ///< (points) areas, > 0
   Matrix frames;                       ///< (components * points, dim), orthonormal rows
   std::vector<SideDescription> sides;  ///< one or two
