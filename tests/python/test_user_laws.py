@@ -439,7 +439,9 @@ def test_a_history_of_a_user_law_equals_friction() -> None:
     force = expected.force("joint")
     slipping = np.linalg.norm(force[..., 1:], axis=-1) > 0.3 * -force[..., 0] * (1 - 1e-9)
     assert slipping.any() and not slipping.all()
-    assert np.allclose(result.force("joint"), force, rtol=0.0, atol=1e-9 * np.abs(force).max())
+    assert expected.converged and result.converged
+    # the stopping rule is one on displacements: forces are k (3 E/L) times their errors
+    assert np.allclose(result.force("joint"), force, rtol=0.0, atol=1e-7 * np.abs(force).max())
 
 
 # --- mistakes ---------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ struct LocalProblem {
   ConstVectorRef flexibility;
   /// columns that follow each other in time; a law with history starts anew after so many
   Index steps = 1;
-  std::string_view interface = {};  ///< for messages
+  std::string_view interface = "?";  ///< name, for messages
 };
 
 /// A pointwise interface law: a relation f = R(j) between the force f per unit area that the interface

@@ -74,6 +74,7 @@ class PointwiseLawAdapter final : public Law {
   }
   [[nodiscard]] std::vector<ParameterInfo> parameters() const override {
     std::vector<ParameterInfo> all;
+    all.reserve(count + 1);
     for (const Parameter& each : L::parameters) {
       all.push_back({each.name, Shape::per_point, each.minimum});
     }
