@@ -33,6 +33,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
 from dolfinx_frontend.assembly import Problem, _held_rows, forces
@@ -148,12 +149,10 @@ def _loads(problem: Problem, motions: FreeMotions) -> tuple[Array, float]:
     return work, size
 
 
-def _grips(problem: Problem, motions: FreeMotions) -> dict[str, _Grip]:
+def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
     out = {}
-    for name, interface in problem.interfaces.items():
-        if not _unilateral(interface):
-            continue
-        jump = _relative(problem, interface, motions)
+    for name, jump in jumps.items():
+        interface = problem.interfaces[name]
         given = law_fields(interface).parameters
         nothing = np.zeros((interface.num_points, 1))
         bounds = (given.get(key, nothing)[:, 0] for key in ("friction", "threshold"))
@@ -318,25 +317,30 @@ def _check_slip(
     return True
 
 
+def _touching(interface: Interface, jump: Array) -> npt.NDArray[np.bool_]:
+    """(m,): whether the faces touch, with or without force."""
+    given = law_fields(interface).parameters
+    opening = jump[:, 0] - given["jump"].reshape(len(jump), -1)[:, 0] + given["gap"][:, 0]
+    return np.asarray(opening <= _TOUCHING * np.sqrt(interface.area))
+
+
 def _check_undetermined(
-    problem: Problem, reached: Mapping[str, Array], when: str
-) -> None:
+    problem: Problem,
+    closed: Mapping[str, npt.NDArray[np.bool_]],
+    when: str,
+) -> bool:
     """Warn of parts that nothing holds in the answer."""
     held = {}
     for name, interface in problem.interfaces.items():
         rows = _held_rows(interface)
-        if name in reached:
-            force = reached[name]
-            rows = rows * (force[:, 0] < 0.0)[:, None, None]
-        held[name] = rows
+        held[name] = rows * closed[name][:, None, None] if name in closed else rows
     motions = _free(problem, held)
     if not len(motions):
-        return
-    everything = np.eye(len(motions))
-    moving = motions.describe(everything)
+        return False
+    moving = motions.describe(np.eye(len(motions)))
     who = "; ".join(quoted(names) for names, _ in moving[:4])
     how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
-    open_ones = [name for name, force in reached.items() if not np.any(force[:, 0] < 0.0)]
+    open_ones = [name for name, some in closed.items() if not some.any()]
     where = f": {quoted(open_ones)} is open everywhere" if open_ones else ""
     warnings.warn(
         f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
@@ -344,6 +348,7 @@ def _check_undetermined(
         SceneWarning,
         stacklevel=4,
     )
+    return True
 
 
 def check_support(result: Result) -> None:
@@ -352,7 +357,7 @@ def check_support(result: Result) -> None:
     Parameters
     ----------
     result
-        Of a deterministic solve.
+        Of a deterministic solve; of a load history the first step that has something to say is named.
 
     Raises
     ------
@@ -363,7 +368,7 @@ def check_support(result: Result) -> None:
     -----
     SceneWarning
         Friction does not balance the loads with the normal forces of a run that did not converge; or it
-        converged, and a part without loads touches nothing.
+        converged, and a part without loads touches nothing (of a static answer: presses on nothing).
     """
     problem = result.problem
     if not any(_unilateral(i) for i in problem.interfaces.values()):
@@ -374,15 +379,41 @@ def check_support(result: Result) -> None:
     )
     if not len(motions):
         return
-    grips = _grips(problem, motions)
-    work, size = _loads(problem, motions)
-    _check_loads(motions, grips, work, size, "")
+    jumps = {
+        name: _relative(problem, i, motions)
+        for name, i in problem.interfaces.items()
+        if _unilateral(i)
+    }
+    times = result.plan.times
+    steps = [("", problem)]
+    if times is not None:
+        steps = [(f" at step {k}, t = {t:g}", problem.at(float(t))) for k, t in enumerate(times)]
+    balances = []
+    for when, now in steps:
+        grips = _grips(now, jumps)
+        work, size = _loads(now, motions)
+        _check_loads(motions, grips, work, size, when)
+        balances.append((grips, work, size))
     if result.status == "diverged":
         return  # its forces say nothing
-    reached = {name: result.force(name) for name in grips}
-    if not all(np.all(np.isfinite(force)) for force in reached.values()):
-        return
-    if _check_slip(motions, grips, work, size, reached, ""):
-        return
-    if result.converged and (size > 0.0 or any(np.any(f) for f in reached.values())):
-        _check_undetermined(problem, reached, "")
+    local = {}
+    for name in jumps:
+        points = problem.interfaces[name].num_points
+        local[name] = tuple(
+            each.reshape(len(steps), points, -1) for each in (result.force(name), result.jump(name))
+        )
+        if not all(np.all(np.isfinite(each)) for each in local[name]):
+            return
+    for k, ((when, now), (grips, work, size)) in enumerate(zip(steps, balances, strict=True)):
+        reached = {name: force[k] for name, (force, _) in local.items()}
+        if _check_slip(motions, grips, work, size, reached, when):
+            return
+        loaded = size > 0.0 or any(np.any(force) for force in reached.values())
+        if not (result.converged and loaded):
+            continue
+        closed = {name: force[:, 0] < 0.0 for name, force in reached.items()}
+        if times is not None:  # what is loaded later on may well lie there unloaded at first
+            for name in closed:
+                closed[name] |= _touching(now.interfaces[name], local[name][1][k])
+        if _check_undetermined(now, closed, when):
+            return

@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly import assemble
 from dolfinx_frontend.errors import SceneError, SceneWarning
+from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import Contact, Elastic
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.scene import Scene
@@ -156,6 +157,16 @@ def test_part_held_by_a_contact_that_is_open_at_first() -> None:
 def test_free_part_without_a_load() -> None:
     with pytest.warns(SceneWarning, match="'upper'.*'joint' is open everywhere; no load.*along z"):
         assert solve(assemble(gapped(0.0)), options=SHORT).converged
+
+
+def test_the_step_of_a_history_is_named() -> None:
+    """Pressed at first, lifted from t = 1 on: the first step with a pull has no equilibrium."""
+    scene = on_the_floor(Amplitude([0, 1, 2], [0, -1, 1]) * (0.0, 0.0, 5.0), Contact(), guided=True)
+    with pytest.raises(SceneError, match=r"no equilibrium at step 4, t = 2: .*'floor' opens everywhere"):
+        solve(assemble(scene), times=[0.0, 0.5, 1.0, 1.5, 2.0], options=SHORT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # unloaded at t = 0 and 1.5, but it lies on the floor
+        assert solve(assemble(scene), times=[0.0, 0.5, 1.0, 1.5], options=SHORT).converged
 
 
 def test_a_whole_chain_is_named() -> None:
