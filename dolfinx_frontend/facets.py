@@ -247,6 +247,16 @@ def _measure(simplices: Array) -> Array:
     )
 
 
+def _plane_areas(own: Polygons, facets: int) -> Array:
+    """(facets,): area of the polygons of every facet, each in its own plane."""
+    v, fdim = own.corners.shape[1], own.corners.shape[2] - 1
+    flat, _ = _flatten(own.corners, own.corners)
+    fan = [flat[:, [0, *range(k, k + fdim)]] for k in range(1, v - fdim + 1)]
+    out = np.zeros(facets)
+    np.add.at(out, own.parent, sum(_measure(f) for f in fan))
+    return out
+
+
 def _shape(sigma: Array, corners: int) -> tuple[Array, Array]:
     """Vertex functions (p, v) and their derivatives (p, v, fdim) at points of a unit polygon."""
     a = sigma[:, 0]
@@ -380,10 +390,7 @@ def _intersect(
     p1, p2 = polygons(first), polygons(second)
     sizes1, sizes2 = first.sizes[p1.parent], second.sizes[p2.parent]
     v, fdim = p1.corners.shape[1], first.dim - 1
-    whole = np.zeros(len(first))
-    own, _ = _flatten(p1.corners, p1.corners)
-    fan = [own[:, [0, *range(k, k + fdim)]] for k in range(1, v - fdim + 1)]
-    np.add.at(whole, p1.parent, sum(_measure(f) for f in fan))
+    whole = _plane_areas(p1, len(first))
     normals1 = _plane_normals(p1)
 
     collected: list[_Pieces] = []
@@ -569,6 +576,9 @@ def average(
     largest = np.asarray(common.max(axis=1).todense()).ravel()
     host = np.asarray(common.argmax(axis=1)).ravel().astype(np.int64)
     within = largest > (1.0 - _WHOLE) * whole
+    if second.order == 1 and second.facet_cell == basix.CellType.quadrilateral:
+        # a part of a quadrilateral that is no parallelogram sees no polynomials: it takes the pieces' rule
+        within &= np.abs(_plane_areas(polygons(second), len(second))[host] / whole - 1.0) < 1e-6
     covered = share > 1.0 - _WHOLE
     own, cuts = within[index], ~within[pieces.facet1]
     s2_own, x2_own, _ = second.closest(host[index[own]], x[own], normals[own])

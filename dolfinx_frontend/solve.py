@@ -146,7 +146,7 @@ class Result:
         )
 
 
-@dataclass
+@dataclass(repr=False)
 class HistoryResult(Result):
     """Answer over a load history; every field has the time steps as its first axis."""
 
