@@ -18,8 +18,10 @@ chords) and by O(h^4) with quadratic ones.
 
 On triangles of degree 1 there are two facets a node: laws that prescribe jumps lock there.
 
-All pairs are clipped at once in NumPy.  Shapely would do, one planar polygon object a facet; it is
-one more package, and convex polygons of four corners need thirty lines.
+All pairs are clipped at once in NumPy, thirty lines for convex polygons of at most four corners. Shapely
+(GEOS) intersects arrays of polygons too; every pair would become two planar polygon objects, made in the
+plane of a facet of side 1 as here, and its results would be cut into triangles as here. It is worth one more
+package for polygons that are not convex, which facets are not.
 
 Source: J. Sutherland, G. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974) 32-42.
 """
@@ -463,8 +465,9 @@ def _check_cover(
     overlap: Overlap,
     farthest: float,
     size: float,
+    apart: float,
 ) -> None:
-    """Raise unless side 2 covers side 1 once."""
+    """Raise unless side 2 covers side 1 once; `apart`: smallest distance of their nodes."""
     uncovered = float(areas @ np.clip(1.0 - share, 0.0, 1.0) / areas.sum())
     reason = f"largest distance {farthest:.4g}, facet size {size:.4g}" if farthest else ""
     if share.max(initial=0.0) > 1.0 + UNCOVERED:
@@ -476,8 +479,8 @@ def _check_cover(
     if uncovered > 1.0 - 1e-6:
         raise SceneError(
             f"{where}: the facets do not face each other: no facet of {names[0]} overlaps one of "
-            f"{names[1]}{f' ({reason})' if reason else ''}; check the faces and the positions of "
-            "the parts, or raise max_distance"
+            f"{names[1]} ({reason or f'the faces are {apart:.4g} apart, facet size {size:.4g}'}); check the "
+            "faces and the positions of the parts, or raise max_distance"
         )
     if overlap == "full" and uncovered > UNCOVERED:
         raise SceneError(
@@ -569,7 +572,10 @@ def average(
     pieces, whole, common, farthest = _intersect(first, second, cut, limit)
     share = np.asarray(common.sum(axis=1)).ravel() / whole
     size = float(max(first.sizes.max(), second.sizes.max()))
-    _check_cover(where, (names[0], names[1]), share, areas, overlap, farthest, size)
+    d = first.dim
+    nearest, _ = cKDTree(second.samples.reshape(-1, d)).query(first.samples.reshape(-1, d))
+    apart = float(nearest.min())
+    _check_cover(where, (names[0], names[1]), share, areas, overlap, farthest, size, apart)
 
     # facets within one facet of side 2 (all of them if the meshes match) need no pieces: the rule
     # of the facet itself serves both sides, so that equal facets have equal rows

@@ -371,7 +371,9 @@ def test_overlap_errors(cell):
     with pytest.raises(SceneError, match=r"37 % of the area of a:.1 is not covered by b:.0"):
         overhanging(cell, 0.37, "full")
     for overlap in ("full", "partial"):
-        with pytest.raises(SceneError, match="the facets do not face each other"):
+        with pytest.raises(
+            SceneError, match=r"interface 'i': the facets do not face each other.*faces are 0\.5 apart"
+        ):
             overhanging(cell, 1.5, overlap)
 
 
