@@ -88,7 +88,7 @@ def test_points_keep_displacements_in_contact_but_not_pressures() -> None:
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_partly_overlapping_faces(degree: int) -> None:
-    """The edges where the overlap ends are re-entrant corners: energies have the order 1 or more."""
+    """Stresses are singular where the overlap ends: energies have the order 1 or more, not 2 p."""
     exact = overlapping(degree, 48, aligned=True)
     errors = [abs(overlapping(degree, n) / exact - 1.0) for n in (6, 12)]
     assert np.log2(errors[0] / errors[1]) > 0.9 and errors[1] < 0.05
