@@ -18,6 +18,7 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.support import check_support
 from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
 
@@ -145,7 +146,7 @@ class Result:
         )
 
 
-@dataclass
+@dataclass(repr=False)
 class HistoryResult(Result):
     """Answer over a load history; every field has the time steps as its first axis."""
 
@@ -328,11 +329,16 @@ def solve(
     Raises
     ------
     SceneError
-        A plan that cannot be carried out.
+        A plan that cannot be carried out, or loads that no forces of the interfaces can balance.
     IndefiniteError
         A Galerkin stiffness is indefinite.
     KeyboardInterrupt
         Within one iteration of Ctrl-C.
+
+    Warns
+    -----
+    SceneWarning
+        Parts that have lost their support, see :mod:`dolfinx_frontend.support`.
     """
     if chaos is not None:
         from dolfinx_frontend.chaos import solve_chaos  # which builds on this module
@@ -362,7 +368,9 @@ def solve(
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     kind = Result if plan.times is None else HistoryResult
-    return kind(problem, plan, summary, state, seconds, core)
+    result = kind(problem, plan, summary, state, seconds, core)
+    check_support(result)
+    return result
 
 
 def start_states(start: Result | State | None) -> list[State]:

@@ -119,7 +119,8 @@ def law_fields(
 def _contact(interface: Interface, law: Contact) -> LawFields:
     d, m = interface.dim, interface.num_points
     components = d if law.rubs else 1
-    gap = interface.gap[:, None] if law.gap is None else resolve(law.gap, interface, 1, name="gap")
+    meshed = interface.gap if law.interference else interface.clearance
+    gap = meshed[:, None] if law.gap is None else resolve(law.gap, interface, 1, name="gap")
     depth = -float(gap.min())
     if law.gap is None and not law.interference and depth > TOUCHING * np.sqrt(interface.area):
         raise SceneError(

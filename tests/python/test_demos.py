@@ -83,6 +83,23 @@ def test_vessel_by_the_method_of_2004_only(tmp_path: Path) -> None:
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["vessel", "vessel.vtm"]
 
 
+@pytest.mark.parametrize("options", [["--friction", "0.3"], ["--gasket", "100"]])
+def test_vessel_with_true_contact(options: list[str], tmp_path: Path) -> None:
+    arguments = ["--contact", "--size", "coarse", "--quick", *options, "--output", str(tmp_path)]
+    printed = run("demos/bolted_vessel.py", *arguments)
+    assert printed.rstrip().endswith("all checks passed")
+    assert "The joint is open everywhere at 3.2 MPa and above." in printed
+    assert max(len(line) for line in printed.splitlines()) <= 100
+    for name in ("pressure", "opening", "forces"):
+        assert (tmp_path / f"figure_contact_{name}.png").stat().st_size > 200
+    assert (tmp_path / "contact.vtm").exists()
+
+
+def test_friction_needs_contact(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="--friction and --gasket need --contact"):
+        run("demos/bolted_vessel.py", "--friction", "0.3", "--output", str(tmp_path))
+
+
 @pytest.mark.slow
 def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
     """Its record is complete, its answers are right; its times are nobody's business here."""
