@@ -320,8 +320,26 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   cost_.condense_s = seconds_since(condensing);
 }
 
+bool Body::compliance_pays(Index columns) const {
+  if (compliance_.size() > 0 || rows() >= active_) {
+    return compliance_.size() > 0;
+  }
+  // rent until the rent equals the price: a column costs active^2 numbers read twice, the product about
+  // active^2 rows + active rows^2 operations in blocks, each a third of one that waits for memory
+  applied_ += static_cast<double>(columns);
+  const auto rows_on_active = static_cast<double>(rows()) / static_cast<double>(active_);
+  return applied_ > 0.3 * static_cast<double>(rows()) * (1.0 + rows_on_active);
+}
+
 void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
-  if (condensed()) {
+  if (condensed() && compliance_pays(data.cols())) {
+    if (compliance_.size() == 0) {
+      Matrix half = Matrix(active_traces_.transpose());
+      condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
+      compliance_.noalias() = half.transpose() * half;
+    }
+    traces.noalias() = compliance_ * (weights_.asDiagonal() * data);
+  } else if (condensed()) {
     Matrix unknowns = active_traces_.transpose() * (weights_.asDiagonal() * data);
     condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
     condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
