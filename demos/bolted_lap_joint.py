@@ -246,7 +246,7 @@ def grid(n: int) -> dict[tuple[str, ...], Array]:
 
 
 TIMES = (1.0, 2.0)
-RTOL = 3e-4
+RTOL = 1e-4
 
 
 def study(problem: Problem, n: int, rtol: float = RTOL, **settings: Any) -> SweepResult:

@@ -139,6 +139,30 @@ bool dense_is_cheaper(Index size, Index active) {
   return dense <= 50.0 * std::pow(static_cast<double>(size), 4.0 / 3.0);
 }
 
+/// out = a * x with a symmetric. With few columns it is memory that costs: the lower triangle is read once, in
+/// panels that stay in the cache for both of their products.
+void multiply_symmetric(const Matrix& a, const Matrix& x, MatrixRef out) {
+  constexpr Index few = 8;
+  constexpr Index panel = 32;
+  if (x.cols() > few) {
+    out.noalias() = a * x;
+    return;
+  }
+  out.setZero();
+  const Index size = a.cols();
+  for (Index j = 0; j < size; j += panel) {
+    const Index width = std::min(panel, size - j);
+    const Index rest = size - j - width;
+    const auto below = a.block(j + width, j, rest, width);
+    for (Index c = 0; c < x.cols(); ++c) {
+      auto here = out.col(c).segment(j, width);
+      here.noalias() += a.block(j, j, width, width) * x.col(c).segment(j, width);
+      here.noalias() += below.transpose() * x.col(c).tail(rest);
+      out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
+    }
+  }
+}
+
 void check_shapes(const BodyDescription& body) {
   for (const Member& member : body.members) {
     if (member.stiffness == nullptr) {
@@ -338,7 +362,7 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
       condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
       compliance_.noalias() = half.transpose() * half;
     }
-    traces.noalias() = compliance_ * (weights_.asDiagonal() * data);
+    multiply_symmetric(compliance_, weights_.asDiagonal() * data, traces);
   } else if (condensed()) {
     Matrix unknowns = active_traces_.transpose() * (weights_.asDiagonal() * data);
     condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
