@@ -87,10 +87,10 @@ def deck(scene: Scene) -> tuple[str, dict[str, Array], dict[str, int]]:
     size = float(np.linalg.norm(body.x[facets[:, 0]] - body.x[facets[:, 1]], axis=1).min())
     stiffness = STIFFER * max(each.E for each in scene.bodies.values()) / size
     text.append("*SURFACE INTERACTION, NAME=CONTACT\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
-    text.append(f"{stiffness:.6g}, 0., 0.001")
+    text.append(f"{stiffness:.6g}")
     if scene.friction > 0.0:
         text.append(f"*FRICTION\n{scene.friction:.12g}, {stiffness:.6g}")
-    text.append("*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE, SMALL SLIDING")
+    text.append("*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE")
     text.append(", ".join(f"S_{name}" for name in names))
     text.append("*STEP, INC=100\n*STATIC\n1., 1.\n*BOUNDARY")
     held = []
