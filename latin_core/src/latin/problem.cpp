@@ -14,6 +14,8 @@ namespace {
 
 /// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
+/// Step of the difference quotients, as a share of the largest free jump.
+constexpr double difference = 1e-7;
 
 void check_interface(const InterfaceDescription& interface) {
   const auto fail = [&interface](const std::string& text) {
@@ -102,6 +104,8 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
                              entry.geometry.weights, std::move(side.direction)});
       owner[body].emplace_back(i, s);
     }
+    entry.first_unknown = interface_unknowns_;
+    interface_unknowns_ += points * components;
     interfaces_.push_back(std::move(entry));
   }
 
@@ -303,6 +307,96 @@ void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef 
           2.0 * (k.asDiagonal() * traces.middleRows(entry.rows[s], rows));
     }
   }
+}
+
+bool Problem::suits_newton(Index limit) const {
+  return interface_unknowns_ <= limit &&
+         std::ranges::all_of(
+             bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }) &&
+         std::ranges::all_of(interfaces_, [](const Entry& each) { return each.groups.empty(); }) &&
+         std::ranges::any_of(interfaces_,
+                             [](const Entry& each) { return !each.geometry.law->linear(); });
+}
+
+const Flexibility& Problem::flexibility() const {
+  if (!flexibility_) {
+    std::vector<Index> unknown(static_cast<std::size_t>(rows_));
+    Vector sign(rows_);
+    for (const Entry& entry : interfaces_) {
+      for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+        for (Index row = 0; row < entry.flexibility.size(); ++row) {
+          unknown[static_cast<std::size_t>(entry.rows[s] + row)] = entry.first_unknown + row;
+          sign(entry.rows[s] + row) = s == 0 ? 1.0 : -1.0;
+        }
+      }
+    }
+    flexibility_ = std::make_unique<Flexibility>(bodies_, body_rows_, std::move(unknown),
+                                                 std::move(sign), interface_unknowns_);
+  }
+  return *flexibility_;
+}
+
+Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Index columns = data.cols();
+  Index most = 0;
+  Tangents result;
+  for (const Entry& entry : interfaces_) {
+    const Index components = entry.geometry.components;
+    most = std::max(most, components);
+    for (Index row = 0; row < entry.flexibility.size(); ++row) {
+      result.first.push_back(entry.first_unknown + row - row % components);
+      result.components.push_back(components);
+    }
+  }
+  for (Index column = 0; column < columns; ++column) {
+    result.blocks.emplace_back(static_cast<std::size_t>(column % steps_ + 1),
+                               Matrix::Zero(interface_unknowns_, most));
+  }
+  Matrix force;
+  Matrix moved;
+  for (const Entry& entry : interfaces_) {
+    const Index rows = entry.flexibility.size();
+    const Matrix jump = free_jump(entry, data, traces);
+    resolve(entry, jump, force);
+    // towards closing, so that a point that just touches counts as closed
+    const double largest = jump.cwiseAbs().maxCoeff();
+    Vector h = -difference * jump.cwiseAbs().colwise().maxCoeff().transpose();
+    h = (h.array() == 0.0)
+            .select(-difference * (largest > 0.0 ? largest : entry.flexibility.maxCoeff()), h);
+    const Index lags = entry.geometry.law->linear() ? 1 : steps_;
+    for (Index component = 0; component < entry.geometry.components; ++component) {
+      const auto of_component =
+          Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
+      // a law without history tells all columns apart at once
+      for (Index step = 0; step < lags; ++step) {
+        Matrix other = jump;
+        for (Index column = lags == 1 ? 0 : step; column < columns; column += lags) {
+          other(of_component, column).array() += h(column);
+        }
+        resolve(entry, other, moved);
+        for (Index column = step; column < columns; ++column) {
+          const Index lag = lags == 1 ? 0 : column % lags - step;
+          if (lag >= 0) {
+            result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
+                .col(component)
+                .segment(entry.first_unknown, rows) =
+                (moved.col(column) - force.col(column)) / h(column - lag);
+          }
+        }
+      }
+    }
+  }
+  return result;
+}
+
+Vector Tangents::times(const Matrix& block, ConstVectorRef p) const {
+  Vector result(block.rows());
+  for (Index row = 0; row < block.rows(); ++row) {
+    const auto at = static_cast<std::size_t>(row);
+    result(row) =
+        block.row(row).head(components[at]).dot(p.segment(first[at], components[at]));
+  }
+  return result;
 }
 
 Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef data,

@@ -2,11 +2,13 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "latin/common/error.hpp"
+#include "latin/latin/newton.hpp"
 
 namespace latin {
 namespace {
@@ -50,6 +52,21 @@ constexpr double averaged = 0.8;
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 
+/// Averaged steps from zero before the first Newton step: they find most of what is open and closed.
+constexpr Index steps_before_newton = 3;
+/// Averaged steps after a Newton step that led nowhere; twice as many after the next one, up to the longest,
+/// after which no more Newton steps are tried.
+constexpr Index steps_after_failure = 4;
+constexpr Index longest_wait = 32;
+/// Work of a Newton step in global stages, its dense system not counted.
+constexpr Index stages_of_newton = 3;
+/// Shares of a Newton step that are tried, local stages only.
+constexpr std::array<double, 9> shares{1.0, 0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.03, 0.015};
+/// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
+constexpr double first_softening = 1e-2;
+constexpr double least_softening = 1e-7;
+constexpr double most_softening = 0.3;
+
 /// One solve: the local and the global stage in turn.
 class Run {
  public:
@@ -65,6 +82,9 @@ class Run {
                      static_cast<Index>(snapshots)),
         residual_(problem.rows(), amplitudes.cols()),
         step_(problem.rows(), amplitudes.cols()),
+        newton_(problem),
+        newton_helps_(options.acceleration > 0 && options.newton > 0 &&
+                      problem.suits_newton(options.newton)),
         start_(Clock::now()) {}
 
   /// Start from the combination of snapshots with the smallest residual. It costs local stages only,
@@ -96,21 +116,21 @@ class Run {
       global();
     }
     local();
+    if (newton_helps_ && state_.data.isZero(0.0)) {
+      pause_ = steps_before_newton;
+    }
     double first_norm = -1.0;
     double norm_then = std::numeric_limits<double>::infinity();
     double error_then = std::numeric_limits<double>::infinity();
     Index last_progress = 0;
     for (;;) {
+      propose();
       const auto measuring = Clock::now();
       history_.fit(residual_);
       const double norm = history_.norm(residual_);
       const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
       summary_.indicator = indicator();
-      const double error =
-          norm > 0.0 && own_ < own_before_estimate()
-              ? std::numeric_limits<double>::infinity()
-              : std::max(history_.error(size, rounding * history_.norm(state_.data)),
-                         summary_.indicator * least_of_indicator);
+      const double error = estimate(norm, size);
       summary_.error = error;
       summary_.energy = size.strain;
       const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
@@ -155,6 +175,100 @@ class Run {
     return options_.acceleration > 0 ? 1 : observing_depth;
   }
 
+  [[nodiscard]] double estimate(double norm, const Size& size) const {
+    if (norm == 0.0) {
+      return 0.0;
+    }
+    const double least = summary_.indicator * least_of_indicator;
+    if (proposed_) {
+      return std::max(problem_.difference_size(step_, step_traces_).relative_to(size), least);
+    }
+    if (own_ < own_before_estimate()) {
+      return std::numeric_limits<double>::infinity();
+    }
+    return std::max(history_.error(size, rounding * history_.norm(state_.data)), least);
+  }
+
+  /// Compute the Newton step from here, if one is due: it is the estimate of the error, too.
+  void propose() {
+    proposed_ = newton_helps_ && pause_ == 0 && residual_.allFinite() && !residual_.isZero(0.0);
+    if (!proposed_) {
+      return;
+    }
+    const auto start = Clock::now();
+    try {
+      proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, step_);
+    } catch (const NumericalError&) {
+      proposed_ = false;  // a body without a usable flexibility: the accelerated iteration goes on alone
+    }
+    newton_helps_ = proposed_;
+    summary_.newton_s += since(start);
+    if (proposed_) {
+      const auto staging = Clock::now();
+      step_traces_.resize(step_.rows(), step_.cols());
+      problem_.global_stage(step_, Matrix::Zero(amplitudes_.rows(), amplitudes_.cols()),
+                            step_traces_);
+      summary_.global_s += since(staging);
+      summary_.iterations += stages_of_newton;
+      ++summary_.newton_steps;
+    }
+  }
+
+  /// Go as far along the proposed step as the residual falls best. Its global image is known, so that every
+  /// trial costs a local stage only.
+  /// @return false if it does not fall: some averaged steps are due
+  bool follow(double norm) {
+    const auto start = Clock::now();
+    double least = std::numeric_limits<double>::infinity();
+    double share = 0.0;
+    Matrix best(residual_.rows(), residual_.cols());
+    Matrix trial(residual_.rows(), residual_.cols());
+    for (const double each : shares) {
+      problem_.local_stage(state_.data + each * step_, state_.traces + each * step_traces_, trial);
+      const double size = history_.norm(trial);
+      if (size < least) {
+        least = size;
+        share = each;
+        best.swap(trial);
+      } else if (least < norm * (1.0 - 0.3 * share)) {
+        break;
+      }
+    }
+    summary_.local_s += since(start);
+    if (!(least < norm * (1.0 - 0.05 * share))) {
+      softening_ = std::min(most_softening, 10.0 * softening_);
+      history_.clear();
+      history_.fit(residual_);
+      pause_ = wait_;
+      newton_helps_ = wait_ <= longest_wait;
+      wait_ *= 2;
+      ++summary_.restarts;
+      return false;
+    }
+    if (share >= 0.5) {
+      softening_ = std::max(least_softening, 0.1 * softening_);
+    } else if (share < 0.2) {
+      softening_ = std::min(most_softening, 10.0 * softening_);
+    }
+    state_.data += share * step_;
+    state_.traces += share * step_traces_;
+    history_.push(share * step_, best - residual_, share * step_traces_);
+    ++own_;
+    residual_.swap(best);
+    remember(least);
+    return true;
+  }
+
+  void remember(double norm) {
+    if (norm < best_norm_) {
+      best_at_ = summary_.iterations;
+      best_norm_ = norm;
+      best_ = state_;
+      best_residual_ = residual_;
+      trapped_ = false;
+    }
+  }
+
   void global() {
     const auto start = Clock::now();
     problem_.global_stage(state_.data, amplitudes_, state_.traces);
@@ -170,6 +284,9 @@ class Run {
 
   /// One step, plain or accelerated, and both stages at its end.
   void advance(double norm) {
+    if (proposed_ && follow(norm)) {
+      return;
+    }
     const auto start = Clock::now();
     bool accelerate = options_.acceleration > 0;
     if (accelerate) {
@@ -220,12 +337,8 @@ class Run {
       pause_ = plain_steps_;
       plain_steps_ = std::min<Index>(2 * plain_steps_, longest_pause);
       ++summary_.restarts;
-    } else if (norm < best_norm_) {
-      best_at_ = summary_.iterations;
-      best_norm_ = norm;
-      best_ = state_;
-      best_residual_ = residual_;
-      trapped_ = false;
+    } else {
+      remember(norm);
     }
   }
 
@@ -258,6 +371,12 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
+  Matrix step_traces_;  ///< global image of a proposed step
+  Newton newton_;
+  bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
+  bool proposed_ = false;                ///< `step_` is Newton's
+  double softening_ = first_softening;   ///< of the tangents
+  Index wait_ = steps_after_failure;     ///< after the next Newton step that leads nowhere
   Summary summary_;
   State best_;  ///< iterate with the smallest residual, for the safeguard
   Matrix best_residual_;

@@ -12,6 +12,7 @@ class ElasticLaw final : public Law {
  public:
   [[nodiscard]] std::string name() const override { return "elastic"; }
   [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 

@@ -11,6 +11,7 @@ class ForceLaw final : public Law {
  public:
   [[nodiscard]] std::string name() const override { return "force"; }
   [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 

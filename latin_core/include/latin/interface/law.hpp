@@ -64,6 +64,8 @@ class Law {
 
   [[nodiscard]] virtual std::string name() const = 0;
   [[nodiscard]] virtual std::vector<ParameterInfo> parameters() const = 0;
+  /// Whether the force is an affine function of the jump, so that nothing is won by linearising it.
+  [[nodiscard]] virtual bool linear() const { return false; }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
 
