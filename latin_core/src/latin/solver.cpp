@@ -2,7 +2,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>
@@ -60,10 +59,10 @@ constexpr Index steps_after_failure = 4;
 constexpr Index longest_wait = 32;
 /// Work of a Newton step in global stages, its dense system not counted.
 constexpr Index stages_of_newton = 3;
-/// Shares of a Newton step that are tried, local stages only.
-constexpr std::array<double, 9> shares{1.0, 0.7, 0.5, 0.35, 0.25, 0.12, 0.06, 0.03, 0.015};
+/// Newton steps without a better residual before some averaged ones are taken.
+constexpr Index newton_patience = 8;
 /// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
-constexpr double first_softening = 1e-2;
+constexpr double first_softening = 1e-4;
 constexpr double least_softening = 1e-7;
 constexpr double most_softening = 0.3;
 
@@ -214,29 +213,16 @@ class Run {
     }
   }
 
-  /// Go as far along the proposed step as the residual falls best. Its global image is known, so that every
-  /// trial costs a local stage only.
-  /// @return false if it does not fall: some averaged steps are due
+  /// Take the proposed step, whole: shorter ones that make the residual fall at once lead into its local
+  /// minima. A run of them must find a better residual in the end.
+  /// @return false if it did not: the best iterate is taken up again, and some averaged steps are due
   bool follow(double norm) {
-    const auto start = Clock::now();
-    double least = std::numeric_limits<double>::infinity();
-    double share = 0.0;
-    Matrix best(residual_.rows(), residual_.cols());
-    Matrix trial(residual_.rows(), residual_.cols());
-    for (const double each : shares) {
-      problem_.local_stage(state_.data + each * step_, state_.traces + each * step_traces_, trial);
-      const double size = history_.norm(trial);
-      if (size < least) {
-        least = size;
-        share = each;
-        best.swap(trial);
-      } else if (least < norm * (1.0 - 0.3 * share)) {
-        break;
-      }
-    }
-    summary_.local_s += since(start);
-    if (!(least < norm * (1.0 - 0.05 * share))) {
+    if (summary_.newton_steps - best_newton_ > newton_patience) {
       softening_ = std::min(most_softening, 10.0 * softening_);
+      state_ = best_;
+      residual_ = best_residual_;
+      best_at_ = summary_.iterations;
+      best_newton_ = summary_.newton_steps;
       history_.clear();
       history_.fit(residual_);
       pause_ = wait_;
@@ -245,23 +231,26 @@ class Run {
       ++summary_.restarts;
       return false;
     }
-    if (share >= 0.5) {
-      softening_ = std::max(least_softening, 0.1 * softening_);
-    } else if (share < 0.2) {
-      softening_ = std::min(most_softening, 10.0 * softening_);
-    }
-    state_.data += share * step_;
-    state_.traces += share * step_traces_;
-    history_.push(share * step_, best - residual_, share * step_traces_);
+    const auto start = Clock::now();
+    step_residual_ = residual_;
+    state_.data += step_;
+    state_.traces += step_traces_;
+    problem_.local_stage(state_.data, state_.traces, residual_);
+    history_.push(step_, residual_ - step_residual_, step_traces_);
     ++own_;
-    residual_.swap(best);
-    remember(least);
+    const double now = history_.norm(residual_);
+    if (now < 0.1 * norm) {
+      softening_ = std::max(least_softening, 0.1 * softening_);
+    }
+    remember(now);
+    summary_.local_s += since(start);
     return true;
   }
 
   void remember(double norm) {
     if (norm < best_norm_) {
       best_at_ = summary_.iterations;
+      best_newton_ = summary_.newton_steps;
       best_norm_ = norm;
       best_ = state_;
       best_residual_ = residual_;
@@ -372,6 +361,7 @@ class Run {
   Matrix residual_;
   Matrix step_;
   Matrix step_traces_;  ///< global image of a proposed step
+  Matrix step_residual_;  ///< residual before it
   Newton newton_;
   bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
   bool proposed_ = false;                ///< `step_` is Newton's
@@ -381,6 +371,7 @@ class Run {
   State best_;  ///< iterate with the smallest residual, for the safeguard
   Matrix best_residual_;
   double best_norm_ = std::numeric_limits<double>::infinity();
+  Index best_newton_ = 0;  ///< Newton steps until the best iterate
   Index best_at_ = 0;      ///< iteration of the best iterate
   bool trapped_ = false;   ///< no better iterate was found since the last return to the best one
   Index pause_ = 0;        ///< plain steps still to be taken
