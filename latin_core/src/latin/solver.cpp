@@ -61,6 +61,10 @@ constexpr Index longest_wait = 32;
 constexpr Index stages_of_newton = 3;
 /// Newton steps without a better residual before some averaged ones are taken.
 constexpr Index newton_patience = 8;
+/// A Newton step that leaves less than this of the residual is the error of the iterate before it.
+constexpr double believable = 0.5;
+/// After a fall of the residual to this share the tangents are softened less.
+constexpr double good_fall = 0.1;
 /// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
 constexpr double first_softening = 1e-4;
 constexpr double least_softening = 1e-7;
@@ -81,6 +85,7 @@ class Run {
                      static_cast<Index>(snapshots)),
         residual_(problem.rows(), amplitudes.cols()),
         step_(problem.rows(), amplitudes.cols()),
+        step_residual_(problem.rows(), amplitudes.cols()),
         newton_(problem),
         newton_helps_(options.acceleration > 0 && options.newton > 0 &&
                       problem.suits_newton(options.newton)),
@@ -180,9 +185,17 @@ class Run {
     }
     const double least = summary_.indicator * least_of_indicator;
     if (proposed_) {
-      return std::max(problem_.difference_size(step_, step_traces_).relative_to(size), least);
+      // the step is the error as far as the linearisation holds: the residual that it leaves says so
+      const double after = history_.norm(step_residual_);
+      const double left = after > rounding * history_.norm(state_.data) ? after / norm : 0.0;
+      return left < believable
+                 ? std::max(problem_.difference_size(step_, step_traces_).relative_to(size) /
+                                (1.0 - left),
+                            least)
+                 : std::numeric_limits<double>::infinity();
     }
-    if (own_ < own_before_estimate()) {
+    // a short history of averaged steps says nothing, and a Newton step is close
+    if (newton_helps_ || own_ < own_before_estimate()) {
       return std::numeric_limits<double>::infinity();
     }
     return std::max(history_.error(size, rounding * history_.norm(state_.data)), least);
@@ -208,6 +221,9 @@ class Run {
       problem_.global_stage(step_, Matrix::Zero(amplitudes_.rows(), amplitudes_.cols()),
                             step_traces_);
       summary_.global_s += since(staging);
+      const auto trying = Clock::now();
+      problem_.local_stage(state_.data + step_, state_.traces + step_traces_, step_residual_);
+      summary_.local_s += since(trying);
       summary_.iterations += stages_of_newton;
       ++summary_.newton_steps;
     }
@@ -232,18 +248,17 @@ class Run {
       return false;
     }
     const auto start = Clock::now();
-    step_residual_ = residual_;
+    history_.push(step_, step_residual_ - residual_, step_traces_);
+    ++own_;
     state_.data += step_;
     state_.traces += step_traces_;
-    problem_.local_stage(state_.data, state_.traces, residual_);
-    history_.push(step_, residual_ - step_residual_, step_traces_);
-    ++own_;
+    residual_.swap(step_residual_);
     const double now = history_.norm(residual_);
-    if (now < 0.1 * norm) {
+    if (now < good_fall * norm) {
       softening_ = std::max(least_softening, 0.1 * softening_);
     }
     remember(now);
-    summary_.local_s += since(start);
+    summary_.other_s += since(start);
     return true;
   }
 
@@ -361,7 +376,7 @@ class Run {
   Matrix residual_;
   Matrix step_;
   Matrix step_traces_;  ///< global image of a proposed step
-  Matrix step_residual_;  ///< residual before it
+  Matrix step_residual_;  ///< residual after it
   Newton newton_;
   bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
   bool proposed_ = false;                ///< `step_` is Newton's
