@@ -1,6 +1,6 @@
 #include "latin/latin/newton.hpp"
 
-#include <cmath>
+#include <algorithm>
 
 #include "latin/latin/flexibility.hpp"
 
@@ -9,6 +9,12 @@ namespace {
 
 /// Tangents closer than this are the same: they come from differences.
 constexpr double same_tangent = 1e-6;
+constexpr double with_mu = 1.0 + 2.0 * Flexibility::mu;
+
+/// M y,  M = 2 E^T k^-1 E - (1 + 2 mu) E^T k^-1 N+ E
+Vector times_m(const Flexibility& flexibility, const Vector& y) {
+  return 2.0 * flexibility.direct().cwiseProduct(y) - with_mu * (flexibility.matrix() * y);
+}
 
 }  // namespace
 
@@ -19,82 +25,99 @@ bool Newton::step(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef res
   const Index columns = data.cols();
   const Index steps = problem_.steps();
   const Index unknowns = flexibility.unknowns();
-  constexpr double with_mu = 1.0 + 2.0 * Flexibility::mu;
+  const Index modes = flexibility.modal_stiffness().size();
   zones_.resize(static_cast<std::size_t>(columns));
 
-  // P ds = b + M y,  M = 2 E^T k^-1 E - (1 + 2 mu) E^T k^-1 N^-1 E
+  // P ds = b + M y - g E^T V a, theta a = V^T W (r / 2 + E y)
   const Matrix half = flexibility.solve(0.5 * residual);
   const Matrix b = flexibility.jump(residual) - with_mu * flexibility.jump(half);
-  const auto times_m = [&](const Vector& y) -> Vector {
-    return 2.0 * flexibility.direct().cwiseProduct(y) - with_mu * (flexibility.matrix() * y);
-  };
-  const double share = 1.0 - softening;
+  const Matrix modal = flexibility.modal_loads(0.5 * residual);
 
   Matrix y = Matrix::Zero(unknowns, columns);
+  Matrix amplitudes(modes, columns);
   Matrix jumps(unknowns, columns);  // P ds
   for (Index column = 0; column < columns; ++column) {
-    const auto c = static_cast<std::size_t>(column);
-    const std::vector<Matrix>& of_column = tangents.blocks[c];
+    const std::vector<Matrix>& of_column = tangents.blocks[static_cast<std::size_t>(column)];
+    // what the earlier steps of the history do to the forces of this one
+    Vector given = Vector::Zero(unknowns);
     for (Index lag = 1; lag <= column % steps; ++lag) {
-      y.col(column) += share * tangents.times(of_column[static_cast<std::size_t>(lag)],
-                                              jumps.col(column - lag));
+      given += (1.0 - softening) * tangents.times(of_column[static_cast<std::size_t>(lag)],
+                                                  jumps.col(column - lag));
     }
-    // y = R' (b + M y) + what the earlier steps left: solved where R' is not zero
     Vector free = b.col(column);
-    if (y.col(column).squaredNorm() > 0.0) {
-      free += times_m(y.col(column));
+    Vector loads = modal.col(column);
+    if (!given.isZero(0.0)) {
+      free += times_m(flexibility, given);
+      loads += flexibility.modal_loads(flexibility.spread(given));
     }
     const Matrix& tangent = of_column.front();
-    std::vector<Index> rows;
-    for (Index unknown = 0; unknown < unknowns; ++unknown) {
-      if ((tangent.row(unknown).array() != 0.0).any()) {
-        rows.push_back(unknown);
-      }
+    Zone& zone = zones_[static_cast<std::size_t>(column)];
+    if (!zone.fits(tangent, softening)) {
+      factorise(tangents, tangent, softening, zone);
     }
-    if (!rows.empty()) {
-      Zone& zone = zones_[c];
-      if (zone.rows != rows || zone.softening != softening ||
-          (zone.tangent - tangent).cwiseAbs().maxCoeff() >
-              same_tangent * tangent.cwiseAbs().maxCoeff()) {
-        const auto size = static_cast<Index>(rows.size());
-        std::vector<Index> position(static_cast<std::size_t>(unknowns), -1);
-        for (Index i = 0; i < size; ++i) {
-          position[static_cast<std::size_t>(rows[static_cast<std::size_t>(i)])] = i;
-        }
-        Matrix m = -with_mu * flexibility.matrix()(rows, rows);
-        m.diagonal() += 2.0 * flexibility.direct()(rows);
-        Matrix system = Matrix::Identity(size, size);
-        for (Index i = 0; i < size; ++i) {
-          const Index row = rows[static_cast<std::size_t>(i)];
-          const Index first = tangents.first[static_cast<std::size_t>(row)];
-          for (Index a = 0; a < tangents.components[static_cast<std::size_t>(row)]; ++a) {
-            const Index other = position[static_cast<std::size_t>(first + a)];
-            if (other >= 0) {
-              system.row(i) -= share * tangent(row, a) * m.row(other);
-            } else if (tangent(row, a) != 0.0) {
-              // a component without a tangent of its own still moves the others
-              system.row(i) -= share * tangent(row, a) *
-                               (-with_mu * flexibility.matrix()(first + a, rows));
-            }
-          }
-        }
-        zone.lu.compute(system);
-        zone.rows = rows;
-        zone.tangent = tangent;
-        zone.softening = softening;
-      }
-      const Vector right = share * tangents.times(tangent, free);
-      const Vector change = zone.lu.solve(right(rows));
-      for (std::size_t i = 0; i < rows.size(); ++i) {
-        y(rows[i], column) += change(static_cast<Index>(i));
-      }
-    }
-    if (steps > 1) {
-      jumps.col(column) = b.col(column) + times_m(y.col(column));
+    const auto closed = static_cast<Index>(zone.rows.size());
+    Vector right(closed + modes);
+    right << ((1.0 - softening) * tangents.times(tangent, free))(zone.rows), loads;
+    const Vector answer = right.size() > 0 ? zone.lu.solve(right) : right;
+    y.col(column) = given;
+    y(zone.rows, column) += answer.head(closed);
+    amplitudes.col(column) = answer.tail(modes);
+    jumps.col(column) = b.col(column) + times_m(flexibility, y.col(column)) -
+                        with_mu / (1.0 + Flexibility::mu) *
+                            (flexibility.modal_jumps() * amplitudes.col(column));
+  }
+  step = half + flexibility.solve(flexibility.spread(y)) + flexibility.modal_data(amplitudes);
+  return step.allFinite();
+}
+
+bool Newton::Zone::fits(const Matrix& now, double softened) const {
+  return tangent.size() == now.size() && softening == softened &&
+         (tangent - now).cwiseAbs().maxCoeff() <= same_tangent * now.cwiseAbs().maxCoeff();
+}
+
+void Newton::factorise(const Tangents& tangents, const Matrix& tangent, double softening,
+                       Zone& zone) const {
+  const Flexibility& flexibility = problem_.flexibility();
+  zone.tangent = tangent;
+  zone.softening = softening;
+  zone.rows.clear();
+  for (Index unknown = 0; unknown < tangent.rows(); ++unknown) {
+    if ((tangent.row(unknown).array() != 0.0).any()) {
+      zone.rows.push_back(unknown);
     }
   }
-  step = half + flexibility.solve(flexibility.spread(y));
-  return step.allFinite();
+  const auto closed = static_cast<Index>(zone.rows.size());
+  const Index modes = flexibility.modal_stiffness().size();
+  const Matrix& jumps = flexibility.modal_jumps();
+  Matrix system = Matrix::Zero(closed + modes, closed + modes);
+  for (Index i = 0; i < closed; ++i) {
+    const Index row = zone.rows[static_cast<std::size_t>(i)];
+    const Index first = tangents.first[static_cast<std::size_t>(row)];
+    for (Index a = 0; a < tangents.components[static_cast<std::size_t>(row)]; ++a) {
+      const double slope = (1.0 - softening) * tangent(row, a);
+      if (slope != 0.0) {
+        system.row(i).head(closed) += slope * with_mu * flexibility.matrix()(first + a, zone.rows);
+        system.row(i).tail(modes) += slope * with_mu / (1.0 + Flexibility::mu) * jumps.row(first + a);
+        const auto own = std::ranges::lower_bound(zone.rows, first + a);
+        if (own != zone.rows.end() && *own == first + a) {
+          system(i, own - zone.rows.begin()) -= slope * 2.0 * flexibility.direct()(first + a);
+        }
+      }
+    }
+    system(i, i) += 1.0;
+  }
+  if (modes > 0) {
+    // V^T W E for the closed unknowns
+    Matrix unit = Matrix::Zero(tangent.rows(), closed);
+    for (Index i = 0; i < closed; ++i) {
+      unit(zone.rows[static_cast<std::size_t>(i)], i) = 1.0;
+    }
+    system.bottomLeftCorner(modes, closed) = -flexibility.modal_loads(flexibility.spread(unit));
+    system.bottomRightCorner(modes, modes) = flexibility.modal_stiffness().asDiagonal();
+  }
+  if (system.size() > 0) {
+    zone.lu.compute(system);
+  }
 }
 
 }  // namespace latin

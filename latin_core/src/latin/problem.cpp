@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -14,8 +15,11 @@ namespace {
 
 /// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
-/// Step of the difference quotients, as a share of the largest free jump.
-constexpr double difference = 1e-7;
+/// Steps of the difference quotients, as shares of the largest free jump. The short one seldom crosses a
+/// branch of the law, the long one has no rounding to speak of and is taken where both agree to
+/// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
+constexpr std::array<double, 2> differences{1e-7, 1e-3};
+constexpr double same_slope = 1e-7;
 
 void check_interface(const InterfaceDescription& interface) {
   const auto fail = [&interface](const std::string& text) {
@@ -360,27 +364,37 @@ Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
     resolve(entry, jump, force);
     // towards closing, so that a point that just touches counts as closed
     const double largest = jump.cwiseAbs().maxCoeff();
-    Vector h = -difference * jump.cwiseAbs().colwise().maxCoeff().transpose();
-    h = (h.array() == 0.0)
-            .select(-difference * (largest > 0.0 ? largest : entry.flexibility.maxCoeff()), h);
+    Vector size = jump.cwiseAbs().colwise().maxCoeff().transpose();
+    size = (size.array() == 0.0)
+               .select(largest > 0.0 ? largest : entry.flexibility.maxCoeff(), size);
+    // a linear law has no history, and without history all columns are told apart at once
     const Index lags = entry.geometry.law->linear() ? 1 : steps_;
     for (Index component = 0; component < entry.geometry.components; ++component) {
       const auto of_component =
           Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
-      // a law without history tells all columns apart at once
       for (Index step = 0; step < lags; ++step) {
-        Matrix other = jump;
-        for (Index column = lags == 1 ? 0 : step; column < columns; column += lags) {
-          other(of_component, column).array() += h(column);
-        }
-        resolve(entry, other, moved);
-        for (Index column = step; column < columns; ++column) {
-          const Index lag = lags == 1 ? 0 : column % lags - step;
-          if (lag >= 0) {
-            result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
-                .col(component)
-                .segment(entry.first_unknown, rows) =
-                (moved.col(column) - force.col(column)) / h(column - lag);
+        for (const double difference : differences) {
+          Matrix other = jump;
+          for (Index column = step; column < columns; column += lags) {
+            other(of_component, column).array() -= difference * size(column);
+          }
+          resolve(entry, other, moved);
+          for (Index column = step; column < columns; ++column) {
+            const Index lag = column % lags - step;
+            if (lag < 0) {
+              continue;
+            }
+            auto slope = result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
+                             .col(component)
+                             .segment(entry.first_unknown, rows);
+            const Vector now =
+                (force.col(column) - moved.col(column)) / (difference * size(column - lag));
+            if (difference == differences.front()) {
+              slope = now;
+            } else {
+              slope = ((now - slope).cwiseAbs().cwiseProduct(entry.flexibility).array() < same_slope)
+                          .select(now, slope);
+            }
           }
         }
       }

@@ -67,7 +67,7 @@ constexpr double believable = 0.5;
 constexpr double good_fall = 0.1;
 /// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
 constexpr double first_softening = 1e-4;
-constexpr double least_softening = 1e-7;
+constexpr double least_softening = 1e-5;
 constexpr double most_softening = 0.3;
 
 /// One solve: the local and the global stage in turn.

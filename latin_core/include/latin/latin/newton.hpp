@@ -17,10 +17,10 @@ namespace latin {
 ///
 /// N ds = F / 2 + E y leaves y = R' P ds as unknowns, and only where R' is not zero: a dense system of the
 /// size of the closed zone. Its matrix is that of the interface's own flexibility E^T k^-1 N^-1 E and does
-/// not change with laws, parameters and columns; `FlexibilityOfInterfaces` has it once for a problem.
+/// not change with laws, parameters and columns; `Flexibility` has it once for a problem.
 ///
 /// N is singular where a body floats. N + mu with a tiny mu is the same body on springs mu k, whose forces
-/// the outer iteration takes back.
+/// the outer iteration takes back. Amplitudes of modes that nothing else holds are unknowns of their own.
 class Newton {
  public:
   explicit Newton(const Problem& problem) : problem_(problem) {}
@@ -40,7 +40,11 @@ class Newton {
     Matrix tangent;
     double softening = -1.0;
     Eigen::PartialPivLU<Matrix> lu;
+
+    [[nodiscard]] bool fits(const Matrix& now, double softened) const;
   };
+  void factorise(const Tangents& tangents, const Matrix& tangent, double softening,
+                 Zone& zone) const;
 
   const Problem& problem_;
   std::vector<Zone> zones_;
