@@ -19,7 +19,7 @@ Vector times_m(const Flexibility& flexibility, const Vector& y) {
 }  // namespace
 
 bool Newton::step(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef residual,
-                  double softening, MatrixRef step) {
+                  double softening, bool settled, MatrixRef step) {
   const Flexibility& flexibility = problem_.flexibility();
   const Tangents tangents = problem_.tangents(data, traces);
   const Index columns = data.cols();
@@ -58,7 +58,18 @@ bool Newton::step(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef res
     const auto closed = static_cast<Index>(zone.rows.size());
     Vector right(closed + modes);
     right << ((1.0 - softening) * tangents.times(tangent, free))(zone.rows), loads;
-    const Vector answer = right.size() > 0 ? zone.lu.solve(right) : right;
+    Vector answer = right.size() > 0 ? zone.lu.solve(right) : right;
+    if (settled && closed > 0) {
+      // forces that move nothing were divided by the softening alone, rounding and all: with K the system
+      // without it, K_eps^-1 K leaves them out and everything else as it is
+      Vector forces = Vector::Zero(unknowns);
+      forces(zone.rows) = answer.head(closed);
+      const Vector moved = times_m(flexibility, forces) -
+                           with_mu / (1.0 + Flexibility::mu) *
+                               (flexibility.modal_jumps() * answer.tail(modes));
+      right.head(closed) -= softening * tangents.times(tangent, moved)(zone.rows);
+      answer = zone.lu.solve(right);
+    }
     y.col(column) = given;
     y(zone.rows, column) += answer.head(closed);
     amplitudes.col(column) = answer.tail(modes);

@@ -63,6 +63,8 @@ constexpr Index stages_of_newton = 3;
 constexpr Index newton_patience = 8;
 /// A Newton step that leaves less than this of the residual is the error of the iterate before it.
 constexpr double believable = 0.5;
+/// Below this share of the data it need not fall: which points are closed does not change any more.
+constexpr double settled = 1e-10;
 /// After a fall of the residual to this share the tangents are softened less.
 constexpr double good_fall = 0.1;
 /// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
@@ -187,7 +189,7 @@ class Run {
     if (proposed_) {
       // the step is the error as far as the linearisation holds: the residual that it leaves says so
       const double after = history_.norm(step_residual_);
-      const double left = after > rounding * history_.norm(state_.data) ? after / norm : 0.0;
+      const double left = after > settled * history_.norm(state_.data) ? after / norm : 0.0;
       return left < believable
                  ? std::max(problem_.difference_size(step_, step_traces_).relative_to(size) /
                                 (1.0 - left),
@@ -209,7 +211,7 @@ class Run {
     }
     const auto start = Clock::now();
     try {
-      proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, step_);
+      proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, settled_, step_);
     } catch (const NumericalError&) {
       proposed_ = false;  // a body without a usable flexibility: the accelerated iteration goes on alone
     }
@@ -235,6 +237,7 @@ class Run {
   bool follow(double norm) {
     if (summary_.newton_steps - best_newton_ > newton_patience) {
       softening_ = std::min(most_softening, 10.0 * softening_);
+      settled_ = false;
       state_ = best_;
       residual_ = best_residual_;
       best_at_ = summary_.iterations;
@@ -254,7 +257,8 @@ class Run {
     state_.traces += step_traces_;
     residual_.swap(step_residual_);
     const double now = history_.norm(residual_);
-    if (now < good_fall * norm) {
+    settled_ = now < good_fall * norm;
+    if (settled_) {
       softening_ = std::max(least_softening, 0.1 * softening_);
     }
     remember(now);
@@ -380,6 +384,7 @@ class Run {
   Newton newton_;
   bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
   bool proposed_ = false;                ///< `step_` is Newton's
+  bool settled_ = false;                 ///< the last Newton step did what it promised
   double softening_ = first_softening;   ///< of the tangents
   Index wait_ = steps_after_failure;     ///< after the next Newton step that leads nowhere
   Summary summary_;

@@ -28,10 +28,11 @@ class Newton {
   /// The step from (data, traces), whose residual is known.
   /// @param softening share eps by which R' is reduced: multipliers that the meshes do not determine (more
   ///                  closed points than unknowns) get a unique, bounded change. In (0, 1).
+  /// @param settled   the closed zone is known: leave out changes of multipliers that move nothing
   /// @param step      ds (rows, c)
   /// @return false if the linear system has no usable solution
   bool step(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef residual, double softening,
-            MatrixRef step);
+            bool settled, MatrixRef step);
 
  private:
   /// LU of the closed zone of one column, kept as long as its tangent stays what it was.
