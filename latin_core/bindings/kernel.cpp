@@ -119,6 +119,8 @@ void bind_iteration(py::module_& m) {
       .def_readonly("energy", &latin::Summary::energy)
       .def_readonly("global_s", &latin::Summary::global_s)
       .def_readonly("local_s", &latin::Summary::local_s)
+      .def_readonly("newton_s", &latin::Summary::newton_s)
+      .def_readonly("newton_steps", &latin::Summary::newton_steps)
       .def_readonly("other_s", &latin::Summary::other_s)
       .def_readonly("restarts", &latin::Summary::restarts)
       .def_readonly("history", &latin::Summary::history);
@@ -142,12 +144,12 @@ void bind_iteration(py::module_& m) {
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
       .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations,
                        latin::Index acceleration, double relaxation, latin::Index stagnation_window,
-                       latin::Index snapshots) {
+                       latin::Index newton, latin::Index snapshots) {
              return latin::Options{rtol,       stop_on_indicator, max_iterations, acceleration,
-                                   relaxation, stagnation_window, snapshots};
+                                   relaxation, stagnation_window, newton,         snapshots};
            }),
            py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a,
-           "relaxation"_a, "stagnation_window"_a, "snapshots"_a);
+           "relaxation"_a, "stagnation_window"_a, "newton"_a, "snapshots"_a);
 }
 
 py::dict cost_of(const latin::Body& body) {

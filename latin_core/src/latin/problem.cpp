@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -14,6 +15,11 @@ namespace {
 
 /// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
+/// Steps of the difference quotients, as shares of the largest free jump. The short one seldom crosses a
+/// branch of the law, the long one has no rounding to speak of and is taken where both agree to
+/// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
+constexpr std::array<double, 2> differences{1e-7, 1e-3};
+constexpr double same_slope = 1e-7;
 
 void check_interface(const InterfaceDescription& interface) {
   const auto fail = [&interface](const std::string& text) {
@@ -111,6 +117,8 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
                              entry.geometry.weights, std::move(side.direction)});
       owner[body].emplace_back(i, s);
     }
+    entry.first_unknown = interface_unknowns_;
+    interface_unknowns_ += points * components;
     interfaces_.push_back(std::move(entry));
   }
 
@@ -346,6 +354,106 @@ void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef 
           2.0 * (k.asDiagonal() * traces.middleRows(entry.rows[s], rows));
     }
   }
+}
+
+bool Problem::suits_newton(Index limit) const {
+  return interface_unknowns_ <= limit &&
+         std::ranges::all_of(
+             bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }) &&
+         std::ranges::all_of(interfaces_, [](const Entry& each) { return each.groups.empty(); }) &&
+         std::ranges::any_of(interfaces_,
+                             [](const Entry& each) { return !each.geometry.law->linear(); });
+}
+
+const Flexibility& Problem::flexibility() const {
+  if (!flexibility_) {
+    std::vector<Index> unknown(static_cast<std::size_t>(rows_));
+    Vector sign(rows_);
+    for (const Entry& entry : interfaces_) {
+      for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+        for (Index row = 0; row < entry.flexibility.size(); ++row) {
+          unknown[static_cast<std::size_t>(entry.rows[s] + row)] = entry.first_unknown + row;
+          sign(entry.rows[s] + row) = s == 0 ? 1.0 : -1.0;
+        }
+      }
+    }
+    flexibility_ = std::make_unique<Flexibility>(bodies_, body_rows_, std::move(unknown),
+                                                 std::move(sign), interface_unknowns_);
+  }
+  return *flexibility_;
+}
+
+Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Index columns = data.cols();
+  Index most = 0;
+  Tangents result;
+  for (const Entry& entry : interfaces_) {
+    const Index components = entry.geometry.components;
+    most = std::max(most, components);
+    for (Index row = 0; row < entry.flexibility.size(); ++row) {
+      result.first.push_back(entry.first_unknown + row - row % components);
+      result.components.push_back(components);
+    }
+  }
+  for (Index column = 0; column < columns; ++column) {
+    result.blocks.emplace_back(static_cast<std::size_t>(column % steps_ + 1),
+                               Matrix::Zero(interface_unknowns_, most));
+  }
+  Matrix force;
+  Matrix moved;
+  for (const Entry& entry : interfaces_) {
+    const Index rows = entry.flexibility.size();
+    const Matrix jump = free_jump(entry, data, traces);
+    resolve(entry, jump, force);
+    // towards closing, so that a point that just touches counts as closed
+    const double largest = jump.cwiseAbs().maxCoeff();
+    Vector size = jump.cwiseAbs().colwise().maxCoeff().transpose();
+    size = (size.array() == 0.0)
+               .select(largest > 0.0 ? largest : entry.flexibility.maxCoeff(), size);
+    // a linear law has no history, and without history all columns are told apart at once
+    const Index lags = entry.geometry.law->linear() ? 1 : steps_;
+    for (Index component = 0; component < entry.geometry.components; ++component) {
+      const auto of_component =
+          Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
+      for (Index step = 0; step < lags; ++step) {
+        for (const double difference : differences) {
+          Matrix other = jump;
+          for (Index column = step; column < columns; column += lags) {
+            other(of_component, column).array() -= difference * size(column);
+          }
+          resolve(entry, other, moved);
+          for (Index column = step; column < columns; ++column) {
+            const Index lag = column % lags - step;
+            if (lag < 0) {
+              continue;
+            }
+            auto slope = result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
+                             .col(component)
+                             .segment(entry.first_unknown, rows);
+            const Vector now =
+                (force.col(column) - moved.col(column)) / (difference * size(column - lag));
+            if (difference == differences.front()) {
+              slope = now;
+            } else {
+              slope = ((now - slope).cwiseAbs().cwiseProduct(entry.flexibility).array() < same_slope)
+                          .select(now, slope);
+            }
+          }
+        }
+      }
+    }
+  }
+  return result;
+}
+
+Vector Tangents::times(const Matrix& block, ConstVectorRef p) const {
+  Vector result(block.rows());
+  for (Index row = 0; row < block.rows(); ++row) {
+    const auto at = static_cast<std::size_t>(row);
+    result(row) =
+        block.row(row).head(components[at]).dot(p.segment(first[at], components[at]));
+  }
+  return result;
 }
 
 Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef data,

@@ -15,6 +15,7 @@ class ElasticLaw final : public Law {
   [[nodiscard]] std::unique_ptr<Law> blank() const override {
     return std::make_unique<ElasticLaw>();
   }
+  [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 

@@ -78,6 +78,8 @@ class LATIN_SHARED Law {
   [[nodiscard]] virtual bool history() const { return false; }
   /// A law of the same kind with its parameters at zero.
   [[nodiscard]] virtual std::unique_ptr<Law> blank() const = 0;
+  /// Whether the force is an affine function of the jump, so that nothing is won by linearising it.
+  [[nodiscard]] virtual bool linear() const { return false; }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
 

@@ -15,6 +15,7 @@ class PerfectLaw final : public Law {
   [[nodiscard]] std::unique_ptr<Law> blank() const override {
     return std::make_unique<PerfectLaw>();
   }
+  [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "latin/interface/interface.hpp"
+#include "latin/latin/flexibility.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin {
@@ -56,6 +57,19 @@ struct LawColumns {
   std::vector<std::pair<std::string, ParameterField>> parameters;
 };
 
+/// Derivatives R' of the laws' resolvents at one state, by differences: block-diagonal by point.
+struct Tangents {
+  /// [column][lag]: change of the forces of a column with the free jumps of the column `lag` steps before
+  /// it, (unknowns, most components of an interface): row = a component of the force, column = one of the
+  /// jump at the same point.
+  std::vector<std::vector<Matrix>> blocks;
+  std::vector<Index> first;       ///< (unknowns) first unknown of the point
+  std::vector<Index> components;  ///< (unknowns) components of its interface
+
+  /// R' p for one block.
+  [[nodiscard]] Vector times(const Matrix& block, ConstVectorRef p) const;
+};
+
 /// Substructures and active interfaces, factorised: everything of a scene that stays constant while
 /// laws, parameters and columns change.
 ///
@@ -97,6 +111,16 @@ class Problem {
   [[nodiscard]] Index steps() const { return steps_; }
   /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
+
+  [[nodiscard]] Index steps() const { return steps_; }
+
+  /// Whether Newton steps are possible (every body condensed, every column a sample of its own), of use
+  /// (some law is not linear) and affordable (at most `limit` unknowns: points times components).
+  [[nodiscard]] bool suits_newton(Index limit) const;
+  /// Dense flexibility of the interfaces, made when first asked for. Not to be called from two threads.
+  [[nodiscard]] const Flexibility& flexibility() const;
+  /// Derivatives of the forces of all interfaces with respect to their free jumps.
+  [[nodiscard]] Tangents tangents(ConstMatrixRef data, ConstMatrixRef traces) const;
 
   /// w of all sides, (rows, c).
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
@@ -145,6 +169,7 @@ class Problem {
     Interface geometry;
     std::vector<Index> rows;  ///< first row of each side
     Vector flexibility;       ///< 1/k1 (+ 1/k2)
+    Index first_unknown = 0;  ///< among the points and components of all interfaces
     std::vector<LawColumns> groups;
     std::vector<std::shared_ptr<Law>> group_laws;
   };
@@ -162,6 +187,8 @@ class Problem {
   Index rows_ = 0;
   Index loads_ = 0;
   Index steps_ = 1;
+  Index interface_unknowns_ = 0;
+  mutable std::unique_ptr<Flexibility> flexibility_;
 };
 
 }  // namespace latin

@@ -83,6 +83,10 @@ class Body {
   [[nodiscard]] Index loads() const { return load_.cols(); }
   [[nodiscard]] Index active() const { return active_; }
   [[nodiscard]] bool condensed() const { return condensed_.size() > 0; }
+  /// L of the Schur complement on the active unknowns; empty if not condensed.
+  [[nodiscard]] const Matrix& condensed_factor() const { return condensed_; }
+  /// Traces of the active unknowns, (rows, active).
+  [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
 
