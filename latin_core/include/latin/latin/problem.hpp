@@ -112,8 +112,6 @@ class Problem {
   /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
 
-  [[nodiscard]] Index steps() const { return steps_; }
-
   /// Whether Newton steps are possible (every body condensed, every column a sample of its own), of use
   /// (some law is not linear) and affordable (at most `limit` unknowns: points times components).
   [[nodiscard]] bool suits_newton(Index limit) const;
