@@ -477,7 +477,7 @@ Problem::LocalFields Problem::resolve_samples(
     fail("a free jump of " + std::to_string(free_jump.rows()) + " rows, expected " +
          std::to_string(entry.flexibility.size()));
   }
-  const std::unique_ptr<Law> law = make_law(entry.geometry.law->name());
+  const std::unique_ptr<Law> law = entry.geometry.law->blank();
   for (const auto& info : law->parameters()) {
     law->set(info.name, entry.geometry.law->get(info.name));
   }
