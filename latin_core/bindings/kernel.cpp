@@ -87,7 +87,11 @@ void bind_descriptions(py::module_& m) {
              return latin::SideDescription{std::move(member), std::move(sparse),
                                            std::move(direction), scale};
            }),
-           py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a);
+           py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a)
+      .def(py::init([](std::string member) {
+             return latin::SideDescription{std::move(member), {}, {}, 0.0};
+           }),
+           py::kw_only(), "member"_a);
 
   py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
       .def(py::init([](std::string name, std::string law, latin::Vector weights,
@@ -180,14 +184,18 @@ void bind_problem(py::module_& m) {
   py::class_<latin::Problem>(m, "Problem", "Factorised bodies and active interfaces")
       .def(py::init([](std::vector<latin::BodyDescription> bodies,
                        std::vector<latin::InterfaceDescription> interfaces, const std::string& kind,
-                       const std::string& backend, double memory_limit) {
+                       const std::string& backend, double memory_limit, std::optional<int> comm) {
              const auto options = operator_options(kind, backend, memory_limit);
+             const auto ranks =
+                 comm ? latin::Communicator(MPI_Comm_f2c(*comm)) : latin::Communicator();
              const py::gil_scoped_release release;
              return std::make_unique<latin::Problem>(std::move(bodies), std::move(interfaces),
-                                                     options);
+                                                     options, ranks);
            }),
-           py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a)
+           py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a,
+           "comm"_a = py::none())
       .def_property_readonly("rows", &latin::Problem::rows)
+      .def_property_readonly("total_rows", &latin::Problem::total_rows)
       .def_property_readonly("loads", &latin::Problem::loads)
       .def_property_readonly("unknowns", &latin::Problem::unknowns)
       .def_property_readonly("active_unknowns", &latin::Problem::active_unknowns)

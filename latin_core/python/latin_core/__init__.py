@@ -12,7 +12,15 @@ import numpy as np
 from petsc4py import PETSc
 
 from latin_core import _core
-from latin_core._core import InputError, Iteration, NumericalError, Problem, State, Summary
+from latin_core._core import (
+    InputError,
+    Iteration,
+    NumericalError,
+    Problem,
+    RemoteError,
+    State,
+    Summary,
+)
 from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
@@ -35,6 +43,7 @@ __all__ = [
     "NumericalError",
     "Options",
     "Problem",
+    "RemoteError",
     "State",
     "Summary",
     "SweepPoints",

@@ -20,6 +20,7 @@ Status: TypeAlias = Literal["converged", "max_iterations", "stagnated", "diverge
 
 class InputError(ValueError): ...
 class NumericalError(RuntimeError): ...
+class RemoteError(RuntimeError): ...
 
 class Member:
     def __init__(
@@ -50,6 +51,9 @@ class Body:
     ) -> None: ...
 
 class Side:
+    @overload
+    def __init__(self, *, member: str) -> None: ...  # a side on another rank
+    @overload
     def __init__(
         self,
         *,
@@ -162,9 +166,12 @@ class Problem:
         operator: Operator,
         backend: Backend,
         memory_limit: float,
+        comm: int | None = None,  # Fortran handle of an MPI communicator; None: this rank alone
     ) -> None: ...
     @property
     def rows(self) -> int: ...
+    @property
+    def total_rows(self) -> int: ...
     @property
     def loads(self) -> int: ...
     @property

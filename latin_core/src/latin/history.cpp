@@ -1,6 +1,7 @@
 #include "latin/latin/history.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -26,6 +27,7 @@ History::History(const Problem& problem, Index columns, Index depth)
 void History::clear() {
   size_ = 0;
   next_ = 0;
+  fresh_.clear();
   gamma_.resize(0);
 }
 
@@ -42,12 +44,12 @@ double History::product(Index slot, ConstMatrixRef residual) const {
   return sum;
 }
 
-double History::norm(ConstMatrixRef residual) const {
+double History::share_of_square(ConstMatrixRef residual) const {
   double sum = 0.0;
   for (Index column = 0; column < columns_; ++column) {
     sum += (residual.col(column).array().square() * metric_.array()).sum();
   }
-  return std::sqrt(sum);
+  return sum;
 }
 
 void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
@@ -60,22 +62,43 @@ void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef 
   traces_.col(slot) = traces.reshaped();
   next_ = (next_ + 1) % depth_;
   size_ = std::min(size_ + 1, depth_);
-  for (Index other = 0; other < size_; ++other) {
-    gram_(slot, other) = product(other, residual);
-    gram_(other, slot) = gram_(slot, other);
+  if (std::ranges::find(fresh_, slot) == fresh_.end()) {
+    fresh_.push_back(slot);
   }
 }
 
-void History::fit(ConstMatrixRef residual) {
-  residual_norm_ = norm(residual);
+void History::fit(ConstMatrixRef residual, std::span<double> shares) {
+  // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
+  std::vector<double> sums(shares.begin(), shares.end());
+  sums.push_back(share_of_square(residual));
+  for (Index slot = 0; slot < size_; ++slot) {
+    sums.push_back(product(slot, residual));
+  }
+  for (const Index slot : fresh_) {
+    for (Index other = 0; other < size_; ++other) {
+      sums.push_back(product(other, block(residual_, slot)));
+    }
+  }
+  problem_->communicator().sum(sums);
+  auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
+  std::copy(sums.cbegin(), next, shares.begin());
+  residual_norm_ = std::sqrt(*next++);
+  Vector projection(size_);
+  for (double& value : projection) {
+    value = *next++;
+  }
+  for (const Index slot : fresh_) {
+    for (Index other = 0; other < size_; ++other) {
+      gram_(slot, other) = *next++;
+      gram_(other, slot) = gram_(slot, other);
+    }
+  }
+  fresh_.clear();
+
   gamma_ = Vector::Zero(size_);
   remainder_ = 1.0;
   if (size_ == 0 || residual_norm_ == 0.0) {
     return;
-  }
-  Vector projection(size_);
-  for (Index slot = 0; slot < size_; ++slot) {
-    projection(slot) = product(slot, residual);
   }
   // unit columns, then drop directions that rounding of the Gram matrix has made meaningless
   Vector scale =

@@ -2,9 +2,12 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <limits>
+#include <utility>
 
 #include "latin/common/error.hpp"
 
@@ -63,7 +66,7 @@ class Run {
         history_(problem, amplitudes.cols(),
                  (options.acceleration > 0 ? options.acceleration : observing_depth) +
                      static_cast<Index>(snapshots)),
-        residual_(problem.rows(), amplitudes.cols()),
+        residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
         start_(Clock::now()) {}
 
@@ -73,9 +76,9 @@ class Run {
     const auto start = Clock::now();
     state_ = *snapshots.front();
     local();
-    Matrix other(problem_.rows(), amplitudes_.cols());
+    Matrix other = Matrix::Zero(problem_.rows(), amplitudes_.cols());
     for (std::size_t i = 1; i < snapshots.size(); ++i) {
-      problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other);
+      attempt([&] { problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other); });
       history_.push(snapshots[i]->data - state_.data, other - residual_,
                     snapshots[i]->traces - state_.traces);
     }
@@ -87,7 +90,7 @@ class Run {
   }
 
   Summary run(bool traces_known) {
-    if (problem_.rows() == 0) {
+    if (problem_.total_rows() == 0) {
       summary_.status = Status::converged;
       summary_.energy = problem_.size(state_.data, state_.traces, amplitudes_).strain;
       return summary_;
@@ -102,22 +105,21 @@ class Run {
     Index last_progress = 0;
     for (;;) {
       const auto measuring = Clock::now();
-      history_.fit(residual_);
-      const double norm = history_.norm(residual_);
-      const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
-      summary_.indicator = indicator();
-      const double error =
-          norm > 0.0 && own_ < own_before_estimate()
-              ? std::numeric_limits<double>::infinity()
-              : std::max(history_.error(size, rounding * history_.norm(state_.data)),
-                         summary_.indicator * least_of_indicator);
+      const Measure measured = measure();
+      const double norm = history_.residual_norm();
+      const Size& size = measured.size;
+      summary_.indicator = measured.indicator;
+      const double error = norm > 0.0 && own_ < own_before_estimate()
+                               ? std::numeric_limits<double>::infinity()
+                               : std::max(history_.error(size, rounding * measured.data_norm),
+                                          summary_.indicator * least_of_indicator);
       summary_.error = error;
       summary_.energy = size.strain;
       const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
       summary_.history.push_back(record);
       summary_.other_s += since(measuring);
       if (callback_) {
-        callback_(record);
+        attempt([&] { callback_(record); });
       }
       if (first_norm < 0.0) {
         first_norm = norm;
@@ -142,8 +144,9 @@ class Run {
         summary_.status = Status::stagnated;
         break;
       }
-      advance(norm);
+      advance(norm, measured.data_norm);
     }
+    problem_.communicator().agree(failure_);
     return summary_;
   }
 
@@ -155,25 +158,66 @@ class Run {
     return options_.acceleration > 0 ? 1 : observing_depth;
   }
 
+  /// Do what may fail on one rank and not on others. They wait for this one until the next reduction, where
+  /// all learn of it.
+  template <typename Work>
+  void attempt(Work&& work) {
+    try {
+      std::forward<Work>(work)();
+    } catch (...) {
+      if (problem_.communicator().alone()) {
+        throw;
+      }
+      failure_ = failure_ ? failure_ : std::current_exception();
+    }
+  }
+
+  /// What the ranks add up of one iterate.
+  struct Measure {
+    Size size;
+    double indicator;
+    double data_norm;
+  };
+
+  /// Fit the history to the present residual; all numbers that decide anything go through this one reduction
+  /// and that of the error estimate.
+  Measure measure() {
+    const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
+    const auto [distance, extent] = shares_of_indicator();
+    std::array<double, 7> sums{size.strain,
+                               size.trace,
+                               size.work,
+                               distance,
+                               extent,
+                               history_.share_of_square(state_.data),
+                               failure_ ? 1.0 : 0.0};
+    history_.fit(residual_, sums);
+    if (sums[6] > 0.0) {
+      problem_.communicator().agree(failure_);
+    }
+    return {Size{sums[0], sums[1], sums[2]}.positive(),
+            sums[4] > 0.0 ? std::sqrt(sums[3] / sums[4]) : 0.0, std::sqrt(sums[5])};
+  }
+
   void global() {
     const auto start = Clock::now();
-    problem_.global_stage(state_.data, amplitudes_, state_.traces);
+    attempt([&] { problem_.global_stage(state_.data, amplitudes_, state_.traces); });
     summary_.global_s += since(start);
     ++summary_.iterations;
   }
 
   void local() {
     const auto start = Clock::now();
-    problem_.local_stage(state_.data, state_.traces, residual_);
+    attempt([&] { problem_.local_stage(state_.data, state_.traces, residual_); });
     summary_.local_s += since(start);
   }
 
   /// One step, plain or accelerated, and both stages at its end.
-  void advance(double norm) {
+  void advance(double norm, double data_norm) {
     const auto start = Clock::now();
     bool accelerate = options_.acceleration > 0;
     if (accelerate) {
-      guard(norm);
+      guard(norm, data_norm);
       accelerate = pause_ == 0;
       pause_ = std::max<Index>(pause_ - 1, 0);
     }
@@ -200,9 +244,9 @@ class Run {
   /// friction slips). Then the best iterate is taken up again, the history dropped, and some plain steps lead
   /// on, more each time.
   /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
-  void guard(double norm) {
+  void guard(double norm, double data_norm) {
     const bool led_astray = norm > growth_before_restart * best_norm_;
-    const bool at_rest = norm <= rounding * history_.norm(state_.data);
+    const bool at_rest = norm <= rounding * data_norm;
     const bool circling = summary_.iterations - best_at_ > patience && pause_ == 0;
     if ((led_astray || circling) && !at_rest) {
       best_at_ = summary_.iterations;
@@ -229,8 +273,9 @@ class Run {
     }
   }
 
-  /// The paper's indicator (Ladeveze 1999): distance of the two stages over their size, in k and 1/k.
-  [[nodiscard]] double indicator() const {
+  /// The paper's indicator (Ladeveze 1999) is the square root of the ratio of these: distance of the two stages
+  /// over their size, in k and 1/k.
+  [[nodiscard]] std::pair<double, double> shares_of_indicator() const {
     double distance = 0.0;
     double size = 0.0;
     const Vector& k = problem_.directions();
@@ -247,7 +292,7 @@ class Run {
         size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
       }
     }
-    return size > 0.0 ? std::sqrt(distance / size) : 0.0;
+    return {distance, size};
   }
 
   const Problem& problem_;
@@ -268,6 +313,7 @@ class Run {
   Index plain_steps_ = 4;  ///< after the next restart
   Index own_ = 0;          ///< differences in the history that are this run's
   Clock::time_point start_;
+  std::exception_ptr failure_;  ///< of this rank, until the ranks agree on it
 };
 
 }  // namespace
@@ -288,38 +334,43 @@ std::string to_string(Status status) {
 
 Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
               State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
-  check_options(options);
   const Index columns = amplitudes.cols();
-  if (amplitudes.rows() != problem.loads()) {
-    throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
-                     " load patterns, this problem has " + std::to_string(problem.loads()));
-  }
-  problem.check_columns(columns);
-  const auto fits = [&problem, columns](const State& each) {
-    return each.data.rows() == problem.rows() && each.data.cols() == columns &&
-           each.traces.rows() == problem.rows() && each.traces.cols() == columns;
-  };
-  for (const State* snapshot : snapshots) {
-    if (!fits(*snapshot)) {
-      throw InputError("a start state has shape (" + std::to_string(snapshot->data.rows()) + ", " +
-                       std::to_string(snapshot->data.cols()) + "), this problem needs (" +
+  const auto fit = [&problem, columns](const State& each) {
+    if (each.data.rows() != problem.rows() || each.data.cols() != columns ||
+        each.traces.rows() != problem.rows() || each.traces.cols() != columns) {
+      throw InputError("a start state has shape (" + std::to_string(each.data.rows()) + ", " +
+                       std::to_string(each.data.cols()) + "), this problem needs (" +
                        std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
     }
-  }
+  };
+  const bool from_zero = state.data.size() == 0;
+  const Index most = problem.communicator().maximum(columns);
+  problem.communicator().together([&] {
+    check_options(options);
+    if (amplitudes.rows() != problem.loads()) {
+      throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
+                       " load patterns, this problem has " + std::to_string(problem.loads()));
+    }
+    if (columns != most) {
+      throw InputError(std::to_string(columns) + " columns on this rank, " + std::to_string(most) +
+                       " on another");
+    }
+    problem.check_columns(columns);
+    for (const State* snapshot : snapshots) {
+      fit(*snapshot);
+    }
+    if (snapshots.empty() && !from_zero) {
+      fit(state);
+    }
+  });
   Run run(problem, options, amplitudes, state, snapshots.size(), callback);
   if (!snapshots.empty()) {
     run.combine(snapshots);
     return run.run(true);
   }
-  if (state.data.size() == 0) {
+  if (from_zero) {
     state.data = Matrix::Zero(problem.rows(), columns);
     state.traces = Matrix::Zero(problem.rows(), columns);
-    return run.run(false);
-  }
-  if (!fits(state)) {
-    throw InputError("the start state has shape (" + std::to_string(state.data.rows()) + ", " +
-                     std::to_string(state.data.cols()) + "), this problem needs (" +
-                     std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
   }
   return run.run(false);
 }
