@@ -6,7 +6,7 @@ the traces, weights and frames of every interface.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -33,16 +33,27 @@ from dolfinx_frontend.laws import (
 )
 from dolfinx_frontend.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.pairing import (
+    FaceCopy,
     Interface,
     Side,
     coordinate_element,
     csr,
+    face_copy,
     make_interface,
     quadrature,
     tabulate,
 )
-from dolfinx_frontend.rigid import check_rigid_bodies, rigid_modes
-from dolfinx_frontend.scene import PartLike, Scene, SubstructureSpec
+from dolfinx_frontend.parallel import (
+    Distribution,
+    PartSummary,
+    agreement,
+    bound_threads,
+    end_all_on_errors,
+    place,
+    swap,
+)
+from dolfinx_frontend.rigid import check_resistances, resistance, rigid_modes
+from dolfinx_frontend.scene import InterfaceSpec, PartLike, Scene, SubstructureSpec, check_face
 
 __all__ = [
     "Interface",
@@ -127,26 +138,72 @@ class Substructure:
 
 @dataclass(frozen=True)
 class Problem:
-    """An assembled scene."""
+    """An assembled scene.
+
+    On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
+    which those that touch no part of this rank have no points here.
+    """
 
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
+    distribution: Distribution | None = field(default=None, repr=False)
+
+    @cached_property
+    def parts(self) -> Mapping[str, PartSummary]:
+        """What every rank knows of all parts."""
+        if self.distribution is not None:
+            return self.distribution.parts
+        return {name: _summary(s) for name, s in self.substructures.items()}
+
+    @cached_property
+    def own(self) -> Problem:
+        """What of the problem is on this rank, without the rest."""
+        if self.distribution is None:
+            return self
+        here = {name: i for name, i in self.interfaces.items() if i.num_points > 0}
+        return Problem(self.substructures, here, self.distribution)
+
+    @cached_property
+    def cuts(self) -> tuple[str, ...]:
+        """Interfaces whose sides lie on two ranks."""
+        if self.distribution is None:
+            return ()
+        return tuple(
+            name
+            for name, i in self.interfaces.items()
+            if len(self.distribution.ranks([s.substructure for s in i.sides])) == 2
+        )
+
+    def on_one_rank(self, what: str) -> None:
+        """Raise SceneError unless everything is on this rank, which `what` needs."""
+        if self.distribution is not None:
+            raise SceneError(
+                f"{what} works on one rank only: this problem is spread over "
+                f"{self.distribution.comm.size}; assemble it without comm"
+            )
 
     @property
     def dim(self) -> int:
         """Space dimension d."""
-        return next(iter(self.substructures.values())).dim
+        return next(iter(self.parts.values())).dim
 
     @property
     def size(self) -> int:
         """Number of unknowns of all substructures."""
-        return sum(s.size for s in self.substructures.values())
+        return sum(s.size for s in self.parts.values())
+
+    @property
+    def load_amplitudes(self) -> tuple[Amplitude, ...]:
+        """Amplitudes of all body forces."""
+        if self.distribution is not None:
+            return self.distribution.load_amplitudes
+        return tuple(a for s in self.substructures.values() for a in s.varying_loads)
 
     @property
     def amplitudes(self) -> tuple[Amplitude, ...]:
         """The different amplitudes of all values that change in time."""
         varying = [v for i in self.interfaces.values() for v in i.law.varying.values()]
-        bodies = [Varying(((a, 0.0),)) for s in self.substructures.values() for a in s.varying_loads]
+        bodies = [Varying(((a, 0.0),)) for a in self.load_amplitudes]
         return tuple(amplitudes_of([*varying, *bodies]))
 
     def at(self, time: float) -> Problem:
@@ -163,6 +220,7 @@ class Problem:
                 for name, s in self.substructures.items()
             },
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
+            self.distribution,
         )
 
     @property
@@ -449,15 +507,19 @@ def _check_law(interface: Interface) -> None:
         resolve(law.value, interface, interface.dim, "all", "value")
 
 
-def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Problem:
+def assemble(
+    scene: Scene, progress: Callable[[str], None] | None = None, *, comm: Any = None
+) -> Problem:
     """Assemble a scene.
 
     Parameters
     ----------
     scene
-        The scene.
+        The scene; the same on all ranks.
     progress
         Called with a line before each substructure and interface.
+    comm
+        mpi4py communicator over which the parts are spread; collective. None: this process alone.
 
     Returns
     -------
@@ -468,41 +530,132 @@ def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Pro
     ------
     SceneError
         Everything that is wrong with meshes, materials, faces, laws, and parts that can move
-        without resistance.
+        without resistance. If one rank fails, all raise.
     """
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     say = progress or (lambda line: None)
+    comm = None if comm is None or comm.size == 1 else comm
+    owner = place(scene.substructures, 1 if comm is None else comm.size)
+    rank = 0 if comm is None else comm.rank
+    if comm is not None:
+        end_all_on_errors(comm)
+        bound_threads(comm.py2f())
+
     substructures = {}
-    for name, spec in scene.substructures.items():
-        say(f"substructure {name}")
-        substructures[name] = _substructure(spec)
+    copies: dict[int, dict[tuple[str, int], FaceCopy]] = {}  # other rank -> (interface, side) -> face
+    with agreement(comm):
+        specs = {}
+        for name, spec in scene.substructures.items():
+            if owner[name] == rank:
+                say(f"substructure {name}")
+                specs[name] = spec.made()
+                substructures[name] = _substructure(specs[name])
+        for name, joint in scene.interfaces.items():
+            ranks = [owner[face.substructure] for face in joint.faces]
+            for number, face in enumerate(joint.faces):
+                if ranks[number] != rank:
+                    continue
+                where = f"interface {name!r}"
+                check_face(specs[face.substructure], face, where)
+                other = ranks[1 - number] if len(ranks) == 2 else rank
+                if other != rank:
+                    s = substructures[face.substructure]
+                    copies.setdefault(other, {})[name, number] = face_copy(
+                        s.part, face.face, s.space, where
+                    )
+    elsewhere = swap(comm, copies)
+
     interfaces = {}
-    for name, joint in scene.interfaces.items():
-        say(f"interface {name}")
-        members = [substructures[f.substructure] for f in joint.faces]
-        interface = make_interface(
-            name,
-            joint.law,
-            tuple(s.part for s in members),
-            tuple((f.substructure, f.face) for f in joint.faces),
-            tuple(s.space for s in members),
-            joint.quadrature_degree,
-            joint.max_distance,
-            joint.space,
-            joint.overlap,
+    with agreement(comm):
+        for name, joint in scene.interfaces.items():
+            ranks = [owner[face.substructure] for face in joint.faces]
+            if rank not in ranks:
+                continue
+            say(f"interface {name}")
+            members = [
+                substructures[face.substructure] if r == rank else elsewhere[name, number]
+                for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))
+            ]
+            interface = make_interface(
+                name,
+                joint.law,
+                tuple(s.part if isinstance(s, Substructure) else s for s in members),
+                tuple((f.substructure, f.face) for f in joint.faces),
+                tuple(s.space for s in members),
+                joint.quadrature_degree,
+                joint.max_distance,
+                joint.space,
+                joint.overlap,
+            )
+            _check_law(interface)
+            interfaces[name] = interface
+    summaries = {name: _summary(s) for name, s in substructures.items()}
+    resistances = {
+        name: (
+            resistance(
+                tuple(s.substructure for s in i.sides),
+                i.points,
+                i.weights,
+                _held_rows(i),
+                substructures[i.sides[0].substructure].length,
+            ),
+            i.matching is not None,
         )
-        _check_law(interface)
-        interfaces[name] = interface
-    holds = {name: _held_rows(i) for name, i in interfaces.items()}
-    check_rigid_bodies(
-        {name: (s.centre, s.length) for name, s in substructures.items()},
-        {
-            name: (tuple(s.substructure for s in i.sides), i.points, i.weights, holds[name])
-            for name, i in interfaces.items()
-        },
+        for name, i in interfaces.items()
+        if owner[i.sides[0].substructure] == rank
+    }
+    if comm is not None:
+        summaries = {n: s for each in comm.allgather(summaries) for n, s in each.items()}
+        resistances = {n: r for each in comm.allgather(resistances) for n, r in each.items()}
+    parts = {name: summaries[name] for name in scene.substructures}
+    if len({part.dim for part in parts.values()}) > 1:
+        raise SceneError("the parts have different dimensions; a scene has one dimension")
+    check_resistances(
+        {name: (part.centre, part.length) for name, part in parts.items()},
+        [resistances[name][0] for name in scene.interfaces],
     )
-    return Problem(substructures, interfaces)
+    if comm is None:
+        return Problem(substructures, interfaces)
+    forces = [spec.body_force for spec in scene.substructures.values()]
+    amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
+    dim = next(iter(parts.values())).dim
+    return Problem(
+        substructures,
+        {
+            name: interfaces.get(name) or _absent(joint, dim, resistances[name][1])
+            for name, joint in scene.interfaces.items()
+        },
+        Distribution(comm, owner, parts, tuple(amplitudes)),
+    )
+
+
+def _summary(s: Substructure) -> PartSummary:
+    return PartSummary(
+        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load))
+    )
+
+
+def _absent(joint: InterfaceSpec, dim: int, matching: bool) -> Interface:
+    """An interface of other ranks: its law and its sides, no points."""
+    nothing = sp.csr_matrix((0, 0))
+    none = np.zeros(0, dtype=np.int64)
+    sides = tuple(
+        Side(f.substructure, f.face, None, nothing, none, np.zeros((0, dim)), 0.0, np.zeros(dim), 0.0)
+        for f in joint.faces
+    )
+    return Interface(
+        name=joint.name,
+        law=joint.law,
+        points=np.zeros((0, dim)),
+        weights=np.zeros(0),
+        frames=np.zeros((0, dim, dim)),
+        gap=np.zeros(0),
+        sides=sides,
+        matching=np.zeros((0, 2), dtype=np.int64) if matching else None,
+        tangent_axis=0,
+        space=joint.space,
+    )
 
 
 def _held_rows(interface: Interface) -> Array:

@@ -17,6 +17,7 @@ from dolfinx_frontend.cost import shown
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.pairing import Interface
+from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
@@ -53,6 +54,7 @@ class Result:
     seconds: dict[str, float]
     core: Kernel = field(repr=False)
     _displacements: dict[str, Array] | None = field(default=None, repr=False)
+    _cuts: dict[str, tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
     @property
     def status(self) -> str:
@@ -106,12 +108,41 @@ class Result:
         """Force and jump (m, components) of an interface."""
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.interfaces[name]
+        interface = self._here(name)
         if name in self.plan.active:
-            force, jump = self.core.local_fields(name, self.state)
+            force, jump = self._kernel_fields(name)
             points = interface.num_points
             return force.reshape(points, -1), jump.reshape(points, -1)
         return self._eliminated(interface, interface.law, self.displacements)
+
+    def _here(self, name: str) -> Interface:
+        interface, spread = self.problem.interfaces[name], self.problem.distribution
+        if spread is not None and name not in self.problem.own.interfaces:
+            ranks = spread.ranks([side.substructure for side in interface.sides])
+            raise SceneError(
+                f"interface {name!r} is on rank {' and '.join(map(str, ranks))}, this is rank {spread.rank}: "
+                "ask there, or all ranks together for gathered(...)"
+            )
+        return interface
+
+    def _kernel_fields(self, name: str) -> tuple[Array, Array]:
+        return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
+
+    def gathered(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
+
+        Collective: to be called on all of them.
+        """
+        spread = self.problem.distribution
+        if spread is None or interface not in self.problem.interfaces:
+            return self._local(interface)
+        sides = self.problem.interfaces[interface].sides
+        first = spread.owner[sides[0].substructure]
+        both = None
+        with agreement(spread.comm):
+            both = self._local(interface) if spread.rank == first else None
+        found: tuple[Array, Array] = spread.comm.bcast(both, root=first)
+        return found
 
     def _eliminated(
         self, interface: Interface, law: Law, displacements: Mapping[str, Array]
@@ -218,10 +249,10 @@ class HistoryResult(Result):
     def _local(self, name: str) -> tuple[Array, Array]:
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.interfaces[name]
+        interface = self._here(name)
         if name in self.plan.active:
             points = interface.num_points
-            blocks = self.core.local_fields(name, self.state)
+            blocks = self._kernel_fields(name)
             force, jump = (self.plan.in_time(b.reshape(points, -1, b.shape[1])) for b in blocks)
             return force, jump
         fields = self.displacements
@@ -361,8 +392,10 @@ def solve(
         callback=callback,
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
+    # two ranks work out the fields of a cut together: now, while both are here
+    cuts = {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
     kind = Result if plan.times is None else HistoryResult
-    return kind(problem, plan, summary, state, seconds, core)
+    return kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
 
 
 def start_states(start: Result | State | None) -> list[State]:

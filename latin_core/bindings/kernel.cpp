@@ -4,6 +4,7 @@
 
 #include <optional>
 
+#include "latin/common/threads.hpp"
 #include "latin/latin/sweep.hpp"
 #include "latin/petsc/factor.hpp"
 #include "latin/petsc/handle.hpp"
@@ -329,6 +330,10 @@ void bind_kernel(py::module_& m) {
   bind_descriptions(m);
   bind_iteration(m);
   bind_problem(m);
+  m.def(
+      "bound_threads",
+      [](int comm) { return latin::bound_threads(latin::Communicator(MPI_Comm_f2c(comm))); },
+      "comm"_a);
   m.def("snake_order", &latin::snake_order, "shape"_a);
   m.def("available_backends", &latin::petsc::available_backends);
 }

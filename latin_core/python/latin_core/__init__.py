@@ -32,6 +32,7 @@ if not np.issubdtype(_petsc.ScalarType, np.floating):
         "(Debian: python3-petsc4py-real; conda: petsc=*=real*)"
     )
 
+bound_threads = _core.bound_threads
 snake_order = _core.snake_order
 available_backends = _core.available_backends
 
@@ -49,6 +50,7 @@ __all__ = [
     "SweepPoints",
     "SweptParameter",
     "available_backends",
+    "bound_threads",
     "snake_order",
     "sweep",
 ]

@@ -1,0 +1,132 @@
+"""Program of test_mpi.py: blocks end to end over the ranks, against the same scene on one rank.
+
+``mpirun -n N python mpi_chain.py same|history|facets|fail|missing|free|crash``
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+sys.path.insert(0, str(Path(__file__).parent))
+from helpers import block
+
+from dolfinx_frontend import (
+    Amplitude,
+    Contact,
+    Elastic,
+    LinearElastic,
+    Options,
+    Perfect,
+    Scene,
+    SceneError,
+    assemble,
+    solve,
+)
+
+PARTS = 5
+WORLD = MPI.COMM_WORLD
+MADE: list[int] = []
+
+
+def part(k: int, cells: int = 3) -> Any:
+    """Block k; the last one is wider, so that it is pressed on its whole face."""
+    MADE.append(k)
+    return block("quadrilateral", (2, cells), (float(k), 0.0), (k + 1.0, 1.0))
+
+
+def chain(pull: Any, what: str = "same", space: Any = "points") -> Scene:
+    """Perfect, elastic, contact with friction, perfect; pressed together and sheared at the end."""
+    scene = Scene()
+    for k in range(PARTS):
+        cells = 5 if space == "facets" and k % 2 else 3
+        stiff = LinearElastic(E=1000.0 * (1 + k), nu=0.3)
+        scene.substructure(f"b{k}", lambda k=k, cells=cells: part(k, cells), stiff, degree=2)
+    scene.fix("b0:x0", name="wall")
+    laws = (
+        Perfect(),
+        Elastic(normal=800.0, tangential=300.0),
+        Contact(friction=0.3),
+        Elastic(normal=2000.0, tangential=900.0),
+    )
+    for k, law in enumerate(laws):
+        second = "nowhere" if what == "missing" and k == 2 else "x0"
+        scene.interface(f"j{k}", f"b{k}:x1", f"b{k + 1}:{second}", law, space=space)
+    if what != "free":
+        scene.fix(f"b{PARTS - 1}:x1", pull, name="pushed")
+    return scene
+
+
+def compare(times: Any, space: Any) -> None:
+    """The digits of one rank."""
+    pull: Any = (-0.05, 0.04)
+    if times is not None:
+        pull = Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, -0.5]) * (0.0, 0.04) + np.array([-0.05, 0.0])
+    options = Options(rtol=1e-12, max_iterations=400)
+    scene = chain(pull, space=space)
+    problem = assemble(scene, comm=WORLD)
+    owner = problem.distribution.owner if problem.distribution else {f"b{k}": 0 for k in range(PARTS)}
+    assert MADE == [k for k in range(PARTS) if owner[f"b{k}"] == WORLD.rank]
+    assert list(owner.values()) == sorted(owner.values()) and set(owner.values()) == set(range(WORLD.size))
+    whole = assemble(scene)
+    assert problem.size == whole.size and problem.amplitudes == whole.amplitudes
+    extra: dict[str, Any] = {} if times is None else {"times": times}
+    # the cuts stay active: so they do in what it is compared with
+    found = solve(problem, options=options, **extra)
+    exact = solve(whole, options=options, active=found.plan.active, **extra)
+    assert found.converged and exact.converged, (found, exact)
+    assert problem.cuts == tuple(
+        f"j{k}" for k in range(PARTS - 1) if owner[f"b{k}"] != owner[f"b{k + 1}"]
+    )
+    assert sorted(found.displacements) == sorted(problem.substructures)
+    size = max(np.abs(u).max() for u in exact.displacements.values())
+    off = max(np.abs(u - exact.displacements[n]).max() for n, u in found.displacements.items()) / size
+    assert off < 1e-10, off
+    pressure = np.abs(exact.force("j2")).max()
+    for name in found.plan.active:
+        force, jump = found.gathered(name)
+        wrong = np.abs(force - exact.force(name)).max() / pressure
+        print(WORLD.rank, name, wrong, np.hstack([force, exact.force(name)])[:2], found.iterations, exact.iterations, off, flush=True)
+        assert wrong < 1e-9 and np.abs(jump - exact.jump(name)).max() < 1e-10 * size, (name, wrong)
+        if name in problem.own.interfaces:
+            assert np.array_equal(found.force(name), found.gathered(name)[0])
+    elsewhere = [n for n in problem.interfaces if n not in problem.own.interfaces]
+    for name in elsewhere:
+        try:
+            found.jump(name)
+        except SceneError as error:
+            assert "gathered" in str(error)
+        else:
+            raise AssertionError(name)
+    f, n = exact.force("j2")[..., 1], exact.force("j2")[..., 0]
+    assert np.any(np.abs(f) > 0.3 * np.abs(n) * (1 - 1e-6)), "nothing slips"
+    print(f"rank {WORLD.rank}: {found.iterations} and {exact.iterations} iterations, off by {off:.1e}")
+
+
+def main(what: str) -> None:
+    """Compare, or fail as asked."""
+    if what == "same":
+        compare(None, "points")
+    elif what == "history":
+        compare(np.linspace(0.25, 2.0, 8), "points")
+    elif what == "facets":
+        compare(None, "facets")
+    elif what == "fail":  # in the mesh function of the last rank's part
+        scene = chain((-0.05, 0.0))
+        scene.substructure("extra", lambda: 1 / 0, LinearElastic(E=1.0, nu=0.3))
+        assemble(scene, comm=WORLD)
+    elif what in ("missing", "free"):
+        assemble(chain((-0.05, 0.0), what), comm=WORLD)
+    elif what == "crash":
+        problem = assemble(chain((-0.05, 0.0)), comm=WORLD)
+        if WORLD.rank == WORLD.size - 1:
+            raise RuntimeError("only here")
+        solve(problem)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
