@@ -18,13 +18,16 @@ from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import (
     Contact,
+    Debonding,
     Displacement,
     Elastic,
     Law,
     Perfect,
+    Preload,
     Pressure,
     Symmetry,
     Traction,
+    UserLaw,
 )
 from dolfinx_frontend.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.pairing import Interface
@@ -64,6 +67,7 @@ __all__ = [
     "ChaosResult",
     "Contact",
     "Correlated",
+    "Debonding",
     "Direction",
     "Displacement",
     "Elastic",
@@ -84,6 +88,7 @@ __all__ = [
     "OrthotropicElastic",
     "Perfect",
     "Plan",
+    "Preload",
     "Pressure",
     "Problem",
     "Quantity",
@@ -102,6 +107,7 @@ __all__ = [
     "TruncationError",
     "TruncationWarning",
     "Uniform",
+    "UserLaw",
     "assemble",
     "fields",
     "geometry",

@@ -52,7 +52,7 @@ from dolfinx_frontend.parallel import (
     place,
     swap,
 )
-from dolfinx_frontend.rigid import check_resistances, resistance, rigid_modes
+from dolfinx_frontend.rigid import Resistance, check_resistances, resistance, rigid_modes
 from dolfinx_frontend.scene import InterfaceSpec, PartLike, Scene, SubstructureSpec, check_face
 
 __all__ = [
@@ -62,6 +62,7 @@ __all__ = [
     "Substructure",
     "assemble",
     "forces",
+    "held",
     "jumps",
     "resolve",
     "stiffnesses",
@@ -592,16 +593,7 @@ def assemble(
             interfaces[name] = interface
     summaries = {name: _summary(s) for name, s in substructures.items()}
     resistances = {
-        name: (
-            resistance(
-                tuple(s.substructure for s in i.sides),
-                i.points,
-                i.weights,
-                _held_rows(i),
-                substructures[i.sides[0].substructure].length,
-            ),
-            i.matching is not None,
-        )
+        name: (_resistance(i, substructures[i.sides[0].substructure].length), i.matching is not None)
         for name, i in interfaces.items()
         if owner[i.sides[0].substructure] == rank
     }
@@ -656,6 +648,20 @@ def _absent(joint: InterfaceSpec, dim: int, matching: bool) -> Interface:
         tangent_axis=0,
         space=joint.space,
     )
+
+
+def held(problem: Problem, interface: Interface, where: Array | None = None) -> Resistance:
+    """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only."""
+    length = problem.parts[interface.sides[0].substructure].length
+    return _resistance(interface, length, where)
+
+
+def _resistance(interface: Interface, length: float, where: Array | None = None) -> Resistance:
+    rows = _held_rows(interface)
+    if where is not None:
+        rows = rows * where[:, None, None]
+    sides = tuple(side.substructure for side in interface.sides)
+    return resistance(sides, interface.points, interface.weights, rows, length)
 
 
 def _held_rows(interface: Interface) -> Array:

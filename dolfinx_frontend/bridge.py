@@ -13,13 +13,21 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly import Problem, resolve, stiffnesses
+from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Elastic
+from dolfinx_frontend.laws import Elastic, UserLaw
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.reduction import Body, reduce
-from dolfinx_frontend.translate import KERNEL_NAMES, LawFields, kernel_parameter, law_fields
+from dolfinx_frontend.translate import (
+    KERNEL_NAMES,
+    LawFields,
+    kernel_parameter,
+    kernel_values,
+    law_fields,
+)
+from dolfinx_frontend.user_laws import batched
 from latin_core import NumericalError, _core
 
 __all__ = [
@@ -29,6 +37,7 @@ __all__ = [
     "build",
     "definite",
     "kernel_parameter",
+    "kernel_values",
     "law_fields",
 ]
 
@@ -61,7 +70,36 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
+    if fields.softest is not None:
+        k = np.maximum(k, fields.softest)
     return k.ravel()
+
+
+def _law(interface: Interface, fields: LawFields) -> str | _core.Law:
+    """The kernel's law: a name, or an object for a law of a user."""
+    law = interface.law
+    if not isinstance(law, UserLaw):
+        return fields.kind
+    if law.compiled is None:
+        names = [(name, -np.inf) for name in law.values]
+        return _core.python_law(
+            name=law.label,
+            parameters=names,
+            history=law.history,
+            resolve=batched(law, interface),
+        )
+    compiled = _core.compiled_law(law.compiled)
+    wanted = set(compiled.parameters) - {"jump"}
+    if set(law.values) != wanted:
+        raise SceneError(
+            f"interface {interface.name!r}: law {compiled.name!r} takes the values "
+            f"{', '.join(sorted(wanted)) or 'none'}, got {', '.join(sorted(law.values)) or 'none'}"
+        )
+    if compiled.history and not law.history:
+        raise SceneError(
+            f"interface {interface.name!r}: law {compiled.name!r} remembers: give history=True"
+        )
+    return compiled
 
 
 def _spring_stiffness(
@@ -164,7 +202,7 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
             interfaces.append(
                 _core.Interface(
                     name=name,
-                    law=fields.kind,
+                    law=_law(interface, fields),
                     weights=interface.weights,
                     frames=fields.frames,
                     sides=[
@@ -220,11 +258,13 @@ def active_fields(interface: Interface, plan: Plan) -> LawFields:
     if plan.history == "patterns":
         columns = [law_fields(interface, law.pattern(a)) for a in plan.patterns]
     else:
-        columns = [law_fields(interface, law.at(t)) for t in plan.times]
+        columns = [law_fields(interface, law.at(t), t) for t in plan.times]
     first = columns[0]
     parameters = {}
     for name, values in first.parameters.items():
         block = _side_by_side(each.parameters[name] for each in columns)
         constant = np.array_equal(block, np.broadcast_to(values, block.shape))
         parameters[name] = values if constant and plan.history == "steps" else block
-    return replace(first, parameters=parameters)
+    bounds = [each.softest for each in columns if each.softest is not None]
+    softest = np.max(bounds, axis=0) if bounds else None
+    return replace(first, parameters=parameters, softest=softest)

@@ -18,8 +18,10 @@ chords) and by O(h^4) with quadratic ones.
 
 On triangles of degree 1 there are two facets a node: laws that prescribe jumps lock there.
 
-All pairs are clipped at once in NumPy.  Shapely would do, one planar polygon object a facet; it is
-one more package, and convex polygons of four corners need thirty lines.
+All pairs are clipped at once in NumPy, thirty lines for convex polygons of at most four corners. Shapely
+(GEOS) intersects arrays of polygons too; every pair would become two planar polygon objects, made in the
+plane of a facet of side 1 as here, and its results would be cut into triangles as here. It is worth one more
+package for polygons that are not convex, which facets are not.
 
 Source: J. Sutherland, G. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974) 32-42.
 """
@@ -247,6 +249,16 @@ def _measure(simplices: Array) -> Array:
     )
 
 
+def _plane_areas(own: Polygons, facets: int) -> Array:
+    """(facets,): area of the polygons of every facet, each in its own plane."""
+    v, fdim = own.corners.shape[1], own.corners.shape[2] - 1
+    flat, _ = _flatten(own.corners, own.corners)
+    fan = [flat[:, [0, *range(k, k + fdim)]] for k in range(1, v - fdim + 1)]
+    out = np.zeros(facets)
+    np.add.at(out, own.parent, sum(_measure(f) for f in fan))
+    return out
+
+
 def _shape(sigma: Array, corners: int) -> tuple[Array, Array]:
     """Vertex functions (p, v) and their derivatives (p, v, fdim) at points of a unit polygon."""
     a = sigma[:, 0]
@@ -380,10 +392,7 @@ def _intersect(
     p1, p2 = polygons(first), polygons(second)
     sizes1, sizes2 = first.sizes[p1.parent], second.sizes[p2.parent]
     v, fdim = p1.corners.shape[1], first.dim - 1
-    whole = np.zeros(len(first))
-    own, _ = _flatten(p1.corners, p1.corners)
-    fan = [own[:, [0, *range(k, k + fdim)]] for k in range(1, v - fdim + 1)]
-    np.add.at(whole, p1.parent, sum(_measure(f) for f in fan))
+    whole = _plane_areas(p1, len(first))
     normals1 = _plane_normals(p1)
 
     collected: list[_Pieces] = []
@@ -456,8 +465,9 @@ def _check_cover(
     overlap: Overlap,
     farthest: float,
     size: float,
+    apart: float,
 ) -> None:
-    """Raise unless side 2 covers side 1 once."""
+    """Raise unless side 2 covers side 1 once; `apart`: smallest distance of their nodes."""
     uncovered = float(areas @ np.clip(1.0 - share, 0.0, 1.0) / areas.sum())
     reason = f"largest distance {farthest:.4g}, facet size {size:.4g}" if farthest else ""
     if share.max(initial=0.0) > 1.0 + UNCOVERED:
@@ -469,8 +479,8 @@ def _check_cover(
     if uncovered > 1.0 - 1e-6:
         raise SceneError(
             f"{where}: the facets do not face each other: no facet of {names[0]} overlaps one of "
-            f"{names[1]}{f' ({reason})' if reason else ''}; check the faces and the positions of "
-            "the parts, or raise max_distance"
+            f"{names[1]} ({reason or f'the faces are {apart:.4g} apart, facet size {size:.4g}'}); check the "
+            "faces and the positions of the parts, or raise max_distance"
         )
     if overlap == "full" and uncovered > UNCOVERED:
         raise SceneError(
@@ -562,13 +572,19 @@ def average(
     pieces, whole, common, farthest = _intersect(first, second, cut, limit)
     share = np.asarray(common.sum(axis=1)).ravel() / whole
     size = float(max(first.sizes.max(), second.sizes.max()))
-    _check_cover(where, (names[0], names[1]), share, areas, overlap, farthest, size)
+    d = first.dim
+    nearest, _ = cKDTree(second.samples.reshape(-1, d)).query(first.samples.reshape(-1, d))
+    apart = float(nearest.min())
+    _check_cover(where, (names[0], names[1]), share, areas, overlap, farthest, size, apart)
 
     # facets within one facet of side 2 (all of them if the meshes match) need no pieces: the rule
     # of the facet itself serves both sides, so that equal facets have equal rows
     largest = np.asarray(common.max(axis=1).todense()).ravel()
     host = np.asarray(common.argmax(axis=1)).ravel().astype(np.int64)
     within = largest > (1.0 - _WHOLE) * whole
+    if second.order == 1 and second.facet_cell == basix.CellType.quadrilateral:
+        # a part of a quadrilateral that is no parallelogram sees no polynomials: it takes the pieces' rule
+        within &= np.abs(_plane_areas(polygons(second), len(second))[host] / whole - 1.0) < 1e-6
     covered = share > 1.0 - _WHOLE
     own, cuts = within[index], ~within[pieces.facet1]
     s2_own, x2_own, _ = second.closest(host[index[own]], x[own], normals[own])

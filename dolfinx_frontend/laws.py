@@ -13,9 +13,9 @@ changes in time (:class:`dolfinx_frontend.Amplitude` times a value).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self, TypeAlias, runtime_checkable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -26,14 +26,17 @@ from dolfinx_frontend.history import Amplitude, Combination, Varying
 __all__ = [
     "Array",
     "Contact",
+    "Debonding",
     "Displacement",
     "Elastic",
     "Law",
     "Parameter",
     "Perfect",
+    "Preload",
     "Pressure",
     "Symmetry",
     "Traction",
+    "UserLaw",
     "Value",
     "evaluate",
     "is_plain",
@@ -175,6 +178,11 @@ class Law:
     """Numbers of sides with which the law makes sense."""
     loading: ClassVar[tuple[str, ...]] = ()
     """Parameters that enter the answer of a linear scene linearly."""
+
+    @property
+    def history(self) -> bool:
+        """Whether the answer at a time depends on those before: such laws need the steps of a history."""
+        return False
 
     def parameters(self) -> dict[str, Any]:
         """Values that may vary or be overridden, by name; those that are None are absent."""
@@ -377,6 +385,10 @@ class Contact(Law):
             for value in (self.friction, self.threshold)
         )
 
+    @property
+    def history(self) -> bool:
+        return self.rubs
+
     def parameters(self) -> dict[str, Any]:
         names = ("gap", "friction", "threshold", "stiffness", "jump")
         return {k: getattr(self, k) for k in names if getattr(self, k) is not None}
@@ -384,6 +396,193 @@ class Contact(Law):
     def holds(self, dim: int) -> tuple[bool, ...]:
         # as long as it is closed; whether it is, only the solution tells
         return (True,) + (self.rubs,) * (dim - 1)
+
+
+@dataclass(frozen=True)
+class Debonding(Law):
+    """Elastic with a limit: a bond that softens linearly and comes apart; contact stays elastic.
+
+    Up to its strength the bond is elastic. Then its damage D grows with the largest opening so far,
+    f_n = (1 - D) kappa_n j_n in traction, f_t = (1 - D) kappa_t j_t, until nothing holds; it never heals.
+    In compression f_n = kappa_n j_n always. The jumps count as
+    lambda^2 = <j_n>^2 + (tangential / normal) |j_t|^2, so that the energy of separation is the same in every
+    mode, and the strength in shear is sqrt(tangential / normal) times that in traction (Alfano and
+    Crisfield 2001; the equations are in ``latin/interface/debonding.hpp``).
+
+    The law softens: the search direction must be larger than strength / (opening - strength / normal), twice
+    that with two sides. The plan's is raised where it is not. Where the structure is softer than that slope,
+    the bond snaps back and there is no static answer to find.
+
+    Parameters
+    ----------
+    normal, tangential
+        Stiffness per area of the sound bond, force / length^3; normal > 0, tangential >= 0. None for the
+        tangential one: no tangential forces.
+    strength
+        Largest traction, force / area, > 0.
+    opening
+        Normal jump at which nothing holds any more, length, > strength / normal; or
+    energy
+        fracture energy, force / length: opening = 2 energy / strength. Give one of the two.
+    jump
+        Delta, length: a number is the component along n, d components are in the local frame.
+    """
+
+    normal: Any
+    tangential: Any = None
+    strength: Any = None
+    opening: Any = None
+    energy: Any = None
+    jump: Any = 0.0
+
+    def __post_init__(self) -> None:
+        if self.strength is None or (self.opening is None) == (self.energy is None):
+            raise SceneError("Debonding: give its strength, and its final opening or its energy")
+        for name in ("normal", "tangential", "strength", "opening", "energy"):
+            value = getattr(self, name)
+            if value is not None:
+                self._check(name, value, 0.0, f"{name} is >= 0 and finite")
+        self._check("jump", self.jump)
+
+    @property
+    def history(self) -> bool:
+        return True
+
+    def parameters(self) -> dict[str, Any]:
+        names = ("normal", "tangential", "strength", "opening", "energy", "jump")
+        return {k: getattr(self, k) for k in names if getattr(self, k) is not None}
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        return (True,) + (self.tangential is not None,) * (dim - 1)
+
+
+@dataclass(frozen=True)
+class Preload(Law):
+    """Pretension section of a bolt: by force, then fixed at its length; tied in the tangential directions.
+
+    In the time steps up to `until` the normal force is the given one; afterwards the normal jump of every
+    point stays what it was, and the force follows from the structure. Without `until` the force is
+    given throughout. (A shortening that is known is ``Elastic(jump=...)`` or ``Contact(jump=...)``.)
+
+    Parameters
+    ----------
+    force
+        Force on the whole section as it is modelled (half of it on half a bolt), > 0 in tension.
+    until
+        Last time of force control; None: all times.
+    total
+        False: `force` is per area.
+    """
+
+    force: Any
+    until: float | None = None
+    total: bool = True
+
+    def __post_init__(self) -> None:
+        self._check("force", self.force)
+        if self.until is not None and number(self.until) is None:
+            raise SceneError(f"Preload: until = {self.until!r} is not a time")
+
+    @property
+    def history(self) -> bool:
+        return self.until is not None
+
+    def parameters(self) -> dict[str, Any]:
+        return {"force": self.force}
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        # while it is tightened, something else must hold the two ends
+        return (False,) + (True,) * (dim - 1)
+
+
+@dataclass(frozen=True)
+class UserLaw(Law):
+    """A law of your own, a batched function of all points and columns (see ``docs/laws.md``).
+
+    Shapes: jumps and forces are (points, components, columns) in the local frame, component 0 is normal;
+    each value of the law comes as a keyword argument of shape (points, columns). What a function returns is
+    checked. Give one of `force`, `resolve` and `compiled`.
+
+    Parameters
+    ----------
+    force
+        ``force(jump, **values)``: f = R(j), the force on side 1, continuous and monotone
+        (its tangent is symmetric or not, but never negative). The kernel's question is answered with Newton's
+        method.
+    resolve
+        ``resolve(jump, flexibility, **values)``: the answer itself, f = R(jump - flexibility f), for laws
+        that no function R describes (contact, friction); flexibility (points, components, 1) > 0.
+        With `history` it takes ``steps``, too: so many columns follow each other in time.
+    compiled
+        Capsule of a law written in C++.
+    tangent
+        ``tangent(jump, **values)``: dR_a / dj_b as (points, components, components, columns); None:
+        by differences.
+    values
+        Values of the law by name; they can be swept, random, or functions of the points.
+    components
+        ``"normal"``: no tangential unknowns.
+    jump
+        Delta, length, which the functions never see: f = R(j - Delta).
+    history
+        Whether the law remembers (`resolve` and `compiled` only).
+    name
+        For messages; None: that of the function.
+    """
+
+    force: Callable[..., npt.ArrayLike] | None = None
+    resolve: Callable[..., npt.ArrayLike] | None = None
+    compiled: Any = None
+    tangent: Callable[..., npt.ArrayLike] | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)
+    components: Literal["all", "normal"] = "all"
+    jump: Any = 0.0
+    history: bool = False
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        given = [k for k in ("force", "resolve", "compiled") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise SceneError(
+                f"UserLaw: {' and '.join(given) or 'nothing'} given; give one of force, resolve, compiled"
+            )
+        for name in ("force", "resolve", "tangent"):
+            function = getattr(self, name)
+            if function is not None and not callable(function):
+                raise SceneError(f"UserLaw: {name} = {function!r} cannot be called")
+        if self.force is None and self.tangent is not None:
+            raise SceneError("UserLaw: a tangent is of use with force only")
+        if self.force is not None and self.history:
+            raise SceneError("UserLaw: a law that remembers must be given by resolve or compiled")
+        if self.components not in ("all", "normal"):
+            raise SceneError(
+                f"UserLaw: components = {self.components!r}; give 'all' or 'normal'"
+            )
+        own = {f.name for f in dataclasses.fields(self)} | {"flexibility", "steps"}
+        for name, value in self.values.items():
+            if not str(name).isidentifier() or name in own:
+                raise SceneError(f"UserLaw: a value cannot have the name {name!r}")
+            self._check(name, value)
+        self._check("jump", self.jump)
+        object.__setattr__(self, "values", dict(self.values))
+
+    @property
+    def label(self) -> str:
+        """Name for messages."""
+        return self.name or str(getattr(self.force or self.resolve, "__name__", "compiled"))
+
+    def parameters(self) -> dict[str, Any]:
+        return {**self.values, "jump": self.jump}
+
+    def with_(self, **changes: Any) -> Self:
+        values = {k: changes.pop(k, value) for k, value in self.values.items()}
+        return super().with_(values=values, **changes)
+
+    def _changed(self, changes: dict[str, Any]) -> Self:
+        return self.with_(**changes) if changes else self
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        return (True,) + (self.components == "all",) * (dim - 1)
 
 
 @dataclass(frozen=True)

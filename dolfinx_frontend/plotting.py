@@ -47,6 +47,7 @@ Index = npt.NDArray[np.int64]
 KIND_COLOURS = {
     "perfect": "#2166ac",
     "elastic": "#35c4b5",
+    "contact": "#d6604d",
     "pressure": "#f48fb1",
     "symmetry": "#ffffff",
     "support": "#e08a00",

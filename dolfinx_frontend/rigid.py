@@ -24,7 +24,16 @@ from dolfinx_frontend.laws import Array
 
 Ints = npt.NDArray[np.int64]
 
-__all__ = ["Resistance", "check_resistances", "check_rigid_bodies", "resistance", "rigid_modes"]
+__all__ = [
+    "FreeMotions",
+    "Resistance",
+    "check_resistances",
+    "check_rigid_bodies",
+    "free_motions",
+    "quoted",
+    "resistance",
+    "rigid_modes",
+]
 
 _TOLERANCE = 1e-10
 """Eigenvalues of a Gram matrix with unit diagonal below this are zero (thin faces reach 1e-8)."""
@@ -231,6 +240,117 @@ def resistance(
     return sides, G.T @ G, origin
 
 
+@dataclass(frozen=True)
+class FreeMotions:
+    """Rigid motions that a set of interfaces does not resist.
+
+    Attributes
+    ----------
+    groups
+        Names of parts that hold one another, group by group; groups that are held are absent.
+    origins
+        (centre, length) of every group: its motion is about the centre, rotations over the length.
+    basis
+        (groups, r, q), q independent motions; empty if everything is held.
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    origins: tuple[tuple[Array, float], ...]
+    basis: Array
+
+    def __len__(self) -> int:
+        return int(self.basis.shape[2])
+
+    def at(self, part: str, x: Array) -> Array:
+        """Displacements (points, d, q) of a part's points (points, d); 0 if it is held."""
+        for names, origin, motion in zip(self.groups, self.origins, self.basis, strict=True):
+            if part in names:
+                return np.asarray(rigid_modes(x, *origin) @ motion)
+        return np.zeros((*x.shape, len(self)))
+
+    def describe(self, combination: Array) -> list[tuple[tuple[str, ...], list[str]]]:
+        """The groups that move in combinations (q, k) of the motions, with words for how."""
+        motion = self.basis @ combination
+        sizes = np.abs(motion).max(axis=(1, 2), initial=0.0)
+        return [
+            (names, _describe(motion[k], self.origins[k], len(self.origins[k][0])))
+            for k, names in enumerate(self.groups)
+            if sizes[k] > 1e-6 * sizes.max()
+        ]
+
+
+def free_motions(
+    parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]
+) -> FreeMotions:
+    """Rigid motions of the parts that no interface resists; arguments as check_resistances."""
+    names = list(parts)
+    first_centre, _ = next(iter(parts.values()))
+    d = len(first_centre)
+    r = 3 if d == 2 else 6
+    nothing = FreeMotions((), (), np.zeros((0, r, 0)))
+    number = {name: k + 1 for k, name in enumerate(names)}  # 0 is the ground
+    links: list[_Link] = []
+    for sides, gram, origin in resistances:
+        second = number[sides[1]] if len(sides) == 2 else 0
+        links.append(_Link(number[sides[0]], second, gram, origin))
+    labels = _merge(links, np.arange(len(names) + 1), d)
+    clusters = int(labels.max())
+    if clusters == 0:
+        return nothing
+    origins: dict[int, tuple[Array, float]] = {}
+    for c in range(1, clusters + 1):
+        members = [parts[n] for n in names if labels[number[n]] == c]
+        centre = np.mean([m[0] for m in members], axis=0)
+        length = max(m[1] + float(np.linalg.norm(m[0] - centre)) for m in members)
+        origins[c] = (centre, length)
+    blocks: list[tuple[int, int, Array]] = []
+    for link in links:
+        ends = [(int(labels[link.first]), 1.0), (int(labels[link.second]), -1.0)]
+        if ends[0][0] == ends[1][0]:
+            continue
+        maps = [
+            (c, sign * _transfer(d, origins[c], link.origin)) for c, sign in ends if c > 0
+        ]
+        for a, A in maps:
+            for b, B in maps:
+                blocks.append((a - 1, b - 1, A.T @ link.gram @ B))
+    graph = sp.coo_matrix(
+        (np.ones(len(blocks)), ([a for a, _, _ in blocks], [b for _, b, _ in blocks])),
+        shape=(clusters, clusters),
+    )
+    count, component = connected_components(graph, False)
+    # motions of every component of the graph that has some
+    found: list[tuple[Ints, Array]] = []
+    for k in range(count):
+        inside = np.flatnonzero(component == k)
+        place = {int(c): i for i, c in enumerate(inside)}
+        mine = [(place[a], place[b], block) for a, b, block in blocks if a in place]
+        null = _null_space(_assembled(mine, len(inside), r))
+        if null.size:
+            found.append((inside, null))
+    if not found:
+        return nothing
+    groups, about, basis = [], [], []
+    start, total = 0, sum(null.shape[1] for _, null in found)
+    for inside, null in found:
+        blocked = null.reshape(len(inside), r, -1)
+        sizes = np.abs(blocked).max(axis=(1, 2))
+        for i in np.flatnonzero(sizes > 1e-6 * sizes.max()):
+            motion = np.zeros((r, total))
+            motion[:, start : start + null.shape[1]] = blocked[i]
+            basis.append(motion)
+            c = int(inside[i]) + 1
+            groups.append(tuple(n for n in names if labels[number[n]] == c))
+            about.append(origins[c])
+        start += null.shape[1]
+    return FreeMotions(tuple(groups), tuple(about), np.array(basis))
+
+
+def quoted(names: Sequence[str], most: int = 6) -> str:
+    """Names in quotes, the first few of them."""
+    return ", ".join(repr(n) for n in names[:most]) + (", ..." if len(names) > most else "")
+
+
 def check_rigid_bodies(
     parts: Mapping[str, tuple[Array, float]],
     interfaces: Mapping[str, tuple[tuple[str, ...], Array, Array, Array]],
@@ -258,57 +378,20 @@ def check_rigid_bodies(
 def check_resistances(
     parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]
 ) -> None:
-    """Raise if parts can move without any resistance, see :func:`check_rigid_bodies`."""
-    names = list(parts)
-    first_centre, _ = next(iter(parts.values()))
-    d = len(first_centre)
-    number = {name: k + 1 for k, name in enumerate(names)}  # 0 is the ground
-    links: list[_Link] = []
-    for sides, gram, origin in resistances:
-        second = number[sides[1]] if len(sides) == 2 else 0
-        links.append(_Link(number[sides[0]], second, gram, origin))
-    labels = _merge(links, np.arange(len(names) + 1), d)
-    clusters = int(labels.max())
-    if clusters == 0:
-        return
-    r = 3 if d == 2 else 6
-    origins: dict[int, tuple[Array, float]] = {}
-    for c in range(1, clusters + 1):
-        members = [parts[n] for n in names if labels[number[n]] == c]
-        centre = np.mean([m[0] for m in members], axis=0)
-        length = max(m[1] + float(np.linalg.norm(m[0] - centre)) for m in members)
-        origins[c] = (centre, length)
-    blocks: list[tuple[int, int, Array]] = []
-    for link in links:
-        ends = [(int(labels[link.first]), 1.0), (int(labels[link.second]), -1.0)]
-        if ends[0][0] == ends[1][0]:
-            continue
-        maps = [
-            (c, sign * _transfer(d, origins[c], link.origin)) for c, sign in ends if c > 0
-        ]
-        for a, A in maps:
-            for b, B in maps:
-                blocks.append((a - 1, b - 1, A.T @ link.gram @ B))
-    graph = sp.coo_matrix(
-        (np.ones(len(blocks)), ([a for a, _, _ in blocks], [b for _, b, _ in blocks])),
-        shape=(clusters, clusters),
-    )
-    count, component = connected_components(graph, False)
-    messages = []
-    for k in range(count):
-        inside = np.flatnonzero(component == k)
-        place = {int(c): i for i, c in enumerate(inside)}
-        mine = [(place[a], place[b], block) for a, b, block in blocks if a in place]
-        null = _null_space(_assembled(mine, len(inside), r))
-        if not null.size:
-            continue
-        sizes = np.abs(null).reshape(len(inside), -1).max(axis=1)
-        for c in inside[sizes > 1e-6 * sizes.max()]:
-            motions = null[r * place[int(c)] : r * (place[int(c)] + 1)]
-            who = [n for n in names if labels[number[n]] == c + 1]
-            listed = ", ".join(repr(n) for n in who[:6]) + (", ..." if len(who) > 6 else "")
-            what = "; ".join(_describe(motions, origins[int(c) + 1], d))
-            messages.append(f"{listed} can move freely: {what}")
+    """Raise if parts can move without any resistance, see :func:`check_rigid_bodies`.
+
+    Parameters
+    ----------
+    parts
+        Name -> (centre, length).
+    resistances
+        What every interface resists, see :func:`resistance`.
+    """
+    motions = free_motions(parts, resistances)
+    messages = [
+        f"{quoted(names)} can move freely: {'; '.join(words)}"
+        for names, words in motions.describe(np.eye(len(motions)))
+    ]
     if messages:
         shown = "\n".join(f"  {m}" for m in messages[:6])
         if len(messages) > 6:

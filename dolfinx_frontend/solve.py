@@ -19,6 +19,7 @@ from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.support import check_support
 from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
 
@@ -176,7 +177,7 @@ class Result:
         )
 
 
-@dataclass
+@dataclass(repr=False)
 class HistoryResult(Result):
     """Answer over a load history; every field has the time steps as its first axis."""
 
@@ -359,11 +360,16 @@ def solve(
     Raises
     ------
     SceneError
-        A plan that cannot be carried out.
+        A plan that cannot be carried out, or loads that no forces of the interfaces can balance.
     IndefiniteError
         A Galerkin stiffness is indefinite.
     KeyboardInterrupt
         Within one iteration of Ctrl-C.
+
+    Warns
+    -----
+    SceneWarning
+        Parts that have lost their support, see :mod:`dolfinx_frontend.support`.
     """
     if chaos is not None:
         from dolfinx_frontend.chaos import solve_chaos  # which builds on this module
@@ -395,7 +401,9 @@ def solve(
     # two ranks work out the fields of a cut together: now, while both are here
     cuts = {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
     kind = Result if plan.times is None else HistoryResult
-    return kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
+    result = kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
+    check_support(result)
+    return result
 
 
 def start_states(start: Result | State | None) -> list[State]:

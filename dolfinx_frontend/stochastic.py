@@ -16,7 +16,7 @@ from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.random import DiscretisedField, RandomField, RandomParameter, RandomSpace
-from dolfinx_frontend.translate import kernel_parameter, law_fields
+from dolfinx_frontend.translate import kernel_values, law_fields
 
 __all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random"]
 
@@ -146,13 +146,7 @@ class RandomLaws:
                 f"(smallest {values.min():.4g}, at the germs {at}): {source!r} is not a law for it at this "
                 "spread; use one that cannot be negative: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
             )
-        if inverted:
-            # a compliance for the kernel
-            fields = law_fields(interface, interface.law.nominal.with_(stiffness=1.0))
-            kernel_name, unit = "compliance", fields.parameters["compliance"]
-            values = np.reciprocal(values)
-        else:
-            kernel_name, unit = kernel_parameter(interface, parameter)
+        kernel_name, unit, values = kernel_values(interface, parameter, values)
         if isinstance(source, DiscretisedField):
             # one row of values a point of the interface, spread over the rows of the parameter
             m = interface.num_points

@@ -165,9 +165,13 @@ def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParamete
     add("times", moments)
     add("factors", plan.factors())
     for name, interface in problem.interfaces.items():
-        add(f"{name} {type(interface.law).__name__}", interface.weights)
-        for law in [interface.law.at(t) for t in moments] if interface.law.varying else [interface.law]:
-            for parameter, values in sorted(bridge.law_fields(interface, law).parameters.items()):
+        law = interface.law
+        add(f"{name} {type(law).__name__} {bridge.law_fields(interface, law.nominal).kind}", interface.weights)
+        columns = [bridge.law_fields(interface, law.at(t), t) for t in moments]
+        if not columns or not (law.varying or law.history):
+            columns = [bridge.law_fields(interface)]
+        for fields in columns:
+            for parameter, values in sorted(fields.parameters.items()):
                 add(parameter, values)
     for each in parameters:
         add(f"{each.interface} {each.parameter}", each.pattern)
@@ -252,15 +256,15 @@ def sweep(
     for key, values in zip(axes, mesh, strict=True):
         for name in key:
             interface, parameter = targets[name]
-            kernel_name, pattern = bridge.kernel_parameter(problem.interfaces[interface], parameter)
+            kernel_name, pattern, factors = bridge.kernel_values(
+                problem.interfaces[interface], parameter, values.reshape(1, -1)
+            )
             if parameter in ("normal", "tangential") and values.min() < 0.0:
                 raise SceneError(
                     f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
                 )
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
-            parameters.append(
-                SweptParameter(interface, kernel_name, pattern, values.reshape(1, -1), columns)
-            )
+            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
 
     began = perf_counter()
     core = bridge.build(problem, plan)

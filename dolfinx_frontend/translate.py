@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,24 +10,34 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly import forces, jumps, resolve, stiffnesses
 from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.history import Varying
 from dolfinx_frontend.laws import (
     Contact,
+    Debonding,
     Displacement,
     Elastic,
     Law,
     Perfect,
+    Preload,
     Pressure,
     Symmetry,
     Traction,
+    UserLaw,
 )
 from dolfinx_frontend.pairing import Interface
 
-__all__ = ["KERNEL_NAMES", "LawFields", "kernel_parameter", "law_fields"]
+__all__ = ["KERNEL_NAMES", "LawFields", "kernel_parameter", "kernel_values", "law_fields"]
 
 Array = npt.NDArray[np.float64]
 
 TOUCHING = 1e-6
 """Interpenetration, as a share of the face's size, that is rounding of the mesh."""
+
+SAME_TIME = 1e-9
+"""Times that differ by less than this share are the same."""
+
+SOFTENING = 2.0
+"""Search direction of a law that softens, as a multiple of the smallest one with a unique answer."""
 
 
 @dataclass(frozen=True)
@@ -36,23 +47,30 @@ class LawFields:
     Attributes
     ----------
     kind
-        Kernel law: ``"perfect"``, ``"elastic"``, ``"force"``, ``"contact"`` or ``"coulomb"``.
+        Kernel law: ``"perfect"``, ``"elastic"``, ``"force"``, ``"contact"``, ``"coulomb"``,
+        ``"debonding"``, ``"preload"``, or ``"user "`` and a name.
     components
         Unknown components at a point: a frictionless law has one.
     frames
         (components * m, d) rows of the local frame that belong to them.
     parameters
         Kernel parameter -> (rows, 1): one value a point (stiffness), or a point and component.
+    softest
+        Smallest search direction (m, components), force / length^3, with which the law has one answer; None:
+        any.
     """
 
     kind: str
     components: int
     frames: Array
     parameters: dict[str, Array]
+    softest: Array | None = None
 
 
-def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
-    """Translate a law (the interface's own by default) for the kernel.
+def law_fields(
+    interface: Interface, law: Law | None = None, time: float | None = None
+) -> LawFields:
+    """Translate a law (the interface's own by default) for the kernel, at a time of a history.
 
     Raises
     ------
@@ -76,6 +94,12 @@ def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
         return LawFields("elastic", components, frames, parameters)
     if isinstance(law, Contact):
         return _contact(interface, law)
+    if isinstance(law, Debonding):
+        return _debonding(interface, law)
+    if isinstance(law, UserLaw):
+        return _user(interface, law)
+    if isinstance(law, Preload):
+        return _preload(interface, law, time)
     if isinstance(law, Displacement):
         axes = list(law.axes(d))
         frames = np.tile(np.eye(d)[axes], (m, 1))
@@ -95,7 +119,8 @@ def law_fields(interface: Interface, law: Law | None = None) -> LawFields:
 def _contact(interface: Interface, law: Contact) -> LawFields:
     d, m = interface.dim, interface.num_points
     components = d if law.rubs else 1
-    gap = interface.gap[:, None] if law.gap is None else resolve(law.gap, interface, 1, name="gap")
+    meshed = interface.gap if law.interference else interface.clearance
+    gap = meshed[:, None] if law.gap is None else resolve(law.gap, interface, 1, name="gap")
     depth = -float(gap.min())
     if law.gap is None and not law.interference and depth > TOUCHING * np.sqrt(interface.area):
         raise SceneError(
@@ -104,11 +129,7 @@ def _contact(interface: Interface, law: Contact) -> LawFields:
         )
     parameters: dict[str, Array] = {"gap": gap, "compliance": np.zeros((m, 1))}
     if law.stiffness is not None:
-        stiffness = resolve(law.stiffness, interface, 1, name="stiffness")
-        if stiffness.min() <= 0.0:
-            raise SceneError(
-                f"interface {interface.name!r}: contact stiffness {stiffness.min():g}: it must be > 0"
-            )
+        stiffness = _positive(interface, law.stiffness, "contact stiffness")
         parameters["compliance"] = np.reciprocal(stiffness)
     for name in ("friction", "threshold") if law.rubs else ():
         value = getattr(law, name)
@@ -120,6 +141,79 @@ def _contact(interface: Interface, law: Contact) -> LawFields:
     parameters["jump"] = jump.reshape(-1, 1)
     frames = interface.frames[:, :components].reshape(components * m, d)
     return LawFields("coulomb" if law.rubs else "contact", components, frames, parameters)
+
+
+def _positive(interface: Interface, value: object, name: str) -> Array:
+    """A law's value that must be positive, (m, 1)."""
+    values = resolve(value, interface, 1, name=name)
+    if values.min() <= 0.0:
+        raise SceneError(
+            f"interface {interface.name!r}: {name} {values.min():g}: it must be > 0"
+        )
+    return values
+
+
+def _preload(interface: Interface, law: Preload, time: float | None) -> LawFields:
+    d, m = interface.dim, interface.num_points
+    area = interface.area if law.total else 1.0
+    locked = False
+    if law.until is not None and time is not None:
+        # a step that should end the tightening may miss its time by rounding
+        locked = time > law.until and not math.isclose(time, law.until, rel_tol=SAME_TIME)
+    parameters = {
+        "force": np.divide(resolve(law.force, interface, 1, name="force"), area),
+        "locked": np.full((m, 1), float(locked)),
+    }
+    return LawFields("preload", d, interface.frames.reshape(d * m, d), parameters)
+
+
+def _debonding(interface: Interface, law: Debonding) -> LawFields:
+    d, m = interface.dim, interface.num_points
+    components = 1 if law.tangential is None else d
+    parameters = {
+        name: _positive(interface, getattr(law, name), name)
+        for name in ("normal", "strength", "opening", "energy")
+        if getattr(law, name) is not None
+    }
+    tangential: Array = np.zeros((m, 1))
+    if law.tangential is not None:
+        tangential = resolve(law.tangential, interface, 1, name="tangential")
+        if tangential.min() < 0.0:
+            raise SceneError(
+                f"interface {interface.name!r}: tangential stiffness {tangential.min():g} is negative"
+            )
+    parameters["tangential"] = tangential
+    first = parameters["strength"] / parameters["normal"]
+    last = parameters.get("opening")
+    if last is None:
+        last = 2.0 * parameters["energy"] / parameters["strength"]
+    if np.any(last <= first):
+        worst = int(np.argmin(last - first))
+        raise SceneError(
+            f"interface {interface.name!r}: the bond ends at an opening of {last[worst, 0]:.4g}, before its "
+            f"strength is reached at strength / normal = {first[worst, 0]:.4g}: give a larger opening or "
+            "energy, or a stiffer bond"
+        )
+    # flexibility 1/k1 + 1/k2 below (lambda_f - lambda_0) / strength in the metric of the law
+    slope = len(interface.sides) * parameters["strength"] / (last - first)
+    softest: Array = np.repeat(SOFTENING * slope, components, axis=1)
+    softest[:, 1:] *= tangential / parameters["normal"]
+    jump = resolve(law.jump, interface, d, "first", "jump")[:, :components]
+    parameters["jump"] = jump.reshape(-1, 1)
+    frames = interface.frames[:, :components].reshape(components * m, d)
+    return LawFields("debonding", components, frames, parameters, softest)
+
+
+def _user(interface: Interface, law: UserLaw) -> LawFields:
+    d, m = interface.dim, interface.num_points
+    components = 1 if law.components == "normal" else d
+    parameters = {
+        name: resolve(value, interface, 1, name=name) for name, value in law.values.items()
+    }
+    jump = resolve(law.jump, interface, d, "first", "jump")[:, :components]
+    parameters["jump"] = jump.reshape(-1, 1)
+    frames = interface.frames[:, :components].reshape(components * m, d)
+    return LawFields(f"user {law.label}", components, frames, parameters)
 
 
 # user's parameter -> kernel's parameter, where the names differ
@@ -137,7 +231,7 @@ def kernel_parameter(interface: Interface, parameter: str) -> tuple[str, Array]:
     Raises
     ------
     SceneError
-        The law has no such parameter.
+        The law has no such parameter, or the kernel's is another function of it.
     """
     law = interface.law
     known = law.parameters()
@@ -148,9 +242,47 @@ def kernel_parameter(interface: Interface, parameter: str) -> tuple[str, Array]:
         )
     if isinstance(law, Contact) and parameter == "stiffness":
         raise SceneError(
-            f"interface {interface.name!r}: the stiffness of a contact can be neither swept nor random; "
-            "vary its gap, friction, threshold or jump"
+            f"interface {interface.name!r}: the stiffness of a contact does not enter its law linearly"
         )
+    if isinstance(law, Debonding) and parameter != "jump":
+        # not from a law with the value 1: the values of a bond must fit each other
+        return parameter, np.ones((interface.num_points, 1))
     kernel_name = KERNEL_NAMES.get(parameter, parameter)
     unit = law_fields(interface, law.nominal.with_(**{parameter: 1.0}))
     return kernel_name, unit.parameters[kernel_name]
+
+
+def kernel_values(
+    interface: Interface, parameter: str, values: Array
+) -> tuple[str, Array, Array]:
+    """Kernel name of a law parameter, a field, and what it is multiplied with for given values.
+
+    Parameters
+    ----------
+    values
+        In the units of the law, any shape.
+
+    Returns
+    -------
+    tuple
+        Name, (rows, 1) field, and numbers in the shape of `values`.
+
+    Raises
+    ------
+    SceneError
+        The law has no such parameter, or does not take the values.
+    """
+    law = interface.law
+    if isinstance(law, Contact) and parameter == "stiffness":
+        if isinstance(law.stiffness, Varying):
+            raise SceneError(
+                f"interface {interface.name!r}: the stiffness of a contact changes in time: it cannot be "
+                "swept or random as well"
+            )
+        if values.min() <= 0.0:
+            raise SceneError(
+                f"interface {interface.name!r}: contact stiffness {values.min():g}: it must be > 0"
+            )
+        return "compliance", np.ones((interface.num_points, 1)), np.reciprocal(values)
+    name, unit = kernel_parameter(interface, parameter)
+    return name, unit, values

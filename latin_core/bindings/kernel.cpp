@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include <optional>
+#include <variant>
 
 #include "latin/common/threads.hpp"
 #include "latin/latin/sweep.hpp"
@@ -95,10 +96,14 @@ void bind_descriptions(py::module_& m) {
            py::kw_only(), "member"_a);
 
   py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
-      .def(py::init([](std::string name, std::string law, latin::Vector weights,
-                       latin::Matrix frames, std::vector<latin::SideDescription> sides) {
-             return latin::InterfaceDescription{std::move(name), std::move(law), std::move(weights),
-                                                std::move(frames), std::move(sides)};
+      .def(py::init([](std::string name, std::variant<std::string, std::shared_ptr<latin::Law>> law,
+                       latin::Vector weights, latin::Matrix frames,
+                       std::vector<latin::SideDescription> sides) {
+             auto source = std::visit([](auto&& each) { return latin::LawSource(std::move(each)); },
+                                      std::move(law));
+             return latin::InterfaceDescription{std::move(name), std::move(source),
+                                                std::move(weights), std::move(frames),
+                                                std::move(sides)};
            }),
            py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a);
 }
@@ -119,6 +124,8 @@ void bind_iteration(py::module_& m) {
       .def_readonly("energy", &latin::Summary::energy)
       .def_readonly("global_s", &latin::Summary::global_s)
       .def_readonly("local_s", &latin::Summary::local_s)
+      .def_readonly("newton_s", &latin::Summary::newton_s)
+      .def_readonly("newton_steps", &latin::Summary::newton_steps)
       .def_readonly("other_s", &latin::Summary::other_s)
       .def_readonly("restarts", &latin::Summary::restarts)
       .def_readonly("history", &latin::Summary::history);
@@ -142,12 +149,12 @@ void bind_iteration(py::module_& m) {
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
       .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations,
                        latin::Index acceleration, double relaxation, latin::Index stagnation_window,
-                       latin::Index snapshots) {
+                       latin::Index newton, latin::Index snapshots) {
              return latin::Options{rtol,       stop_on_indicator, max_iterations, acceleration,
-                                   relaxation, stagnation_window, snapshots};
+                                   relaxation, stagnation_window, newton,         snapshots};
            }),
            py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a,
-           "relaxation"_a, "stagnation_window"_a, "snapshots"_a);
+           "relaxation"_a, "stagnation_window"_a, "newton"_a, "snapshots"_a);
 }
 
 py::dict cost_of(const latin::Body& body) {

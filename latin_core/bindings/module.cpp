@@ -4,6 +4,7 @@
 #include "latin/common/error.hpp"
 
 void bind_kernel(pybind11::module_& m);
+void bind_laws(pybind11::module_& m);
 void bind_stochastic(pybind11::module_& m);
 
 PYBIND11_MODULE(_core, m) {
@@ -12,6 +13,7 @@ PYBIND11_MODULE(_core, m) {
   pybind11::register_exception<latin::InputError>(m, "InputError", PyExc_ValueError);
   pybind11::register_exception<latin::NumericalError>(m, "NumericalError", PyExc_RuntimeError);
   pybind11::register_exception<latin::RemoteError>(m, "RemoteError", PyExc_RuntimeError);
+  bind_laws(m);
   bind_kernel(m);
   bind_stochastic(m);
 }

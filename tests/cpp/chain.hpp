@@ -99,7 +99,7 @@ struct Scene {
 };
 
 inline latin::Options options(Index acceleration = 10, double rtol = 1e-10) {
-  return {rtol, false, 5000, acceleration, 1.0, 200, 15};
+  return {rtol, false, 5000, acceleration, 1.0, 200, 1500, 15};
 }
 
 inline double end_displacement(const latin::Problem& problem, const latin::State& state) {

@@ -16,6 +16,7 @@ DEMOS = sorted(path.name for path in (ROOT / "demos").glob("*.py"))
 # demo -> arguments that make it short; "{}" is a folder to write to
 SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
+    "bolted_lap_joint.py": ["--quick", "--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
 }
 WRITTEN = {
@@ -30,6 +31,14 @@ WRITTEN = {
         "figure_8_u1.png",
         "figure_8_u2.png",
         "figure_9_density.png",
+    ],
+    "bolted_lap_joint.py": [
+        "joint.png",
+        "loop.png",
+        "load_friction_preload.png",
+        "load_friction_stiffness.png",
+        "slip_friction_preload.png",
+        "slip_friction_stiffness.png",
     ],
     "hertz.py": [
         "hertz.vtm",
@@ -83,6 +92,23 @@ def test_vessel_by_the_method_of_2004_only(tmp_path: Path) -> None:
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["vessel", "vessel.vtm"]
 
 
+@pytest.mark.parametrize("options", [["--friction", "0.3"], ["--gasket", "100"]])
+def test_vessel_with_true_contact(options: list[str], tmp_path: Path) -> None:
+    arguments = ["--contact", "--size", "coarse", "--quick", *options, "--output", str(tmp_path)]
+    printed = run("demos/bolted_vessel.py", *arguments)
+    assert printed.rstrip().endswith("all checks passed")
+    assert "The joint is open everywhere at 3.2 MPa and above." in printed
+    assert max(len(line) for line in printed.splitlines()) <= 100
+    for name in ("pressure", "opening", "forces"):
+        assert (tmp_path / f"figure_contact_{name}.png").stat().st_size > 200
+    assert (tmp_path / "contact.vtm").exists()
+
+
+def test_friction_needs_contact(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="--friction and --gasket need --contact"):
+        run("demos/bolted_vessel.py", "--friction", "0.3", "--output", str(tmp_path))
+
+
 @pytest.mark.slow
 def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
     """Its record is complete, its answers are right; its times are nobody's business here."""
@@ -125,3 +151,28 @@ def test_benchmark_of_the_vessel(tmp_path: Path) -> None:
         assert drawn["low"] <= each["value"] <= drawn["high"]
     runs = (pce, plain, galerkin, record["quadrature"], record["monte_carlo"])
     assert all(each["units"] > 0.0 for each in runs)
+
+
+@pytest.mark.slow
+def test_benchmark_of_contact(tmp_path: Path) -> None:
+    """Units of the sweep are there, and the peers agree where they are installed."""
+    file = tmp_path / "record.json"
+    small = ["--size", "coarse", "--sets", "3", "--cells", "3", "--checked", "2", "--repeats", "1"]
+    run("tests/benchmarks/contact.py", *small, "--json", str(file))
+    record = json.loads(file.read_text())
+    for key in ("unit_s", "first_solve_units", "per_set_units"):
+        assert record[key] > 0.0
+    assert record["iterations_first"] > 0 and record["iterations_per_set"] > 0
+    assert record["lap"]["sets"] == record["lap"]["converged"] == 27
+    assert record["lap"]["error"] <= 1e-3
+    assert len(record["blocks"]) == 4
+    for each in record["blocks"].values():
+        assert each["ours"]["status"] == "converged"
+        # the estimate may be off by a factor of 3
+        assert max(each["ours"]["error_displacement"], each["ours"]["error_force"]) <= 3e-5
+        for peer in each["peers"].values():
+            if peer == "not installed":
+                continue
+            # their contact has another discretisation: O(h) at the rim, where the stress is singular
+            assert peer["max_difference"] <= 0.015
+            assert peer["force_difference"] <= 0.005

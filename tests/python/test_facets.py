@@ -14,7 +14,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly import assemble
 from dolfinx_frontend.errors import SceneError, SceneWarning
 from dolfinx_frontend.facets import average, clip, polygons
-from dolfinx_frontend.laws import Elastic, Perfect, Pressure
+from dolfinx_frontend.laws import Contact, Elastic, Perfect, Pressure
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.pairing import FacetMap, csr, make_interface
 from dolfinx_frontend.plan import make_plan
@@ -181,6 +181,14 @@ def test_means_of_polynomials_agree(cell, degree):
     exact = (moment @ polynomial(degree, x)) / i.weights[:, None]
     for mean in w:
         assert np.abs(mean - exact).max() < 1e-12
+
+
+def test_facets_within_a_quadrilateral():
+    """Shape functions of a quadrilateral that is no parallelogram are no polynomials on a part of it."""
+    i, V, parts, faces = pair("hexahedron", 2, angle=0.4, first=[6, 8, 2], second=[2, 3, 2])
+    mass = face_mass(V[1], parts[1], faces[1], 8)
+    load = (mass @ np.ones(len(mass)))[::3]
+    assert np.abs(i.sides[1].shape.T @ i.weights - load).max() < 1e-12
 
 
 def test_mixed_cells():
@@ -363,7 +371,9 @@ def test_overlap_errors(cell):
     with pytest.raises(SceneError, match=r"37 % of the area of a:.1 is not covered by b:.0"):
         overhanging(cell, 0.37, "full")
     for overlap in ("full", "partial"):
-        with pytest.raises(SceneError, match="the facets do not face each other"):
+        with pytest.raises(
+            SceneError, match=r"interface 'i': the facets do not face each other.*faces are 0\.5 apart"
+        ):
             overhanging(cell, 1.5, overlap)
 
 
@@ -470,6 +480,45 @@ def test_patch(cell, nu, angle, slope, law):
     assert np.abs(force - traction).max() < 1e-10 * 1e5
     if slope == 0.0:
         assert np.abs(result.force("joint")[:, 0] + 1e5).max() < 1e-10 * 1e5
+
+
+@pytest.mark.parametrize("law", [Contact(), Contact(friction=5.0)], ids=["smooth", "rough"])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("cell", CELLS)
+def test_patch_in_contact(cell, seed, law):
+    """The same with contact, at random angles; a face inclined to the load is held by friction."""
+    rng = np.random.default_rng(seed)
+    slope = rng.uniform(-0.5, 0.5) if law.rubs else 0.0
+    divisions = {"first": [3, 4, 2], "second": [*rng.integers(2, 5, 2), 2]}
+    problem, exact, traction = compressed(
+        cell, 0.3, law, 2, angle=rng.uniform(-3.0, 3.0), slope=slope, **divisions
+    )
+    assert problem.interfaces["joint"].matching is None
+    result = solve(problem, options=TIGHT.with_(max_iterations=2000))
+    assert result.converged
+    d = problem.dim
+    for name, part in problem.substructures.items():
+        u = result.displacements[name].reshape(-1, d)
+        assert np.abs(u - exact[name](part.dof_coordinates)).max() < 1e-10 * 0.1
+    joint = problem.interfaces["joint"]
+    force = result.force("joint")
+    vectors = np.einsum("pij,pi->pj", joint.frames[:, : force.shape[1]], force)
+    assert np.abs(vectors - traction).max() < 1e-10 * 1e5
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_points_do_not_pass_the_patch_test(cell):
+    """What the space ``points`` misses on the same scene, on any mesh: docs/interfaces.md."""
+    problem, exact, _ = compressed(cell, 0.3, LAYER, 2, "points", angle=0.4)
+    result = solve(problem, method="accelerated", active=["joint"], options=TIGHT)
+    u = np.concatenate(
+        [
+            result.displacements[n].reshape(-1, problem.dim) - exact[n](part.dof_coordinates)
+            for n, part in problem.substructures.items()
+        ]
+    )
+    assert 1e-4 < np.abs(u).max() / 0.1 < 5e-2
+    assert 1e-4 < np.abs(result.force("joint")[:, 0] / -1e5 - 1.0).max() < 0.1
 
 
 def saddle(problem, held):

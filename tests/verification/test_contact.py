@@ -208,6 +208,10 @@ def test_a_swept_contact() -> None:
     # the spring alone holds 10 MPa at 0.1 mm: beyond that gap the joint stays open
     force = result.force("joint")[..., 0].mean(axis=-1)
     assert force[3] == 0.0 and np.all(np.diff(force) >= -1e-9) and force[0] < -9.0
-    with pytest.raises(SceneError, match="neither swept nor random"):
-        law = Contact(stiffness=10.0)
-        sweep(with_laws(assemble(scene), joint=law), {"joint.stiffness": [1.0, 2.0]}, progress=False)
+    # a finite stiffness in compression: 10 MPa are shared by the spring and the contact
+    soft = with_laws(assemble(scene), joint=Contact(gap=0.0, stiffness=10.0))
+    stiffness = np.array([50.0, 200.0])
+    shared = sweep(soft, {"joint.stiffness": stiffness}, options=TIGHT, progress=False)
+    jump = shared.jump("joint")[..., 0]
+    assert np.allclose(shared.force("joint")[..., 0], stiffness[:, None] * jump, rtol=1e-9)
+    assert jump.max() < 0.0

@@ -4,6 +4,7 @@ The package knows PETSc matrices and NumPy arrays, and nothing of how they were 
 ``dolfinx_frontend`` assembles scenes into them.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,12 @@ bound_threads = _core.bound_threads
 snake_order = _core.snake_order
 available_backends = _core.available_backends
 
+
+def get_include() -> str:
+    """Folder of the C++ headers that a compiled law of a user includes (see ``docs/laws.md``)."""
+    return str(Path(_core.__file__).with_name("include"))
+
+
 __all__ = [
     "Checkpoint",
     "CheckpointError",
@@ -51,6 +58,7 @@ __all__ = [
     "SweptParameter",
     "available_backends",
     "bound_threads",
+    "get_include",
     "snake_order",
     "sweep",
 ]

@@ -22,6 +22,27 @@ class InputError(ValueError): ...
 class NumericalError(RuntimeError): ...
 class RemoteError(RuntimeError): ...
 
+class Law:
+    """A law that a user wrote, for ``Interface(law=...)``."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def history(self) -> bool: ...
+    @property
+    def parameters(self) -> list[str]: ...
+
+def python_law(
+    *,
+    name: str,
+    parameters: Sequence[tuple[str, float]],  # name, smallest admissible value
+    history: bool,
+    # (jump (points, components, columns), flexibility (points, components, 1),
+    #  parameters {name: (points, columns)}, steps) -> force (points, components, columns)
+    resolve: Callable[[Array, Array, dict[str, Array], int], npt.ArrayLike],
+) -> Law: ...
+def compiled_law(capsule: object) -> Law: ...
+
 class Member:
     def __init__(
         self,
@@ -68,7 +89,7 @@ class Interface:
         self,
         *,
         name: str,
-        law: str,
+        law: str | Law,
         weights: Array,  # (points,), areas
         frames: Array,  # (components * points, d)
         sides: Sequence[Side],
@@ -101,6 +122,10 @@ class Summary:
     def global_s(self) -> float: ...
     @property
     def local_s(self) -> float: ...
+    @property
+    def newton_s(self) -> float: ...
+    @property
+    def newton_steps(self) -> int: ...
     @property
     def other_s(self) -> float: ...
     @property
@@ -136,6 +161,7 @@ class Options:
         acceleration: int,
         relaxation: float,
         stagnation_window: int,
+        newton: int,
         snapshots: int,
     ) -> None: ...
 

@@ -31,6 +31,10 @@ class Options:
         mu in (0, 1]; 1 is the plain step.
     stagnation_window
         Iterations without progress after which a run ends as ``"stagnated"``.
+    newton
+        Most interface unknowns (points times components) for which Newton steps on the dense flexibility
+        of the interfaces are mixed into the accelerated iteration; only where a law is not linear and
+        every body is condensed. A step counts three global stages. 0: never.
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
@@ -49,6 +53,7 @@ class Options:
     acceleration: int = 10
     relaxation: float = 1.0
     stagnation_window: int = 100
+    newton: int = 1500
     snapshots: int = 15
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
     backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
@@ -87,5 +92,6 @@ class Options:
             acceleration=self.acceleration,
             relaxation=self.relaxation,
             stagnation_window=self.stagnation_window,
+            newton=self.newton,
             snapshots=self.snapshots,
         )

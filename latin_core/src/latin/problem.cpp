@@ -15,6 +15,11 @@ namespace {
 
 /// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
+/// Steps of the difference quotients, as shares of the largest free jump. The short one seldom crosses a
+/// branch of the law, the long one has no rounding to speak of and is taken where both agree to
+/// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
+constexpr std::array<double, 2> differences{1e-7, 1e-3};
+constexpr double same_slope = 1e-7;
 
 void check_interface(const InterfaceDescription& interface, const auto& is_here) {
   const auto fail = [&interface](const std::string& text) {
@@ -124,7 +129,7 @@ void Problem::build(std::vector<BodyDescription> bodies,
     Entry entry;
     entry.geometry = {interface.name, points, components,
                       interface.weights.replicate(1, components).transpose().reshaped(),
-                      make_law(interface.law)};
+                      interface.law.make()};
     entry.rows.assign(interface.sides.size(), -1);
     entry.flexibility = Vector::Zero(points * components);
     for (std::size_t s = 0; s < interface.sides.size(); ++s) {
@@ -149,6 +154,8 @@ void Problem::build(std::vector<BodyDescription> bodies,
                              entry.geometry.weights, std::move(side.direction)});
       owner[body].emplace_back(i, s);
     }
+    entry.first_unknown = interface_unknowns_;
+    interface_unknowns_ += points * components;
     interfaces_.push_back(std::move(entry));
   }
 
@@ -326,7 +333,7 @@ void Problem::set_columns(const std::string& interface, std::vector<LawColumns> 
          "groups must cover the components in order, without gaps");
   entry.group_laws.clear();
   for (const LawColumns& group : groups) {
-    std::shared_ptr<Law> law = make_law(entry.geometry.law->name());
+    std::shared_ptr<Law> law = entry.geometry.law->blank();
     for (const auto& info : law->parameters()) {
       law->set(info.name, entry.geometry.law->get(info.name));
     }
@@ -416,14 +423,16 @@ void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force
   const Index components = entry.geometry.components;
   force.resize(free_jump.rows(), free_jump.cols());
   if (entry.groups.empty()) {
-    entry.geometry.law->resolve({components, free_jump, entry.flexibility, steps_}, force);
+    entry.geometry.law->resolve(
+        {components, free_jump, entry.flexibility, steps_, entry.geometry.name}, force);
     return;
   }
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
     const Matrix samples = transformed(group.forward, free_jump, components, steps_);
     Matrix forces(samples.rows(), samples.cols());
-    entry.group_laws[g]->resolve({components, samples, entry.flexibility, steps_}, forces);
+    entry.group_laws[g]->resolve(
+        {components, samples, entry.flexibility, steps_, entry.geometry.name}, forces);
     const Matrix back = transformed(group.backward, forces, components, steps_);
     for (Index component = group.begin; component < group.end; ++component) {
       const auto rows = Eigen::seqN(component, entry.geometry.points, components);
@@ -472,6 +481,106 @@ void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef 
   }
 }
 
+bool Problem::suits_newton(Index limit) const {
+  return communicator_.alone() && interface_unknowns_ <= limit &&
+         std::ranges::all_of(
+             bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }) &&
+         std::ranges::all_of(interfaces_, [](const Entry& each) { return each.groups.empty(); }) &&
+         std::ranges::any_of(interfaces_,
+                             [](const Entry& each) { return !each.geometry.law->linear(); });
+}
+
+const Flexibility& Problem::flexibility() const {
+  if (!flexibility_) {
+    std::vector<Index> unknown(static_cast<std::size_t>(rows_));
+    Vector sign(rows_);
+    for (const Entry& entry : interfaces_) {
+      for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+        for (Index row = 0; row < entry.flexibility.size(); ++row) {
+          unknown[static_cast<std::size_t>(entry.rows[s] + row)] = entry.first_unknown + row;
+          sign(entry.rows[s] + row) = s == 0 ? 1.0 : -1.0;
+        }
+      }
+    }
+    flexibility_ = std::make_unique<Flexibility>(bodies_, body_rows_, std::move(unknown),
+                                                 std::move(sign), interface_unknowns_);
+  }
+  return *flexibility_;
+}
+
+Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Index columns = data.cols();
+  Index most = 0;
+  Tangents result;
+  for (const Entry& entry : interfaces_) {
+    const Index components = entry.geometry.components;
+    most = std::max(most, components);
+    for (Index row = 0; row < entry.flexibility.size(); ++row) {
+      result.first.push_back(entry.first_unknown + row - row % components);
+      result.components.push_back(components);
+    }
+  }
+  for (Index column = 0; column < columns; ++column) {
+    result.blocks.emplace_back(static_cast<std::size_t>(column % steps_ + 1),
+                               Matrix::Zero(interface_unknowns_, most));
+  }
+  Matrix force;
+  Matrix moved;
+  for (const Entry& entry : interfaces_) {
+    const Index rows = entry.flexibility.size();
+    const Matrix jump = free_jump(entry, data, traces, Matrix());  // no side is elsewhere
+    resolve(entry, jump, force);
+    // towards closing, so that a point that just touches counts as closed
+    const double largest = jump.cwiseAbs().maxCoeff();
+    Vector size = jump.cwiseAbs().colwise().maxCoeff().transpose();
+    size = (size.array() == 0.0)
+               .select(largest > 0.0 ? largest : entry.flexibility.maxCoeff(), size);
+    // a linear law has no history, and without history all columns are told apart at once
+    const Index lags = entry.geometry.law->linear() ? 1 : steps_;
+    for (Index component = 0; component < entry.geometry.components; ++component) {
+      const auto of_component =
+          Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
+      for (Index step = 0; step < lags; ++step) {
+        for (const double difference : differences) {
+          Matrix other = jump;
+          for (Index column = step; column < columns; column += lags) {
+            other(of_component, column).array() -= difference * size(column);
+          }
+          resolve(entry, other, moved);
+          for (Index column = step; column < columns; ++column) {
+            const Index lag = column % lags - step;
+            if (lag < 0) {
+              continue;
+            }
+            auto slope = result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
+                             .col(component)
+                             .segment(entry.first_unknown, rows);
+            const Vector now =
+                (force.col(column) - moved.col(column)) / (difference * size(column - lag));
+            if (difference == differences.front()) {
+              slope = now;
+            } else {
+              slope = ((now - slope).cwiseAbs().cwiseProduct(entry.flexibility).array() < same_slope)
+                          .select(now, slope);
+            }
+          }
+        }
+      }
+    }
+  }
+  return result;
+}
+
+Vector Tangents::times(const Matrix& block, ConstVectorRef p) const {
+  Vector result(block.rows());
+  for (Index row = 0; row < block.rows(); ++row) {
+    const auto at = static_cast<std::size_t>(row);
+    result(row) =
+        block.row(row).head(components[at]).dot(p.segment(first[at], components[at]));
+  }
+  return result;
+}
+
 Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef data,
                                            ConstMatrixRef traces) const {
   const Entry& entry = interfaces_.at(interface);
@@ -502,7 +611,7 @@ Problem::LocalFields Problem::resolve_samples(
     fail("a free jump of " + std::to_string(free_jump.rows()) + " rows, expected " +
          std::to_string(entry.flexibility.size()));
   }
-  const std::unique_ptr<Law> law = make_law(entry.geometry.law->name());
+  const std::unique_ptr<Law> law = entry.geometry.law->blank();
   for (const auto& info : law->parameters()) {
     law->set(info.name, entry.geometry.law->get(info.name));
   }

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/latin/newton.hpp"
 
 namespace latin {
 namespace {
@@ -53,6 +54,27 @@ constexpr double averaged = 0.8;
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 
+/// Averaged steps from zero before the first Newton step: they find most of what is open and closed.
+constexpr Index steps_before_newton = 3;
+/// Averaged steps after a Newton step that led nowhere; twice as many after the next one, up to the longest,
+/// after which no more Newton steps are tried.
+constexpr Index steps_after_failure = 4;
+constexpr Index longest_wait = 32;
+/// Work of a Newton step in global stages, its dense system not counted.
+constexpr Index stages_of_newton = 3;
+/// Newton steps without a better residual before some averaged ones are taken.
+constexpr Index newton_patience = 8;
+/// A Newton step that leaves less than this of the residual is the error of the iterate before it.
+constexpr double believable = 0.5;
+/// Below this share of the data it need not fall: which points are closed does not change any more.
+constexpr double settled = 1e-10;
+/// After a fall of the residual to this share the tangents are softened less.
+constexpr double good_fall = 0.1;
+/// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
+constexpr double first_softening = 1e-4;
+constexpr double least_softening = 1e-5;
+constexpr double most_softening = 0.3;
+
 /// One solve: the local and the global stage in turn.
 class Run {
  public:
@@ -68,6 +90,10 @@ class Run {
                      static_cast<Index>(snapshots)),
         residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
+        step_residual_(problem.rows(), amplitudes.cols()),
+        newton_(problem),
+        newton_helps_(options.acceleration > 0 && options.newton > 0 &&
+                      problem.suits_newton(options.newton)),
         start_(Clock::now()) {}
 
   /// Start from the combination of snapshots with the smallest residual. It costs local stages only,
@@ -99,20 +125,21 @@ class Run {
       global();
     }
     local();
+    if (newton_helps_ && state_.data.isZero(0.0)) {
+      pause_ = steps_before_newton;
+    }
     double first_norm = -1.0;
     double norm_then = std::numeric_limits<double>::infinity();
     double error_then = std::numeric_limits<double>::infinity();
     Index last_progress = 0;
     for (;;) {
+      propose();
       const auto measuring = Clock::now();
       const Measure measured = measure();
       const double norm = history_.residual_norm();
       const Size& size = measured.size;
       summary_.indicator = measured.indicator;
-      const double error = norm > 0.0 && own_ < own_before_estimate()
-                               ? std::numeric_limits<double>::infinity()
-                               : std::max(history_.error(size, rounding * measured.data_norm),
-                                          summary_.indicator * least_of_indicator);
+      const double error = estimate(norm, measured);
       summary_.error = error;
       summary_.energy = size.strain;
       const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
@@ -199,6 +226,107 @@ class Run {
             sums[4] > 0.0 ? std::sqrt(sums[3] / sums[4]) : 0.0, std::sqrt(sums[5])};
   }
 
+  /// |r|; Newton steps are those of a rank alone.
+  [[nodiscard]] double norm_of(const Matrix& residual) const {
+    return std::sqrt(history_.share_of_square(residual));
+  }
+
+  [[nodiscard]] double estimate(double norm, const Measure& measured) const {
+    if (norm == 0.0) {
+      return 0.0;
+    }
+    const double least = summary_.indicator * least_of_indicator;
+    if (proposed_) {
+      // the step is the error as far as the linearisation holds: the residual that it leaves says so
+      const double after = norm_of(step_residual_);
+      const double left = after > settled * measured.data_norm ? after / norm : 0.0;
+      return left < believable
+                 ? std::max(problem_.difference_size(step_, step_traces_).relative_to(measured.size) /
+                                (1.0 - left),
+                            least)
+                 : std::numeric_limits<double>::infinity();
+    }
+    // a short history of averaged steps says nothing, and a Newton step is close
+    if (newton_helps_ || own_ < own_before_estimate()) {
+      return std::numeric_limits<double>::infinity();
+    }
+    return std::max(history_.error(measured.size, rounding * measured.data_norm), least);
+  }
+
+  /// Compute the Newton step from here, if one is due: it is the estimate of the error, too.
+  void propose() {
+    proposed_ = newton_helps_ && pause_ == 0 && residual_.allFinite() && !residual_.isZero(0.0);
+    if (!proposed_) {
+      return;
+    }
+    const auto start = Clock::now();
+    try {
+      proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, settled_, step_);
+    } catch (const NumericalError&) {
+      proposed_ = false;  // a body without a usable flexibility: the accelerated iteration goes on alone
+    }
+    newton_helps_ = proposed_;
+    summary_.newton_s += since(start);
+    if (proposed_) {
+      const auto staging = Clock::now();
+      step_traces_.resize(step_.rows(), step_.cols());
+      problem_.global_stage(step_, Matrix::Zero(amplitudes_.rows(), amplitudes_.cols()),
+                            step_traces_);
+      summary_.global_s += since(staging);
+      const auto trying = Clock::now();
+      problem_.local_stage(state_.data + step_, state_.traces + step_traces_, step_residual_);
+      summary_.local_s += since(trying);
+      summary_.iterations += stages_of_newton;
+      ++summary_.newton_steps;
+    }
+  }
+
+  /// Take the proposed step, whole: shorter ones that make the residual fall at once lead into its local
+  /// minima. A run of them must find a better residual in the end.
+  /// @return false if it did not: the best iterate is taken up again, and some averaged steps are due
+  bool follow(double norm) {
+    if (summary_.newton_steps - best_newton_ > newton_patience) {
+      softening_ = std::min(most_softening, 10.0 * softening_);
+      settled_ = false;
+      state_ = best_;
+      residual_ = best_residual_;
+      best_at_ = summary_.iterations;
+      best_newton_ = summary_.newton_steps;
+      history_.clear();
+      history_.fit(residual_);
+      pause_ = wait_;
+      newton_helps_ = wait_ <= longest_wait;
+      wait_ *= 2;
+      ++summary_.restarts;
+      return false;
+    }
+    const auto start = Clock::now();
+    history_.push(step_, step_residual_ - residual_, step_traces_);
+    ++own_;
+    state_.data += step_;
+    state_.traces += step_traces_;
+    residual_.swap(step_residual_);
+    const double now = norm_of(residual_);
+    settled_ = now < good_fall * norm;
+    if (settled_) {
+      softening_ = std::max(least_softening, 0.1 * softening_);
+    }
+    remember(now);
+    summary_.other_s += since(start);
+    return true;
+  }
+
+  void remember(double norm) {
+    if (norm < best_norm_) {
+      best_at_ = summary_.iterations;
+      best_newton_ = summary_.newton_steps;
+      best_norm_ = norm;
+      best_ = state_;
+      best_residual_ = residual_;
+      trapped_ = false;
+    }
+  }
+
   void global() {
     const auto start = Clock::now();
     attempt([&] { problem_.global_stage(state_.data, amplitudes_, state_.traces); });
@@ -214,6 +342,9 @@ class Run {
 
   /// One step, plain or accelerated, and both stages at its end.
   void advance(double norm, double data_norm) {
+    if (proposed_ && follow(norm)) {
+      return;
+    }
     const auto start = Clock::now();
     bool accelerate = options_.acceleration > 0;
     if (accelerate) {
@@ -264,12 +395,8 @@ class Run {
       pause_ = plain_steps_;
       plain_steps_ = std::min<Index>(2 * plain_steps_, longest_pause);
       ++summary_.restarts;
-    } else if (norm < best_norm_) {
-      best_at_ = summary_.iterations;
-      best_norm_ = norm;
-      best_ = state_;
-      best_residual_ = residual_;
-      trapped_ = false;
+    } else {
+      remember(norm);
     }
   }
 
@@ -303,10 +430,19 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
+  Matrix step_traces_;  ///< global image of a proposed step
+  Matrix step_residual_;  ///< residual after it
+  Newton newton_;
+  bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
+  bool proposed_ = false;                ///< `step_` is Newton's
+  bool settled_ = false;                 ///< the last Newton step did what it promised
+  double softening_ = first_softening;   ///< of the tangents
+  Index wait_ = steps_after_failure;     ///< after the next Newton step that leads nowhere
   Summary summary_;
   State best_;  ///< iterate with the smallest residual, for the safeguard
   Matrix best_residual_;
   double best_norm_ = std::numeric_limits<double>::infinity();
+  Index best_newton_ = 0;  ///< Newton steps until the best iterate
   Index best_at_ = 0;      ///< iteration of the best iterate
   bool trapped_ = false;   ///< no better iterate was found since the last return to the best one
   Index pause_ = 0;        ///< plain steps still to be taken

@@ -139,6 +139,30 @@ bool dense_is_cheaper(Index size, Index active) {
   return dense <= 50.0 * std::pow(static_cast<double>(size), 4.0 / 3.0);
 }
 
+/// out = a * x with a symmetric. With few columns it is memory that costs: the lower triangle is read once, in
+/// panels that stay in the cache for both of their products.
+void multiply_symmetric(const Matrix& a, const Matrix& x, MatrixRef out) {
+  constexpr Index few = 8;
+  constexpr Index panel = 32;
+  if (x.cols() > few) {
+    out.noalias() = a * x;
+    return;
+  }
+  out.setZero();
+  const Index size = a.cols();
+  for (Index j = 0; j < size; j += panel) {
+    const Index width = std::min(panel, size - j);
+    const Index rest = size - j - width;
+    const auto below = a.block(j + width, j, rest, width);
+    for (Index c = 0; c < x.cols(); ++c) {
+      auto here = out.col(c).segment(j, width);
+      here.noalias() += a.block(j, j, width, width) * x.col(c).segment(j, width);
+      here.noalias() += below.transpose() * x.col(c).tail(rest);
+      out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
+    }
+  }
+}
+
 void check_shapes(const BodyDescription& body) {
   for (const Member& member : body.members) {
     if (member.stiffness == nullptr) {
@@ -320,8 +344,26 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   cost_.condense_s = seconds_since(condensing);
 }
 
+bool Body::compliance_pays(Index columns) const {
+  if (compliance_.size() > 0 || rows() >= active_) {
+    return compliance_.size() > 0;
+  }
+  // rent until the rent equals the price: a column costs active^2 numbers read twice, the product about
+  // active^2 rows + active rows^2 operations in blocks, each a third of one that waits for memory
+  applied_ += static_cast<double>(columns);
+  const auto rows_on_active = static_cast<double>(rows()) / static_cast<double>(active_);
+  return applied_ > 0.3 * static_cast<double>(rows()) * (1.0 + rows_on_active);
+}
+
 void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
-  if (condensed()) {
+  if (condensed() && compliance_pays(data.cols())) {
+    if (compliance_.size() == 0) {
+      Matrix half = Matrix(active_traces_.transpose());
+      condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
+      compliance_.noalias() = half.transpose() * half;
+    }
+    multiply_symmetric(compliance_, weights_.asDiagonal() * data, traces);
+  } else if (condensed()) {
     Matrix unknowns = active_traces_.transpose() * (weights_.asDiagonal() * data);
     condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
     condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);

@@ -3,16 +3,19 @@
 #include <stdexcept>
 #include <string>
 
+/// Exceptions cross the border between the kernel and a compiled law of a user.
+#define LATIN_SHARED __attribute__((visibility("default")))
+
 namespace latin {
 
 /// What a user gave cannot be used. The message names the thing, its value and the mend.
-class InputError : public std::invalid_argument {
+class LATIN_SHARED InputError : public std::invalid_argument {
  public:
   using std::invalid_argument::invalid_argument;
 };
 
 /// A numerical operation could not be completed (a factorisation broke down, memory ran out, a NaN).
-class NumericalError : public std::runtime_error {
+class LATIN_SHARED NumericalError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };

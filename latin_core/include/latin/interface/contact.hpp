@@ -1,22 +1,31 @@
 #pragma once
 
-#include "latin/interface/law.hpp"
+#include <algorithm>
+#include <array>
+
+#include "latin/interface/pointwise.hpp"
 
 namespace latin {
 
-/// Unilateral contact without friction. With the opening g = j_n - Delta_n + g0:
+/// Unilateral contact without friction. With the opening g = j_n + g0 (and Delta = 0):
 ///
 ///     f_n <= 0,   g + f_n / kappa >= 0,   f_n (g + f_n / kappa) = 0,   f_t = 0       (Signorini)
 ///
 /// kappa infinite: rigid contact; finite: elastic in compression, open in traction.
 ///
-/// Parameters (per point): `gap` g0 (length; negative: interference), `jump` Delta (per row, length),
-/// `compliance` 1 / kappa (length^3 / force, >= 0, 0 = rigid).
-class ContactLaw final : public Law {
- public:
-  [[nodiscard]] std::string name() const override { return "contact"; }
-  [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
-  void resolve(const LocalProblem& problem, MatrixRef force) const override;
+/// Parameters (per point): `gap` g0 (length; negative: interference), `compliance` 1 / kappa
+/// (length^3 / force, >= 0, 0 = rigid).
+struct Contact {
+  static constexpr const char* name = "contact";
+  static constexpr std::array parameters{Parameter{"gap"}, Parameter{"compliance", 0.0}};
+  static void resolve(PointValues jump, PointValues flexibility, const std::array<double, 2>& p,
+                      PointForce force) {
+    const auto [gap, compliance] = p;
+    std::ranges::fill(force, 0.0);
+    force[0] = std::min(0.0, (jump[0] + gap) / (flexibility[0] + compliance));
+  }
 };
+
+using ContactLaw = PointwiseLawAdapter<Contact>;
 
 }  // namespace latin

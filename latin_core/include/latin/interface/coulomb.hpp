@@ -1,10 +1,14 @@
 #pragma once
 
-#include "latin/interface/law.hpp"
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "latin/interface/pointwise.hpp"
 
 namespace latin {
 
-/// Contact as ContactLaw, with dry friction. The columns of a history are its time steps; with j_t' the
+/// Contact as in Contact, with dry friction. The columns of a history are its time steps; with j_t' the
 /// tangential jump at the step before (0 before the first):
 ///
 ///     |f_t| <= mu |f_n| + tau   in contact,    f_t = 0 where open,
@@ -13,13 +17,33 @@ namespace latin {
 /// The sign follows from f being the force on side 1 and j = w2 - w1: friction pulls side 1 along with
 /// the slip of side 2. An implicit step: the law holds at the end of each one.
 ///
-/// Parameters: `gap`, `compliance`, `friction` mu and `threshold` tau (force / area) per point, all
-/// but the gap >= 0; `jump` per row.
-class CoulombLaw final : public Law {
- public:
-  [[nodiscard]] std::string name() const override { return "coulomb"; }
-  [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
-  void resolve(const LocalProblem& problem, MatrixRef force) const override;
+/// Memory: j_t' (0 in directions that a point does not have). Parameters (per point): `gap`, `compliance`,
+/// `friction` mu and `threshold` tau (force / area), all but the gap >= 0.
+struct Coulomb {
+  static constexpr const char* name = "coulomb";
+  static constexpr std::array parameters{Parameter{"gap"}, Parameter{"compliance", 0.0},
+                                         Parameter{"friction", 0.0}, Parameter{"threshold", 0.0}};
+  static constexpr std::size_t memory = 2;
+  static void resolve(PointValues jump, PointValues flexibility, const std::array<double, 4>& p,
+                      std::array<double, 2>& before, PointForce force) {
+    const auto [gap, compliance, friction, threshold] = p;
+    const double pressure = std::max(0.0, -(jump[0] + gap) / (flexibility[0] + compliance));
+    force[0] = -pressure;
+    // stick trial, then back onto the bound; c is the same for all tangents of a point
+    double square = 0.0;
+    for (std::size_t a = 1; a < jump.size(); ++a) {
+      force[a] = (jump[a] - before[a - 1]) / flexibility[a];
+      square += force[a] * force[a];
+    }
+    const double bound = pressure > 0.0 ? friction * pressure + threshold : 0.0;
+    const double size = std::sqrt(square);
+    for (std::size_t a = 1; a < jump.size(); ++a) {
+      force[a] *= size > bound ? bound / size : 1.0;
+      before[a - 1] = jump[a] - flexibility[a] * force[a];
+    }
+  }
 };
+
+using CoulombLaw = PointwiseLawAdapter<Coulomb>;
 
 }  // namespace latin

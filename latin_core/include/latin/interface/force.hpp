@@ -11,6 +11,8 @@ class ForceLaw final : public Law {
  public:
   [[nodiscard]] std::string name() const override { return "force"; }
   [[nodiscard]] std::vector<ParameterInfo> parameters() const override;
+  [[nodiscard]] std::unique_ptr<Law> blank() const override { return std::make_unique<ForceLaw>(); }
+  [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 

@@ -1,10 +1,15 @@
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "latin/common/error.hpp"
 #include "latin/common/types.hpp"
 
 namespace latin {
@@ -36,6 +41,7 @@ struct LocalProblem {
   ConstVectorRef flexibility;
   /// columns that follow each other in time; a law with history starts anew after so many
   Index steps = 1;
+  std::string_view interface = "?";  ///< name, for messages
 };
 
 /// A pointwise interface law: a relation f = R(j) between the force f per unit area that the interface
@@ -44,8 +50,12 @@ struct LocalProblem {
 ///
 ///     find f such that  f = R(j)  with  j = j0 - c f,        DESIGN: local stage, both sides eliminated
 ///
-/// which for every monotone law has exactly one answer, whatever c > 0.
-class Law {
+/// which for every monotone law has exactly one answer, whatever c > 0. A law that softens has one only for
+/// c small enough and must throw otherwise.
+///
+/// The class is complete in its headers: a module of a user is compiled against them alone and hands its law
+/// to the kernel as a LawFactory. A ten-line struct is enough for most: see PointwiseLaw.
+class LATIN_SHARED Law {
  public:
   /// Shape of a parameter: one value a point, or one a row (point and component).
   enum class Shape { per_point, per_row };
@@ -64,21 +74,98 @@ class Law {
 
   [[nodiscard]] virtual std::string name() const = 0;
   [[nodiscard]] virtual std::vector<ParameterInfo> parameters() const = 0;
+  /// Whether a column depends on those before it in its history.
+  [[nodiscard]] virtual bool history() const { return false; }
+  /// A law of the same kind with its parameters at zero.
+  [[nodiscard]] virtual std::unique_ptr<Law> blank() const = 0;
+  /// Whether the force is an affine function of the jump, so that nothing is won by linearising it.
+  [[nodiscard]] virtual bool linear() const { return false; }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
 
   /// Whether values below a parameter's minimum are refused.
   enum class Range { admissible, any };
   /// Replace a parameter. @throws InputError on an unknown name, a NaN, or a value out of range.
-  void set(const std::string& parameter, ParameterField field, Range range = Range::admissible);
-  [[nodiscard]] const ParameterField& get(const std::string& parameter) const;
+  void set(const std::string& parameter, ParameterField field, Range range = Range::admissible) {
+    const auto known = parameters();
+    const auto info = std::ranges::find(known, parameter, &ParameterInfo::name);
+    if (info == known.end()) {
+      std::string names;
+      for (const auto& each : known) {
+        names += (names.empty() ? "" : ", ") + each.name;
+      }
+      throw InputError("law '" + name() + "' has no parameter '" + parameter +
+                       "'; it has: " + names);
+    }
+    const auto refuse = [&](const std::string& why) {
+      throw InputError("parameter '" + parameter + "' of law '" + name() + "' " + why);
+    };
+    if (field.values().size() == 0) {
+      refuse("is empty");
+    }
+    for (const double value : field.values().reshaped()) {
+      if (std::isnan(value)) {
+        refuse("holds a NaN");
+      }
+      if (range == Range::admissible && value < info->minimum) {
+        refuse("is " + std::to_string(value) + ": it must be at least " +
+               std::to_string(info->minimum));
+      }
+    }
+    fields_[parameter] = std::move(field);
+  }
+  /// A parameter; zero as long as it was not set.
+  [[nodiscard]] const ParameterField& get(const std::string& parameter) const {
+    static const ParameterField zero;
+    const auto found = fields_.find(parameter);
+    return found == fields_.end() ? zero : found->second;
+  }
 
  private:
   std::map<std::string, ParameterField> fields_;
 };
 
-/// Law by name ("contact", "coulomb", "elastic", "force", "perfect") with its parameters at zero.
+/// Law by name ("contact", "coulomb", "debonding", "elastic", "force", "perfect", "preload") with its
+/// parameters at zero.
 /// @throws InputError with the known names.
 std::unique_ptr<Law> make_law(const std::string& name);
+
+#define LATIN_TEXT_(x) #x
+#define LATIN_TEXT(x) LATIN_TEXT_(x)
+
+/// What a module of a user and the kernel must have in common: layout of Law, of Eigen's matrices and of
+/// the standard library. Both see this macro, each compiled in its own way.
+inline constexpr const char* law_abi =
+    "laws 1, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
+        EIGEN_MAJOR_VERSION) "." LATIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " LATIN_TEXT(EIGEN_MAX_ALIGN_BYTES)
+#ifdef _GLIBCXX_USE_CXX11_ABI
+        ", strings " LATIN_TEXT(_GLIBCXX_USE_CXX11_ABI)
+#endif
+    ;
+
+/// How a compiled law of a user comes to the kernel: in a Python capsule of the name `law_capsule`.
+struct LawFactory {
+  const char* abi;
+  std::unique_ptr<Law> (*make)();
+};
+inline constexpr const char* law_capsule = "latin_core.LawFactory";
+
+/// A law of the factory. @throws InputError if it was compiled in a way that does not fit the kernel.
+std::unique_ptr<Law> make_law(const LawFactory& factory);
+
+/// Where the law of an interface comes from: its name, or a law whose kind is taken.
+class LawSource {
+ public:
+  LawSource(const char* name) : name_(name) {}
+  LawSource(std::string name) : name_(std::move(name)) {}
+  LawSource(std::shared_ptr<const Law> kind) : kind_(std::move(kind)) {}
+  [[nodiscard]] std::unique_ptr<Law> make() const {
+    return kind_ ? kind_->blank() : make_law(name_);
+  }
+
+ private:
+  std::string name_;
+  std::shared_ptr<const Law> kind_;
+};
 
 }  // namespace latin

@@ -9,6 +9,7 @@
 
 #include "latin/common/communicator.hpp"
 #include "latin/interface/interface.hpp"
+#include "latin/latin/flexibility.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin {
@@ -39,7 +40,7 @@ struct Size {
 /// lie on two ranks is described on both, alike.
 struct InterfaceDescription {
   std::string name;
-  std::string law;                     ///< see make_law()
+  LawSource law;                       ///< a name, see make_law(), or a law of the caller
   Vector weights;                      ///< (points) areas, > 0
   Matrix frames;                       ///< (components * points, dim), orthonormal rows
   std::vector<SideDescription> sides;  ///< one or two
@@ -61,6 +62,19 @@ struct LawColumns {
   /// Parameters as the law sees them in the samples: name -> field of q columns. They are not held to the
   /// law's minimum: eigenvalues of a Galerkin matrix are not values, and the caller guards their sign.
   std::vector<std::pair<std::string, ParameterField>> parameters;
+};
+
+/// Derivatives R' of the laws' resolvents at one state, by differences: block-diagonal by point.
+struct Tangents {
+  /// [column][lag]: change of the forces of a column with the free jumps of the column `lag` steps before
+  /// it, (unknowns, most components of an interface): row = a component of the force, column = one of the
+  /// jump at the same point.
+  std::vector<std::vector<Matrix>> blocks;
+  std::vector<Index> first;       ///< (unknowns) first unknown of the point
+  std::vector<Index> components;  ///< (unknowns) components of its interface
+
+  /// R' p for one block.
+  [[nodiscard]] Vector times(const Matrix& block, ConstVectorRef p) const;
 };
 
 /// Substructures and active interfaces, factorised: everything of a scene that stays constant while
@@ -113,6 +127,14 @@ class Problem {
   /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
 
+  /// Whether Newton steps are possible (every body condensed, every column a sample of its own, one rank),
+  /// of use (some law is not linear) and affordable (at most `limit` unknowns: points times components).
+  [[nodiscard]] bool suits_newton(Index limit) const;
+  /// Dense flexibility of the interfaces, made when first asked for. Not to be called from two threads.
+  [[nodiscard]] const Flexibility& flexibility() const;
+  /// Derivatives of the forces of all interfaces with respect to their free jumps.
+  [[nodiscard]] Tangents tangents(ConstMatrixRef data, ConstMatrixRef traces) const;
+
   /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
   /// r = f^ + k w^ - s, (rows, c). Collective among neighbours.
@@ -162,6 +184,7 @@ class Problem {
     Interface geometry;
     std::vector<Index> rows;  ///< first row of each side
     Vector flexibility;       ///< 1/k1 (+ 1/k2)
+    Index first_unknown = 0;  ///< among the points and components of all interfaces
     std::vector<LawColumns> groups;
     std::vector<std::shared_ptr<Law>> group_laws;
     /// The side on another rank, with its slot in the exchange; rank -1: none.
@@ -204,6 +227,8 @@ class Problem {
   Index total_rows_ = 0;
   Index loads_ = 0;
   Index steps_ = 1;
+  Index interface_unknowns_ = 0;
+  mutable std::unique_ptr<Flexibility> flexibility_;
 };
 
 }  // namespace latin

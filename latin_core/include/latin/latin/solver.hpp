@@ -26,6 +26,7 @@ struct Options {
   Index acceleration;       ///< depth of Anderson's history; 0: the plain iteration
   double relaxation;        ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)
   Index stagnation_window;  ///< iterations without progress before the run is called stagnated
+  Index newton;             ///< most interface unknowns for which Newton steps are taken; 0: never
   Index snapshots;  ///< earlier states combined for the start of a new point; 0: the nearest alone
 };
 
@@ -44,13 +45,15 @@ using Callback = std::function<void(const Iteration&)>;
 
 struct Summary {
   Status status = Status::max_iterations;
-  Index iterations = 0;  ///< global stages
+  Index iterations = 0;  ///< global stages; a Newton step counts three, for its two solves of that size
   double error = 0.0;    ///< last estimate
   double indicator = 0.0;
   double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
   double global_s = 0.0;
   double local_s = 0.0;
-  double other_s = 0.0;  ///< acceleration and error measure
+  double newton_s = 0.0;  ///< tangents and dense systems of Newton steps
+  double other_s = 0.0;   ///< acceleration and error measure
+  Index newton_steps = 0;
   Index restarts = 0;    ///< times the safeguard dropped the history
   std::vector<Iteration> history;
 };

@@ -83,6 +83,10 @@ class Body {
   [[nodiscard]] Index loads() const { return load_.cols(); }
   [[nodiscard]] Index active() const { return active_; }
   [[nodiscard]] bool condensed() const { return condensed_.size() > 0; }
+  /// L of the Schur complement on the active unknowns; empty if not condensed.
+  [[nodiscard]] const Matrix& condensed_factor() const { return condensed_; }
+  /// Traces of the active unknowns, (rows, active).
+  [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
 
@@ -106,6 +110,8 @@ class Body {
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
  private:
+  /// Whether T A^-1 T^T as a dense matrix is the cheaper operator from now on.
+  [[nodiscard]] bool compliance_pays(Index columns) const;
   [[nodiscard]] Matrix right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const;
 
   std::string name_;
@@ -118,10 +124,13 @@ class Body {
   Vector weights_;
   Vector direction_;
   std::unique_ptr<petsc::Factor> factor_;
-  Matrix condensed_;      ///< L of the Schur complement, or empty
-  Matrix load_;           ///< right-hand side of the load patterns, with offsets
-  Matrix load_traces_;    ///< T u of the load patterns at s = 0
-  Matrix offset_traces_;  ///< T u0
+  Matrix condensed_;  ///< L of the Schur complement, or empty
+  // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), formed after many products
+  mutable Matrix compliance_;
+  mutable double applied_ = 0.0;  ///< columns so far
+  Matrix load_;                   ///< right-hand side of the load patterns, with offsets
+  Matrix load_traces_;            ///< T u of the load patterns at s = 0
+  Matrix offset_traces_;          ///< T u0
   // energy = a^T work_loads a + a^T work_traces^T W s + (w - T u0)^T W f, see energy()
   Matrix work_loads_;
   Matrix work_traces_;

@@ -1,0 +1,154 @@
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include <limits>
+#include <memory>
+
+#include "latin/interface/law.hpp"
+
+namespace py = pybind11;
+using namespace py::literals;
+
+namespace {
+
+using latin::Index;
+using latin::Matrix;
+
+/// A reference to a Python object that may be copied and dropped without the interpreter's lock.
+std::shared_ptr<PyObject> shared_reference(py::object object) {
+  return {object.release().ptr(), [](PyObject* held) {
+            const py::gil_scoped_acquire gil;
+            Py_DECREF(held);
+          }};
+}
+
+/// A batched law written in Python.
+class PythonLaw final : public latin::Law {
+ public:
+  PythonLaw(std::string name, std::vector<ParameterInfo> parameters, bool history,
+            std::shared_ptr<PyObject> function)
+      : name_(std::move(name)),
+        parameters_(std::move(parameters)),
+        history_(history),
+        function_(std::move(function)) {}
+
+  [[nodiscard]] std::string name() const override { return name_; }
+  [[nodiscard]] std::vector<ParameterInfo> parameters() const override {
+    auto all = parameters_;
+    all.push_back({"jump", Shape::per_row, -std::numeric_limits<double>::infinity()});
+    return all;
+  }
+  [[nodiscard]] bool history() const override { return history_; }
+  [[nodiscard]] std::unique_ptr<latin::Law> blank() const override {
+    return std::make_unique<PythonLaw>(name_, parameters_, history_, function_);
+  }
+
+  void resolve(const latin::LocalProblem& problem, latin::MatrixRef force) const override {
+    if (!problem.jump.allFinite()) {  // a diverging iteration is the solver's to report
+      force.setConstant(std::numeric_limits<double>::quiet_NaN());
+      return;
+    }
+    const py::gil_scoped_acquire gil;
+    const Index components = problem.components;
+    const Index points = force.rows() / components;
+    const Index columns = force.cols();
+    const latin::ParameterField& imposed = get("jump");
+    py::array_t<double> jump({points, components, columns});
+    auto jumps = jump.mutable_unchecked<3>();
+    py::array_t<double> flexibility({points, components, Index{1}});
+    auto flexibilities = flexibility.mutable_unchecked<3>();
+    for (Index point = 0; point < points; ++point) {
+      for (Index a = 0; a < components; ++a) {
+        const Index row = components * point + a;
+        flexibilities(point, a, 0) = problem.flexibility(row);
+        for (Index column = 0; column < columns; ++column) {
+          jumps(point, a, column) = problem.jump(row, column) - imposed(row, column);
+        }
+      }
+    }
+    py::dict values;
+    for (const ParameterInfo& each : parameters_) {
+      const latin::ParameterField& field = get(each.name);
+      py::array_t<double> array({points, columns});
+      auto entries = array.mutable_unchecked<2>();
+      for (Index point = 0; point < points; ++point) {
+        for (Index column = 0; column < columns; ++column) {
+          entries(point, column) = field(point, column);
+        }
+      }
+      values[py::str(each.name)] = array;
+    }
+    const py::object given = py::reinterpret_borrow<py::object>(function_.get())(
+        jump, flexibility, values, problem.steps);
+    const auto answer = py::array_t<double, py::array::forcecast>::ensure(given);
+    const std::string who =
+        "interface '" + std::string(problem.interface) + "', law '" + name_ + "': ";
+    if (!answer) {
+      PyErr_Clear();
+      throw latin::InputError(who + "its function did not return an array of numbers");
+    }
+    if (answer.ndim() != 3 || answer.shape(0) != points || answer.shape(1) != components ||
+        answer.shape(2) != columns) {
+      throw latin::InputError(who + "its function returned shape " +
+                              py::cast<std::string>(py::str(answer.attr("shape"))) +
+                              ", expected (points, components, columns) = (" +
+                              std::to_string(points) + ", " + std::to_string(components) + ", " +
+                              std::to_string(columns) + ")");
+    }
+    const auto forces = answer.unchecked<3>();
+    for (Index column = 0; column < columns; ++column) {
+      for (Index row = 0; row < force.rows(); ++row) {
+        force(row, column) = forces(row / components, row % components, column);
+        if (!std::isfinite(force(row, column))) {
+          throw latin::InputError(who + "its function returned " +
+                                  std::to_string(force(row, column)) + " at point " +
+                                  std::to_string(row / components));
+        }
+      }
+    }
+  }
+
+ private:
+  std::string name_;
+  std::vector<ParameterInfo> parameters_;
+  bool history_;
+  std::shared_ptr<PyObject> function_;
+};
+
+}  // namespace
+
+void bind_laws(py::module_& m) {
+  py::class_<latin::Law, std::shared_ptr<latin::Law>>(m, "Law", "A law that a user wrote")
+      .def_property_readonly("name", &latin::Law::name)
+      .def_property_readonly("history", &latin::Law::history)
+      .def_property_readonly("parameters", [](const latin::Law& law) {
+        std::vector<std::string> names;
+        for (const auto& each : law.parameters()) {
+          names.push_back(each.name);
+        }
+        return names;
+      });
+  m.def(
+      "python_law",
+      [](std::string name, const std::vector<std::pair<std::string, double>>& parameters,
+         bool history, py::object resolve) -> std::shared_ptr<latin::Law> {
+        std::vector<latin::Law::ParameterInfo> all;
+        for (const auto& [each, minimum] : parameters) {
+          all.push_back({each, latin::Law::Shape::per_point, minimum});
+        }
+        return std::make_shared<PythonLaw>(std::move(name), std::move(all), history,
+                                           shared_reference(std::move(resolve)));
+      },
+      py::kw_only(), "name"_a, "parameters"_a, "history"_a, "resolve"_a);
+  m.def(
+      "compiled_law",
+      [](const py::capsule& capsule) -> std::shared_ptr<latin::Law> {
+        if (capsule.name() == nullptr || std::string(capsule.name()) != latin::law_capsule) {
+          throw latin::InputError("a compiled law comes in a capsule of the name '" +
+                                  std::string(latin::law_capsule) + "'");
+        }
+        return latin::make_law(*capsule.get_pointer<const latin::LawFactory>());
+      },
+      "capsule"_a);
+}

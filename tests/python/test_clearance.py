@@ -1,0 +1,101 @@
+"""Faces that are meshed inside each other: reported with their depth, unless only chords cross."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from dolfinx import mesh as dmesh
+
+from dolfinx_frontend.assembly import Problem, assemble
+from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.geometry import Part
+from dolfinx_frontend.laws import Contact
+from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.pairing import FacetMap
+from dolfinx_frontend.scene import Scene, Space
+from dolfinx_frontend.solve import solve
+from latin_core import Options
+from tests.python.helpers import DIMENSION, block
+
+CELLS = list(DIMENSION)
+ONE = Options(max_iterations=1)
+RADIUS = 1.5
+
+
+def rings(cell: str, order: int, counts: tuple[int, int], space: Space, depth: float = 0.0) -> Problem:
+    """A quarter of a ring in another one whose bore is too small by a depth."""
+    d = DIMENSION[cell]
+
+    def bend(x: Any) -> Any:
+        angle = 0.5 * np.pi * x[:, 1]
+        return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), *x.T[2:]])
+
+    scene = Scene()
+    for name, ends, count in (("pin", (1.0, RADIUS), counts[0]), ("hub", (RADIUS - depth, 2.0), counts[1])):
+        low, high = np.array([ends[0], 0.0, 0.0][:d]), np.array([ends[1], 1.0, 0.5][:d])
+        part = block(cell, [1, count, 2][:d], low, high, bend, order)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
+        scene.symmetry([f"{name}:{face}" for face in ("y0", "y1", "z0", "z1")[: 2 * d - 2]])
+    scene.interface("fit", "pin:x1", "hub:x0", Contact(), space=space)
+    scene.pressure("pin:x0", 0.01)
+    return assemble(scene)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.errors.SceneWarning")
+@pytest.mark.parametrize("space", ["points", "facets"])
+@pytest.mark.parametrize("counts", [(6, 4), (4, 6), (12, 8)])
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("cell", CELLS)
+def test_chords_that_cross_are_no_interpenetration(
+    cell: str, order: int, counts: tuple[int, int], space: Space
+) -> None:
+    problem = rings(cell, order, counts, space)
+    fit = problem.interfaces["fit"]
+    # the deepest chord: R (1 - cos(pi / 4 n)) below the arc, and facets of tetrahedra are cut askew
+    sagitta = RADIUS * (1.0 - np.cos(np.pi / 4 / min(counts)))
+    assert np.abs(fit.gap).max() < 1.01 * sagitta * (1.0 if order == 1 else 0.02)
+    assert fit.clearance.min() == 0.0 or fit.gap.min() > 0.0
+    solve(problem, options=ONE)
+
+
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.errors.SceneWarning")
+@pytest.mark.parametrize("space", ["points", "facets"])
+@pytest.mark.parametrize(("order", "counts"), [(1, (18, 12)), (2, (6, 4))])
+@pytest.mark.parametrize("cell", CELLS)
+def test_interference_of_round_faces_is_reported(
+    cell: str, order: int, counts: tuple[int, int], space: Space
+) -> None:
+    problem = rings(cell, order, counts, space, depth=0.02)
+    with pytest.raises(SceneError, match=r"'fit': the faces are meshed inside each other, by up to 0\.02"):
+        solve(problem, options=ONE)
+
+
+@pytest.mark.parametrize("space", ["points", "facets"])
+@pytest.mark.parametrize("counts", [(2, 2), (4, 3)])
+@pytest.mark.parametrize("cell", CELLS)
+def test_interference_of_plane_faces(cell: str, counts: tuple[int, int], space: Space) -> None:
+    d, depth = DIMENSION[cell], 0.003
+    low, high = np.zeros(d), np.ones(d)
+    scene = Scene()
+    for name, count in zip(("lower", "upper"), counts, strict=True):
+        part = block(cell, [count] * d, low, high)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
+        low, high = low.copy(), high.copy()
+        low[-1], high[-1] = 1.0 - depth, 2.0
+    end = "xyz"[d - 1]
+    scene.interface("joint", f"lower:{end}1", f"upper:{end}0", Contact(), space=space)
+    scene.fix([f"lower:{end}0", f"upper:{end}1"])
+    problem = assemble(scene)
+    with pytest.raises(SceneError, match=r"'joint': .* meshed inside each other, by up to 0\.003:"):
+        solve(problem, options=ONE)
+
+
+def test_an_edge_is_no_curve() -> None:
+    """A face round a corner: its kink of 90 degrees says nothing of how it was meshed."""
+    part = block("quadrilateral", [4, 4])
+    facets = np.sort(np.concatenate([part.facets("x1"), part.facets("y1")]))
+    tags = dmesh.meshtags(part.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
+    corner = Part(part.mesh, tags, {"corner": 1})
+    assert np.all(FacetMap(corner, "corner", "test").sags == 0.0)

@@ -1,0 +1,236 @@
+"""Scenes with closed forms whose two sides are meshed independently (consistent units, no names).
+
+``blocks``: two squares or cubes on top of each other with a smooth displacement; the interface at x_d = 1 is
+plane, its traction compressive and without shear, so that Perfect, Elastic and Contact have the same
+solution. ``rings``: a quarter of two rings, or of two tubes between planes, under inner pressure (Lame).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from latin_core import Options
+
+from dolfinx_frontend import Result, Scene, assemble, solve
+from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.scene import Space
+from tests.python.helpers import DIMENSION, block, lame
+
+Array = npt.NDArray[np.float64]
+
+E, NU = 1.0, 0.3
+LAM, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
+KAPPA = 2.0
+"""Stiffness of elastic interfaces, times length over modulus."""
+
+OPTIONS = Options(rtol=1e-9, max_iterations=3000)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of one run.
+
+    Attributes
+    ----------
+    energy
+        Of the displacement, relative, in the energy norm.
+    force
+        Of the interface's force, relative, root mean square over the interface points.
+    resultant
+        Of the resultant normal force, relative.
+    status, iterations
+        Of the run.
+    """
+
+    energy: float
+    force: float
+    resultant: float
+    status: str
+    iterations: int
+
+
+def _exact(lib: Any, x: Any) -> list[Any]:
+    """Components of the displacement of `blocks`; x: coordinates, last one across the interface."""
+    s = x[-1] - 1.0
+    # even along, odd across the plane s = 0: no shear there; and compression throughout
+    along = [lib.sin(2.0 * x[0] + 0.3) * lib.cos(1.5 * s)]
+    if len(x) == 3:
+        along[0] = along[0] * lib.cos(x[1])
+        along.append(0.5 * lib.cos(x[0]) * lib.sin(1.5 * x[1] + 0.5) * lib.cos(1.5 * s))
+    across = 0.5 * lib.sin(1.5 * s) * lib.cos(2.0 * x[0]) - 4.0 * s
+    return [*along, across]
+
+
+def _values(x: Array) -> Array:
+    return np.stack(_exact(np, list(x.T)), axis=1)
+
+
+def _pressure(x: Array) -> Array:
+    """Exact normal stress (points,) on the plane, by complex steps."""
+    d = x.shape[1]
+    strain = np.empty((d, len(x)))
+    for k in range(d):
+        moved = x.astype(complex)
+        moved[:, k] += 1e-30j
+        strain[k] = _exact(np, list(moved.T))[k].imag / 1e-30
+    stress: Array = LAM * strain.sum(axis=0) + 2 * MU * strain[d - 1]
+    return stress
+
+
+def _stress(u: Any, d: int) -> Any:
+    e = ufl.sym(ufl.grad(u))
+    return LAM * ufl.tr(e) * ufl.Identity(d) + 2 * MU * e
+
+
+def law_of(name: str, opening: Any) -> Law:
+    """Perfect, elastic or contact; an elastic one is opened so that its solution is continuous."""
+    if name == "elastic":
+        return Elastic(normal=KAPPA, tangential=KAPPA, jump=opening)
+    return Perfect() if name == "perfect" else Contact(gap=0.0)
+
+
+def _errors(result: Result, closed_form: Any, exact_force: Array, degree: int) -> Errors:
+    above = below = 0.0
+    for name, part in result.problem.substructures.items():
+        mesh = part.part.mesh
+        w = closed_form(ufl.SpatialCoordinate(mesh))
+        dx = ufl.dx(metadata={"quadrature_degree": 2 * degree + 4})
+        d = mesh.geometry.dim
+        for v, which in ((result.displacement(name) - w, 0), (w, 1)):
+            form = ufl.inner(_stress(v, d), ufl.grad(v)) * dx
+            energy = fem.assemble_scalar(fem.form(form))
+            above, below = (above + energy, below) if which == 0 else (above, below + energy)
+    joint = result.problem.interfaces["joint"]
+    force = result.force("joint")
+    distance = force.copy()
+    distance[:, 0] -= exact_force
+    size = joint.weights @ exact_force**2
+    total = joint.weights @ exact_force
+    return Errors(
+        float(np.sqrt(above / below)),
+        float(np.sqrt(joint.weights @ np.sum(distance**2, axis=1) / size)),
+        float(abs(joint.weights @ force[:, 0] - total) / abs(total)),
+        result.status,
+        result.iterations,
+    )
+
+
+def blocks(cell: str, space: Space, law: str, degree: int, n: int, finer_first: bool = True) -> Errors:
+    """n and 3 n / 2 cells along an edge; side 1 has the smaller facets if `finer_first`."""
+    d = DIMENSION[cell]
+    counts = (3 * n // 2, n) if finer_first else (n, 3 * n // 2)
+
+    def closed_form(x: Any) -> Any:
+        return ufl.as_vector(_exact(ufl, [x[k] for k in range(d)]))
+
+    scene = Scene()
+    low, high = np.zeros(d), np.ones(d)
+    for name, count in zip("ab", counts, strict=True):
+        part = block(cell, [count] * d, low, high)
+        force = -ufl.div(_stress(closed_form(ufl.SpatialCoordinate(part.mesh)), d))
+        scene.substructure(name, part, LinearElastic(E, NU), degree=degree, body_force=force)
+        low, high = low.copy(), high.copy()
+        low[-1], high[-1] = 1.0, 2.0
+
+    def opening(x: Array) -> Array:
+        jump = np.zeros_like(x)
+        jump[:, 0] = -_pressure(x) / KAPPA
+        return jump
+
+    end = "xyz"[d - 1]
+    scene.interface("joint", f"a:{end}1", f"b:{end}0", law_of(law, opening), space=space)
+    for name, far in (("a", f"{end}0"), ("b", f"{end}1")):
+        for face in [far, *(f"{axis}{k}" for axis in "xyz"[: d - 1] for k in (0, 1))]:
+            scene.fix(f"{name}:{face}", value=_values)
+    problem = assemble(scene)
+    result = solve(problem, method="accelerated", active=["joint"], options=OPTIONS)
+    return _errors(result, closed_form, _pressure(problem.interfaces["joint"].points), degree)
+
+
+INNER, MIDDLE, OUTER, BORE = 1.0, 1.5, 2.0, 0.01
+
+
+def pressure_between() -> float:
+    """Pressure at the middle radius of the undivided ring."""
+
+    def u(r: float, a: float, b: float, inside: float, outside: float) -> float:
+        return float(lame(r, a, b, inside, outside, E, NU))
+
+    compliance = u(MIDDLE, MIDDLE, OUTER, 1.0, 0.0) - u(MIDDLE, INNER, MIDDLE, 0.0, 1.0)
+    return u(MIDDLE, INNER, MIDDLE, BORE, 0.0) / compliance
+
+
+def rings(cell: str, space: Space, law: str, degree: int, n: int, order: int = 2) -> Errors:
+    """3 n and 2 n cells along the quarter of the interface; `order` of the geometry."""
+    d = DIMENSION[cell]
+
+    def bend(x: Array) -> Array:
+        # x: radius, y: angle as a share of the quarter
+        angle = 0.5 * np.pi * x[:, 1]
+        return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), *x.T[2:]])
+
+    scene = Scene()
+    for name, ends, along, height in (("a", (INNER, MIDDLE), 3, 3), ("b", (MIDDLE, OUTER), 2, 2)):
+        low, high = np.array([ends[0], 0.0, 0.0][:d]), np.array([ends[1], 1.0, 0.5][:d])
+        part = block(cell, [n, along * n, max(1, height * n // 2)][:d], low, high, bend, order)
+        scene.substructure(name, part, LinearElastic(E, NU), degree=degree)
+        scene.symmetry([f"{name}:{face}" for face in ("y0", "y1", "z0", "z1")[: 2 * d - 2]])
+    between = pressure_between()
+    opening = np.zeros(d)
+    opening[0] = between / KAPPA
+    scene.interface("joint", "a:x1", "b:x0", law_of(law, opening), space=space)
+    scene.pressure("a:x0", BORE)
+
+    def closed_form(x: Any) -> Any:
+        r = ufl.sqrt(x[0] ** 2 + x[1] ** 2)
+        factor = lame(r, INNER, OUTER, BORE, 0.0, E, NU) / r
+        return ufl.as_vector([factor * x[0], factor * x[1], 0.0 * x[0]][:d])
+
+    problem = assemble(scene)
+    result = solve(problem, method="accelerated", active=["joint"], options=OPTIONS)
+    exact = np.full(problem.interfaces["joint"].num_points, -between)
+    return _errors(result, closed_form, exact, degree)
+
+
+SHIFT = 0.37
+"""How far the upper square of `overlapping` is shifted."""
+
+
+def overlapping(degree: int, n: int, aligned: bool = False) -> float:
+    """Energy of two squares, the upper one shifted sideways, pressed together without friction.
+
+    Parameters
+    ----------
+    degree
+        Of the displacements; triangles.
+    n
+        Even; the lower square has 3 n / 2 cells along an edge, to the next even number.
+    aligned
+        Whether nodes lie where the overlap begins and ends, as in a solution to compare with.
+    """
+    scene = Scene()
+    for name, count, start, middle in (("a", 3 * n // 2, 0.0, SHIFT), ("b", n, SHIFT, 1.0 - SHIFT)):
+
+        def graded(x: Array, start: float = start, middle: float = middle) -> Array:
+            # the node in the middle of the edge goes to where the other block begins or ends
+            out = x.copy()
+            s = 2.0 * (x[:, 0] - start)
+            out[:, 0] = start + np.where(s < 1.0, s * middle, middle + (s - 1.0) * (1.0 - middle))
+            return out
+
+        count += count % 2
+        low = np.array([start, 1.0 if name == "b" else 0.0])
+        part = block("triangle", [count, count], low, low + 1.0, graded if aligned else None)
+        scene.substructure(name, part, LinearElastic(E, NU), degree=degree)
+    scene.interface("joint", "a:y1", "b:y0", Contact(gap=0.0), space="facets", overlap="partial")
+    scene.fix("a:y0")
+    scene.fix("b:y1", value=(0.0, -0.1))
+    result = solve(assemble(scene), options=OPTIONS)
+    parts = result.problem.substructures.items()
+    return sum(float(result.displacements[k] @ (s.matrix @ result.displacements[k])) for k, s in parts)

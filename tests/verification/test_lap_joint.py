@@ -1,0 +1,173 @@
+"""Slip over load cycles: a block on a frictional ground in closed form, and the bolted lap joint."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from dolfinx_frontend import (
+    Amplitude,
+    Contact,
+    Elastic,
+    LinearElastic,
+    Options,
+    Scene,
+    SceneError,
+    assemble,
+    geometry,
+    solve,
+)
+from dolfinx_frontend.lap_joint import LapJoint, lap_joint
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+# A block of 10 x 10 x 2 mm on rigid ground, pressed with 5 MPa and drawn by a spring of 1 000 N/mm: a Jenkins
+# element. Slip begins at mu N = 100 N, when the spring has been drawn by 0.1 mm.
+PRESSURE, MU, SPRING, AREA = 5.0, 0.2, 1000.0, 100.0
+BOUND = MU * PRESSURE * AREA
+MODULUS = 2e6  # MPa
+GIVE = SPRING * 10.0 / (MODULUS * 20.0)  # what the block gives way, as a share of the spring: 2.5e-4
+
+
+def drawn_block(ends: list[float], steps: int):
+    """The block over a polygon of spring displacements, with `steps` steps a side."""
+    block = geometry.box((10.0, 10.0, 2.0), (2, 2, 1), cell="hexahedron")
+    corners = np.arange(len(ends) + 1.0) + 1.0
+    draw = Amplitude(corners, [0.0, *ends])
+    scene = Scene()
+    scene.substructure("block", block, LinearElastic(E=MODULUS, nu=0.0), degree=1)
+    scene.interface("ground", "block:z0", Contact(gap=0.0, friction=MU))
+    scene.pressure("block:z1", Amplitude([0.0, 1.0], [0.0, 1.0]) * PRESSURE)
+    # the jump of a spring to the ground is -w: drawing the block along +x is a negative one
+    spring = Elastic(normal=SPRING, total=True, jump=draw * -1.0)
+    scene.interface("spring", "block:x1", spring)
+    times = np.linspace(1.0, corners[-1], len(ends) * steps + 1)
+    result = solve(
+        assemble(scene), times=times, options=Options(rtol=1e-9, max_iterations=5000)
+    )
+    assert result.converged
+    return result, np.array([draw(t) for t in times])
+
+
+def jenkins(drawn):
+    """Force and slip of a spring in series with a slider."""
+    force, slip = np.zeros(len(drawn)), np.zeros(len(drawn))
+    for k in range(1, len(drawn)):
+        trial = SPRING * (drawn[k] - slip[k - 1])
+        force[k] = np.clip(trial, -BOUND, BOUND)
+        slip[k] = drawn[k] - force[k] / SPRING
+    return force, slip
+
+
+@pytest.mark.parametrize("steps", [3, 4])
+def test_a_drawn_block_is_a_jenkins_element(steps):
+    reach = 0.25
+    result, drawn = drawn_block([reach, -reach, reach], steps)
+    force, slip = jenkins(drawn)
+    ground, spring = (result.problem.interfaces[name] for name in ("ground", "spring"))
+    friction = np.einsum("p,pc,tpc->t", ground.weights, ground.frames[:, :, 0], result.force("ground"))
+    moved = -np.einsum("p,pc,tpc->t", ground.weights, ground.frames[:, :, 0], result.jump("ground"))
+    assert np.allclose(friction, -force, atol=GIVE * BOUND)
+    assert np.allclose(moved / AREA, slip, atol=GIVE * reach)
+    assert np.allclose(
+        result.force("spring")[..., 0] @ spring.weights, force, atol=GIVE * BOUND
+    )
+    # one cycle, from the first reversal back to it: the parallelogram
+    heat = result.dissipation("ground")
+    cycle = 4.0 * BOUND * (reach - BOUND / SPRING)
+    assert abs(heat[-1] - heat[steps] - cycle) < GIVE * cycle
+    assert np.all(np.diff(heat) > -1e-6 * cycle)
+
+
+def test_below_the_bound_nothing_slips():
+    reach = 0.9 * BOUND / SPRING
+    result, drawn = drawn_block([reach, -reach], 3)
+    force = result.force("spring")[..., 0] @ result.problem.interfaces["spring"].weights
+    assert np.allclose(force, SPRING * drawn, atol=GIVE * BOUND)
+    assert abs(result.dissipation("ground")[-1]) < GIVE * BOUND * reach
+
+
+# ---------------------------------------------------------------------------------------------
+# The bolted lap joint
+# ---------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def demo() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("lap", ROOT / "demos" / "bolted_lap_joint.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def joint() -> LapJoint:
+    return lap_joint("coarse")
+
+
+def test_parts_have_the_sizes_of_the_drawing(joint):
+    half_ring = 0.5 * np.pi * (11.0**2 - 7.0**2)
+    volumes = {
+        "lower": 10.0 * (110.0 * 20.0 - 2 * 0.5 * np.pi * 7.0**2),
+        "head1": 8.0 * 0.5 * np.pi * 11.0**2,
+        "nut2": 8.0 * 0.5 * np.pi * (11.0**2 - 6.0**2),
+        "shank1": 28.0 * 0.5 * np.pi * 6.0**2,
+    }
+    for name, volume in volumes.items():
+        assert joint.parts[name].volume() == pytest.approx(volume, rel=2e-3)
+    for name in ("upper:seat1", "lower:seat2"):
+        part, face = joint.face(name)
+        assert part.face_area(face) == pytest.approx(half_ring, rel=2e-3)
+    for name in ("lower:lap", "upper:lap"):
+        part, face = joint.face(name)
+        assert part.face_area(face) == pytest.approx(80.0 * 20.0 - np.pi * 7.0**2, rel=2e-3)
+    assert joint.clearance == 1.0
+    for each in joint.interfaces:
+        for face in filter(None, (each.face1, each.face2)):
+            joint.face(face)
+
+
+def test_mistakes_in_the_drawing_are_named():
+    with pytest.raises(SceneError, match=r"radii.*must grow"):
+        lap_joint(hole_radius=5.0)
+    with pytest.raises(SceneError, match="head_radius = 30"):
+        lap_joint(head_radius=30.0)
+    with pytest.raises(SceneError, match="thicknes"):
+        lap_joint(thicknes=3.0)
+    with pytest.raises(SceneError, match="fine"):
+        lap_joint("fine")
+    with pytest.raises(SceneError, match="size = -1"):
+        lap_joint(-1.0)
+    with pytest.raises(SceneError, match="geometry_order"):
+        lap_joint(geometry_order=3)
+
+
+def test_the_load_goes_through_the_clamp(demo, joint):
+    """Load from the contacts against the reaction of the clamp, from the matrix of the lower plate."""
+    problem = demo.study_problem(joint)
+    result = solve(problem, times=demo.TIMES, options=Options(rtol=1e-6, max_iterations=3000))
+    assert result.converged
+    lower = problem.substructures["lower"]
+    u = result.displacements["lower"]
+    carried = demo.load(problem, result)
+    pull = np.zeros(lower.size)
+    pull[::3] = 1.0  # the work of all forces on a unit displacement along x
+    for step, expected in enumerate(carried):
+        x, y = lower.stiffness.createVecs()
+        x.setArray(u[step])
+        lower.stiffness.mult(x, y)
+        inner = y.getArray().reshape(-1, 3)[:, 0]
+        at = lower.V.tabulate_dof_coordinates()[:, 0]
+        clamp = inner[at < at.min() + 1e-9].sum()
+        assert demo.HALVES * clamp == pytest.approx(-expected, rel=1e-4)
+        assert abs(pull @ y.getArray()) < 1e-9 * abs(clamp) * len(inner)  # a rigid motion does no work
+    # friction on the plates and under the nuts is all that holds
+    pressed = [
+        problem.interfaces[name].weights @ result.force(name)[-1, :, 0] for name in demo.ON_LOWER
+    ]
+    assert carried[-1] <= demo.HALVES * demo.FRICTION * abs(np.array(pressed)).sum()
+    assert carried[-1] > demo.HALVES * demo.FRICTION * abs(pressed[0]) * 0.9  # the plates slip

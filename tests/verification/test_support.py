@@ -1,0 +1,229 @@
+"""Parts that lose their support: closed forms of rigid statics, and linear programming as the oracle."""
+
+from __future__ import annotations
+
+import warnings
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from latin_core import Options
+from scipy.optimize import linprog
+
+from dolfinx_frontend import geometry
+from dolfinx_frontend.assembly import assemble
+from dolfinx_frontend.errors import SceneError, SceneWarning
+from dolfinx_frontend.history import Amplitude
+from dolfinx_frontend.laws import Contact, Elastic
+from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.solve import Result, solve
+from dolfinx_frontend.support import _driven, _Grip
+
+SIDE = 10.0  # mm, cubes of steel
+SHORT = Options(max_iterations=150)
+
+
+def cube(
+    scene: Scene,
+    name: str,
+    z: float = 0.0,
+    divisions: Any = (2, 2, 2),
+    nu: float = 0.3,
+    body_force: Any = None,
+) -> None:
+    part = geometry.box((SIDE,) * 3, divisions, origin=(0.0, 0.0, z), cell="hexahedron")
+    scene.substructure(name, part, LinearElastic(E=200e3, nu=nu), degree=1, body_force=body_force)
+
+
+def on_the_floor(traction: Any, law: Contact, guided: bool = False, **options: Any) -> Scene:
+    scene = Scene()
+    cube(scene, "block", **options)
+    scene.interface("floor", "block:z0", law)
+    if guided:
+        scene.symmetry(["block:x0", "block:y0"])
+    scene.traction("block:z1", traction, name="load")
+    return scene
+
+
+def silently(scene: Scene, options: Options = SHORT) -> Result:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return solve(assemble(scene), options=options)
+
+
+def lost(scene: Scene, *words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        solve(assemble(scene), options=SHORT)
+    for word in ("no equilibrium", "lost its support", *words):
+        assert word in str(caught.value), str(caught.value)
+
+
+def test_block_pulled_off_a_frictionless_support() -> None:
+    words = ("'block'", "translation along z", "'floor' opens everywhere", "scene.fix")
+    lost(on_the_floor((0.0, 0.0, 5.0), Contact(), guided=True), *words)
+    assert silently(on_the_floor((0.0, 0.0, -5.0), Contact(), guided=True)).converged
+
+
+def test_the_smallest_pull_is_too_much() -> None:
+    """Rounding is not a load, a millionth of the other loads is one."""
+    scene = on_the_floor((0.0, 0.0, 0.0), Contact(), guided=True)
+    scene.traction("block:x1", (-100.0, 0.0, 1e-3), name="side")
+    lost(scene, "translation along z")
+
+
+@pytest.mark.parametrize("threshold", [None, 0.5])
+@pytest.mark.parametrize("share", [0.5, 0.95, 1.05, 1.5])
+def test_block_pushed_sideways(share: float, threshold: float | None) -> None:
+    """It holds iff Q <= mu N + tau A; pushed in its middle, so that it does not tip."""
+    push = share * (0.3 * 10.0 + (threshold or 0.0))
+    law = Contact(friction=0.3, threshold=threshold)
+    scene = on_the_floor((0.0, 0.0, -10.0), law, nu=0.0, body_force=(push / SIDE, 0.0, 0.0))
+    if share > 1.0:
+        lost(scene, "'block'", "translation along x", "'floor' slips")
+    else:
+        silently(scene, Options(max_iterations=400))
+
+
+@pytest.mark.parametrize(("push", "holds"), [(4.5, True), (5.5, False)])
+def test_block_that_tips(push: float, holds: bool) -> None:
+    """Pushed at its top, which is as high as it is wide: over it goes if Q > N / 2."""
+    scene = on_the_floor((push, 0.0, -10.0), Contact(friction=50.0), divisions=(8, 2, 4))
+    if holds:
+        # the resultant is at (0.5 + push / 10) of the width; quadrature points end at 1/2 - 1/sqrt(12)
+        # of a facet from the edge
+        assert 0.5 + push / 10.0 < 1.0 - (0.5 - 1 / np.sqrt(12)) / 8
+        silently(scene, Options(max_iterations=30))
+    else:
+        lost(scene, "'block'", "rotation about y through", "'floor' opens on")
+
+
+def clamped(shear: float, friction: float = 0.3, tangential: float | None = None) -> Scene:
+    """Two blocks held together by a bolt with clearance; the upper one is sheared."""
+    scene = Scene()
+    cube(scene, "lower")
+    cube(scene, "upper", SIDE)
+    scene.fix("lower:z0")
+    scene.interface("joint", "lower:z1", "upper:z0", Contact(friction=friction))
+    bolt = Elastic(normal=1e3, tangential=tangential, jump=-0.01)  # 10 MPa of preload
+    scene.interface("bolt", "lower:z1", "upper:z0", bolt)
+    scene.traction("upper:z1", (shear, 0.0, 0.0), name="shear")
+    return scene
+
+
+def test_preload_that_does_not_hold_by_friction() -> None:
+    """Rigid statics cannot refuse it, since a bolt may pull as hard as one likes: the forces decide."""
+    assert silently(clamped(2.8), Options(max_iterations=300)).converged
+    with pytest.warns(SceneWarning, match="'upper' has lost its support.*along x: 'joint' slips.*preload"):
+        result = solve(assemble(clamped(3.6)), options=SHORT)
+    assert not result.converged
+    # a bolt without clearance carries what friction does not
+    silently(clamped(3.6, tangential=1e3))
+    with pytest.warns(SceneWarning, match="'joint' slips"):
+        solve(assemble(clamped(0.5, friction=0.01)), options=SHORT)
+
+
+def test_preload_lost_is_no_support_lost() -> None:
+    """TARGETS 2.6 beyond Q = K D: the joint is open and the bolt holds all the same."""
+    scene = Scene()
+    cube(scene, "lower")
+    cube(scene, "upper", SIDE)
+    scene.fix("lower:z0")
+    scene.interface("joint", "lower:z1", "upper:z0", Contact(stiffness=50.0))
+    scene.interface("bolt", "lower:z1", "upper:z0", Elastic(normal=1e3, tangential=1e3, jump=-0.01))
+    scene.traction("upper:z1", (0.0, 0.0, 15.0), name="pull")
+    result = silently(scene, Options(max_iterations=300))
+    assert result.converged and not np.any(result.force("joint"))
+
+
+def gapped(load: float, gap: float = 0.01) -> Scene:
+    scene = Scene()
+    cube(scene, "lower")
+    cube(scene, "upper", SIDE + gap)
+    scene.fix("lower:z0")
+    scene.symmetry(["upper:x0", "upper:y0"])
+    scene.interface("joint", "lower:z1", "upper:z0", Contact())
+    scene.traction("upper:z1", (0.0, 0.0, load), name="load")
+    scene.traction("lower:x1", (1.0, 0.0, 0.0), name="other")
+    return scene
+
+
+def test_part_held_by_a_contact_that_is_open_at_first() -> None:
+    silently(gapped(-5.0))  # converged or not: there is an equilibrium
+    lost(gapped(5.0), "'upper'", "'joint' opens everywhere")
+
+
+def test_free_part_without_a_load() -> None:
+    with pytest.warns(SceneWarning, match="'upper'.*'joint' is open everywhere; no load.*along z"):
+        assert solve(assemble(gapped(0.0)), options=SHORT).converged
+
+
+def test_the_step_of_a_history_is_named() -> None:
+    """Pressed at first, lifted from t = 1 on: the first step with a pull has no equilibrium."""
+    scene = on_the_floor(Amplitude([0, 1, 2], [0, -1, 1]) * (0.0, 0.0, 5.0), Contact(), guided=True)
+    with pytest.raises(SceneError, match=r"no equilibrium at step 4, t = 2: .*'floor' opens everywhere"):
+        solve(assemble(scene), times=[0.0, 0.5, 1.0, 1.5, 2.0], options=SHORT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # unloaded at t = 0 and 1.5, but it lies on the floor
+        assert solve(assemble(scene), times=[0.0, 0.5, 1.0, 1.5], options=SHORT).converged
+
+
+def test_a_whole_chain_is_named() -> None:
+    """Two blocks glued to each other and lifted off a third one by the load on the upper one."""
+    scene = gapped(5.0, 0.0)
+    cube(scene, "top", 2 * SIDE)
+    scene.interface("glue", "upper:z1", "top:z0", Elastic(normal=1e5, tangential=1e5))
+    lost(scene, "'upper', 'top'", "translation along z")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("case", ["cone", "bounded"])
+def test_the_search_agrees_with_linear_programming(dim: int, case: str) -> None:
+    """Random contacts of a rigid body: balance is a linear programme if circles are polygons.
+
+    Polygons of 128 corners, inscribed and circumscribed, are two programmes that bracket the truth.
+    """
+    rng = np.random.default_rng(dim)
+    q, verdicts = (3 if dim == 2 else 6), []
+    for _ in range(60):
+        m = int(rng.integers(2, 7))
+        frames = np.linalg.qr(rng.standard_normal((m, dim, dim)))[0].transpose(0, 2, 1)
+        x = rng.standard_normal((m, dim))
+        rigid = np.zeros((m, dim, q))
+        rigid[:, :, :dim] = np.eye(dim)
+        if dim == 2:
+            rigid[:, :, 2] = np.stack([-x[:, 1], x[:, 0]], axis=1)
+        else:
+            rigid[:, :, 3:] = np.stack([np.cross(e, x) for e in np.eye(3)], axis=2)
+        jump = np.einsum("pij,pjq->piq", frames, rigid)
+        mu = rng.uniform(0.0, 1.0, m) if case == "cone" else np.zeros(m)
+        tau = np.zeros(m) if case == "cone" else rng.uniform(0.0, 2.0, m)
+        work = rng.standard_normal(q)
+        if rng.random() < 0.5:  # loads that some forces balance, shortened or not
+            p = rng.uniform(0.0, 1.0, m)
+            work = -np.einsum("p,pq->q", p, jump[:, 0]) + 0.2 * rng.standard_normal(q)
+        interface: Any = SimpleNamespace(num_points=m, weights=np.ones(m), area=float(m))
+        grips = {"i": _Grip(interface, jump[:, 0], jump[:, 1:], mu, tau)}
+        mine = _driven(work, grips, 1e-6)
+
+        angle = np.arange(128) * np.pi / 64
+        e = np.array([[1.0], [-1.0]]) if dim == 2 else np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        balance = []
+        for radius in (1.0, 1.0 if dim == 2 else 1.0 / np.cos(np.pi / 128)):
+            # pressures, then weights of the corners; their sum at a point is <= mu p + tau
+            A = np.hstack(
+                [-jump[:, 0].T, radius * np.einsum("ki,piq->qpk", e, jump[:, 1:]).reshape(q, -1)]
+            )
+            limit = np.hstack([-np.diag(mu), np.kron(np.eye(m), np.ones(len(e)))])
+            found = linprog(np.zeros(A.shape[1]), limit, tau, A, work, method="highs")
+            balance.append(found.status == 0)
+        if balance[0] == balance[1]:
+            verdicts.append(balance[0])
+            assert (mine is None) == balance[0]
+        if mine is not None:
+            # a proof: no admissible force works against it as the loads do
+            speed = np.linalg.norm(jump[:, 1:] @ mine, axis=1)
+            assert np.all(jump[:, 0] @ mine - mu * speed > -1e-5)
+            assert work @ mine > tau @ speed
+    assert len(verdicts) > 50 and 5 < sum(verdicts) < len(verdicts) - 5
