@@ -1,6 +1,6 @@
 """Program of test_mpi.py: blocks end to end over the ranks, against the same scene on one rank.
 
-``mpirun -n N python mpi_chain.py same|history|facets|fail|missing|free|lost|crash``
+``mpirun -n N python mpi_chain.py same|refuse|crash``
 """
 
 from __future__ import annotations
@@ -82,10 +82,13 @@ def compare(times: Any, space: Any, friction: float) -> None:
     options = Options(rtol=1e-12, max_iterations=400, newton=0)
     scene = chain(pull, space=space, friction=friction)
     problem = assemble(scene, comm=WORLD)
+    made = MADE.copy()
+    MADE.clear()
     owner = problem.distribution.owner if problem.distribution else {f"b{k}": 0 for k in range(PARTS)}
-    assert MADE == [k for k in range(PARTS) if owner[f"b{k}"] == WORLD.rank]
+    assert made == [k for k in range(PARTS) if owner[f"b{k}"] == WORLD.rank]
     assert list(owner.values()) == sorted(owner.values()) and set(owner.values()) == set(range(WORLD.size))
     whole = assemble(scene)
+    MADE.clear()
     assert problem.size == whole.size and problem.amplitudes == whole.amplitudes
     extra: dict[str, Any] = {} if times is None else {"times": times}
     # the cuts stay active: so they do in what it is compared with
@@ -119,24 +122,38 @@ def compare(times: Any, space: Any, friction: float) -> None:
     print(f"same on rank {WORLD.rank}: {found.iterations} and {exact.iterations} iterations, off by {off:.1e}", flush=True)
 
 
+def refused(scene: Scene, message: str, solved: bool = False) -> None:
+    """All ranks raise, with the same message."""
+    try:
+        problem = assemble(scene, comm=WORLD)
+        if solved:
+            solve(problem)
+    except SceneError as error:
+        assert message in str(error), error
+    except ZeroDivisionError:
+        assert "ZeroDivisionError" in message
+    else:
+        raise AssertionError(message)
+
+
 def main(what: str) -> None:
     """Compare, or fail as asked."""
+    pull = (-0.05, 0.0)
     if what == "same":
         compare(None, "points", 0.05)
-    elif what == "history":
-        compare([0.5, 1.0, 1.5, 2.0], "points", 0.1)
-    elif what == "facets":
         compare(None, "facets", 0.05)
-    elif what == "fail":  # in the mesh function of the last rank's part
-        scene = chain((-0.05, 0.0))
-        scene.substructure("extra", lambda: 1 / 0, LinearElastic(E=1.0, nu=0.3))
-        assemble(scene, comm=WORLD)
-    elif what in ("missing", "free"):
-        assemble(chain((-0.05, 0.0), what), comm=WORLD)
-    elif what == "lost":  # nothing bears the pull: the contact opens
-        solve(assemble(chain((-0.05, 0.0), what), comm=WORLD))
+        compare([0.5, 1.0, 1.5, 2.0], "points", 0.1)
+    elif what == "refuse":
+        broken = chain(pull)  # the last part belongs to the last rank
+        broken.substructure("extra", lambda: 1 / 0, LinearElastic(E=1.0, nu=0.3))
+        refused(broken, f"rank {WORLD.size - 1} failed: ZeroDivisionError")
+        refused(chain(pull, "missing"), "interface 'j2', substructure 'b3': unknown face 'nowhere'")
+        refused(chain(pull, "free"), "unattached rigid body")
+        # nothing bears the pull: the contact opens
+        refused(chain(pull, "lost"), "no equilibrium: 'b3', 'b4' has lost its support", solved=True)
+        print(f"refused on rank {WORLD.rank}", flush=True)
     elif what == "crash":
-        problem = assemble(chain((-0.05, 0.0)), comm=WORLD)
+        problem = assemble(chain(pull), comm=WORLD)
         if WORLD.rank == WORLD.size - 1:
             raise RuntimeError("only here")
         solve(problem)

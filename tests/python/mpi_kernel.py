@@ -1,6 +1,6 @@
 """Program of test_mpi.py: bars end to end on the ranks of a communicator, against all of them on one.
 
-``mpirun -n N python mpi_kernel.py same|stop|refuse``
+``mpirun -n N python mpi_kernel.py``, N > 1
 """
 
 from __future__ import annotations
@@ -88,28 +88,29 @@ def problem(owner: list[int], rank: int, comm: int | None, spoil: int = -1) -> A
     return core
 
 
-def main(what: str) -> None:
-    """Compare, or fail on one rank."""
+def fails(world: MPI.Comm, work: Any, message: str, on: int) -> None:
+    """One rank raises its own error, the others hear of it."""
+    try:
+        work()
+    except RemoteError as error:
+        assert world.rank != on and message in str(error) and f"rank {on}" in str(error), error
+    except ValueError as error:
+        assert world.rank == on and message in str(error), error
+    else:
+        raise AssertionError(f"no error on rank {world.rank}: {message}")
+
+
+def main() -> None:
+    """Compare, and fail on one rank."""
     world = MPI.COMM_WORLD
     owner = [p * world.size // PARTS for p in range(PARTS)]
-    if what == "refuse":
-        problem(owner, world.rank, world.py2f(), spoil=1)
     mine = problem(owner, world.rank, world.py2f())
     settings: dict[str, Any] = {
         "options": Options(rtol=1e-12, newton=0).kernel(),
         "amplitudes": np.eye(COLUMNS, order="F"),
         "start": [],
     }
-
-    def fail(iteration: Any) -> None:
-        if what == "stop" and world.rank == 1 and iteration.number == 3:
-            raise ValueError("the callback of rank 1 stops here")
-
-    try:
-        summary, state = mine.solve(**settings, callback=fail)
-    except RemoteError as error:
-        print(f"rank {world.rank} heard: {error}", flush=True)
-        raise
+    summary, state = mine.solve(**settings, callback=None)
     whole = problem([0] * PARTS, 0, None)
     reference, state_0 = whole.solve(**settings, callback=None)
     assert summary.status == reference.status == "converged"
@@ -127,8 +128,26 @@ def main(what: str) -> None:
     assert any(np.any(g > 1e-3) for g in gaps) and any(np.any(g < 1e-9) for g in gaps)
     total = world.allreduce(mine.rows)
     assert total == mine.total_rows == whole.rows
+    # the kernel's Newton steps are those of one rank: asked for, they are not taken
+    asked, _ = mine.solve(**{**settings, "options": Options(rtol=1e-12).kernel()}, callback=None)
+    assert asked.newton_steps == 0 and asked.iterations == summary.iterations
     print(f"same on rank {world.rank}: {summary.iterations} iterations, off by {off:.1e}", flush=True)
+
+    def stop(iteration: Any) -> None:
+        if world.rank == 1 and iteration.number == 3:
+            raise ValueError("the callback of rank 1 stops here")
+
+    fails(world, lambda: mine.solve(**settings, callback=stop), "rank 1 stops here", 1)
+    fails(
+        world,
+        lambda: problem(owner, world.rank, world.py2f(), spoil=1),
+        "'joint4': search direction has 1 values for 2 rows",
+        1,
+    )
+    again, _ = mine.solve(**settings, callback=None)  # nothing was left on its way
+    assert again.iterations == summary.iterations
+    print(f"failed together on rank {world.rank}", flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

@@ -28,41 +28,31 @@ def launch(ranks: int, program: str, *arguments: str) -> subprocess.CompletedPro
         capture_output=True,
         encoding="utf-8",
         errors="replace",
-        timeout=60,
-        env={**keep, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        timeout=120,
+        env={**keep, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"},
         check=False,
     )
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_bars_over_ranks_have_the_digits_of_one_rank(ranks: int) -> None:
-    run = launch(ranks, "mpi_kernel.py", "same")
+def test_bars_over_three_ranks_have_the_digits_of_one_and_fail_together() -> None:
+    run = launch(3, "mpi_kernel.py")
     assert run.returncode == 0, run.stderr
-    assert run.stdout.count("same on rank") == ranks
+    assert run.stdout.count("same on rank") == run.stdout.count("failed together on rank") == 3
 
 
-@pytest.mark.parametrize("what", ["same", "history", "facets"])
-def test_blocks_over_two_ranks_have_the_digits_of_one_rank(what: str) -> None:
-    run = launch(2, "mpi_chain.py", what)
+def test_blocks_over_two_ranks_have_the_digits_of_one() -> None:
+    run = launch(2, "mpi_chain.py", "same")
     assert run.returncode == 0, run.stderr
-    assert run.stdout.count("same on rank") == 2
+    assert run.stdout.count("same on rank") == 2 * 3
 
 
-@pytest.mark.parametrize(
-    ("program", "what", "message"),
-    [
-        ("mpi_kernel.py", "stop", "the callback of rank 1 stops here"),
-        ("mpi_kernel.py", "refuse", "interface 'joint4': search direction has 1 values for 2 rows"),
-        ("mpi_chain.py", "fail", "rank 1 failed: ZeroDivisionError"),
-        ("mpi_chain.py", "missing", "interface 'j2', substructure 'b3': unknown face 'nowhere'"),
-        ("mpi_chain.py", "free", "unattached rigid body"),
-        ("mpi_chain.py", "lost", "no equilibrium: 'b3', 'b4' has lost its support"),
-        ("mpi_chain.py", "crash", "RuntimeError: only here"),
-    ],
-)
-def test_an_error_on_one_rank_ends_all_with_its_message(
-    program: str, what: str, message: str
-) -> None:
-    run = launch(2, program, what)
+def test_a_mistake_that_one_rank_sees_is_raised_on_all() -> None:
+    run = launch(2, "mpi_chain.py", "refuse")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("refused on rank") == 2
+
+
+def test_an_error_that_is_not_caught_ends_all_ranks_with_its_message() -> None:
+    run = launch(2, "mpi_chain.py", "crash")
     assert run.returncode != 0
-    assert message in run.stderr + run.stdout, run.stderr
+    assert "rank 1 of 2:" in run.stderr and "RuntimeError: only here" in run.stderr
