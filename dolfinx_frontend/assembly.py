@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import basix
 import dolfinx.fem as fem
@@ -53,7 +53,7 @@ from dolfinx_frontend.parallel import (
     swap,
 )
 from dolfinx_frontend.rigid import Resistance, check_resistances, resistance, rigid_modes
-from dolfinx_frontend.scene import InterfaceSpec, PartLike, Scene, SubstructureSpec, check_face
+from dolfinx_frontend.scene import PartLike, Scene, SubstructureSpec, check_face
 
 __all__ = [
     "Interface",
@@ -67,6 +67,8 @@ __all__ = [
     "resolve",
     "stiffnesses",
 ]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,7 @@ class Problem:
     """An assembled scene.
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
-    which those that touch no part of this rank have no points here.
+    which those that touch no part of this rank have no traces here.
     """
 
     substructures: dict[str, Substructure]
@@ -161,8 +163,63 @@ class Problem:
         """What of the problem is on this rank, without the rest."""
         if self.distribution is None:
             return self
-        here = {name: i for name, i in self.interfaces.items() if i.num_points > 0}
+        here = {
+            name: i
+            for name, i in self.interfaces.items()
+            if any(side.substructure in self.substructures for side in i.sides)
+        }
         return Problem(self.substructures, here, self.distribution)
+
+    @property
+    def comm(self) -> Any:
+        """mpi4py communicator of the ranks that share the problem; None: there is one."""
+        return None if self.distribution is None else self.distribution.comm
+
+    def speaks_for(self, name: str) -> bool:
+        """Whether this rank has the first side of an interface: one rank has."""
+        return self.interfaces[name].sides[0].substructure in self.substructures
+
+    @property
+    def rank(self) -> int:
+        """This rank; 0 where there is one."""
+        return 0 if self.distribution is None else self.distribution.rank
+
+    def gather(self, own: Mapping[str, T]) -> dict[str, T]:
+        """What the ranks know of interfaces, put together, in the scene's order; collective."""
+        known = dict(own)
+        if self.comm is not None:
+            known = {n: each for found in self.comm.allgather(known) for n, each in found.items()}
+        return {name: known[name] for name in self.interfaces if name in known}
+
+    def everywhere(self, name: str, read: Callable[[], T]) -> T:
+        """What the rank of an interface's first side reads, on all ranks; collective."""
+        if self.distribution is None or name not in self.interfaces:
+            return read()
+        comm = self.distribution.comm
+        first = self.distribution.owner[self.interfaces[name].sides[0].substructure]
+        found: list[T] = []
+        with agreement(comm):
+            if self.rank == first:
+                found.append(read())
+        shared: list[T] = comm.bcast(found, root=first)
+        return shared[0]
+
+    def here(self, name: str) -> Interface:
+        """An interface that touches this rank.
+
+        Raises
+        ------
+        SceneError
+            It touches other ranks only.
+        """
+        interface = self.interfaces[name]
+        if self.distribution is not None and name not in self.own.interfaces:
+            ranks = self.distribution.ranks([side.substructure for side in interface.sides])
+            raise SceneError(
+                f"interface {name!r} is on rank {' and '.join(map(str, ranks))}, this is rank "
+                f"{self.distribution.rank}: ask there, or all ranks together for gathered(...)"
+            )
+        return interface
 
     @cached_property
     def cuts(self) -> tuple[str, ...]:
@@ -179,8 +236,8 @@ class Problem:
         """Raise SceneError unless everything is on this rank, which `what` needs."""
         if self.distribution is not None:
             raise SceneError(
-                f"{what} works on one rank only: this problem is spread over "
-                f"{self.distribution.comm.size}; assemble it without comm"
+                f"{what} works on one rank only, this problem is spread over "
+                f"{self.distribution.comm.size}: assemble it without comm"
             )
 
     @property
@@ -269,13 +326,13 @@ class Problem:
 
     def __repr__(self) -> str:
         lines = [
-            f"Problem: {self.size} unknowns in {len(self.substructures)} substructures, "
+            f"Problem: {self.size} unknowns in {len(self.parts)} substructures, "
             f"{len(self.interfaces)} interfaces, {self.dim}D",
             f"  {'substructure':<18}{'unknowns':>10}{'volume':>12}{'modulus':>12}{'length':>11}",
         ]
-        for s in self.substructures.values():
+        for name, s in self.parts.items():
             lines.append(
-                f"  {s.name:<18}{s.size:>10}{s.volume:>12.4g}{s.modulus:>12.4g}{s.length:>11.4g}"
+                f"  {name:<18}{s.size:>10}{s.volume:>12.4g}{s.modulus:>12.4g}{s.length:>11.4g}"
             )
         lines.append(f"  {'interface':<26}{'law':<14}{'points':>8}{'area':>12}  sides")
         for i in self.interfaces.values():
@@ -593,33 +650,30 @@ def assemble(
             interfaces[name] = interface
     summaries = {name: _summary(s) for name, s in substructures.items()}
     resistances = {
-        name: (_resistance(i, substructures[i.sides[0].substructure].length), i.matching is not None)
+        name: _resistance(i, substructures[i.sides[0].substructure].length)
         for name, i in interfaces.items()
         if owner[i.sides[0].substructure] == rank
     }
     if comm is not None:
-        summaries = {n: s for each in comm.allgather(summaries) for n, s in each.items()}
-        resistances = {n: r for each in comm.allgather(resistances) for n, r in each.items()}
+        bare = {name: _bare(interfaces[name]) for name in resistances}
+        for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
+            for each in comm.allgather(its):
+                known.update({n: value for n, value in each.items() if n not in known})
+        interfaces = {
+            name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()
+        }
     parts = {name: summaries[name] for name in scene.substructures}
     if len({part.dim for part in parts.values()}) > 1:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
-        [resistances[name][0] for name in scene.interfaces],
+        [resistances[name] for name in scene.interfaces],
     )
     if comm is None:
         return Problem(substructures, interfaces)
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
-    dim = next(iter(parts.values())).dim
-    return Problem(
-        substructures,
-        {
-            name: interfaces.get(name) or _absent(joint, dim, resistances[name][1])
-            for name, joint in scene.interfaces.items()
-        },
-        Distribution(comm, owner, parts, tuple(amplitudes)),
-    )
+    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
 
 
 def _summary(s: Substructure) -> PartSummary:
@@ -628,25 +682,17 @@ def _summary(s: Substructure) -> PartSummary:
     )
 
 
-def _absent(joint: InterfaceSpec, dim: int, matching: bool) -> Interface:
-    """An interface of other ranks: its law and its sides, no points."""
-    nothing = sp.csr_matrix((0, 0))
-    none = np.zeros(0, dtype=np.int64)
-    sides = tuple(
-        Side(f.substructure, f.face, None, nothing, none, np.zeros((0, dim)), 0.0, np.zeros(dim), 0.0)
-        for f in joint.faces
-    )
-    return Interface(
-        name=joint.name,
-        law=joint.law,
-        points=np.zeros((0, dim)),
-        weights=np.zeros(0),
-        frames=np.zeros((0, dim, dim)),
-        gap=np.zeros(0),
-        sides=sides,
-        matching=np.zeros((0, 2), dtype=np.int64) if matching else None,
-        tangent_axis=0,
-        space=joint.space,
+def _bare(interface: Interface) -> Interface:
+    """What other ranks know of an interface: its points; no law, which they have, no traces."""
+    nothing, none = sp.csr_matrix((0, 0)), np.zeros(0, dtype=np.int64)
+    return replace(
+        interface,
+        law=None,
+        matching=None if interface.matching is None else np.zeros((0, 2), dtype=np.int64),
+        sides=tuple(
+            replace(side, trace=None, shape=nothing, nodes=none, node_normals=side.node_normals[:0])
+            for side in interface.sides
+        ),
     )
 
 

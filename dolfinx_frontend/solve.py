@@ -17,7 +17,6 @@ from dolfinx_frontend.cost import shown
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.pairing import Interface
-from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.support import check_support
 from latin_core import Iteration, Options, State, Summary
@@ -109,22 +108,12 @@ class Result:
         """Force and jump (m, components) of an interface."""
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self._here(name)
+        interface = self.problem.here(name)
         if name in self.plan.active:
             force, jump = self._kernel_fields(name)
             points = interface.num_points
             return force.reshape(points, -1), jump.reshape(points, -1)
         return self._eliminated(interface, interface.law, self.displacements)
-
-    def _here(self, name: str) -> Interface:
-        interface, spread = self.problem.interfaces[name], self.problem.distribution
-        if spread is not None and name not in self.problem.own.interfaces:
-            ranks = spread.ranks([side.substructure for side in interface.sides])
-            raise SceneError(
-                f"interface {name!r} is on rank {' and '.join(map(str, ranks))}, this is rank {spread.rank}: "
-                "ask there, or all ranks together for gathered(...)"
-            )
-        return interface
 
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
         return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
@@ -134,16 +123,9 @@ class Result:
 
         Collective: to be called on all of them.
         """
-        spread = self.problem.distribution
-        if spread is None or interface not in self.problem.interfaces:
-            return self._local(interface)
-        sides = self.problem.interfaces[interface].sides
-        first = spread.owner[sides[0].substructure]
-        both = None
-        with agreement(spread.comm):
-            both = self._local(interface) if spread.rank == first else None
-        found: tuple[Array, Array] = spread.comm.bcast(both, root=first)
-        return found
+        return self.problem.everywhere(
+            interface, lambda: (self.force(interface), self.jump(interface))
+        )
 
     def _eliminated(
         self, interface: Interface, law: Law, displacements: Mapping[str, Array]
@@ -250,7 +232,7 @@ class HistoryResult(Result):
     def _local(self, name: str) -> tuple[Array, Array]:
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self._here(name)
+        interface = self.problem.here(name)
         if name in self.plan.active:
             points = interface.num_points
             blocks = self._kernel_fields(name)
@@ -398,12 +380,16 @@ def solve(
         callback=callback,
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
-    # two ranks work out the fields of a cut together: now, while both are here
-    cuts = {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
+    cuts = fields_of_cuts(problem, core, state)
     kind = Result if plan.times is None else HistoryResult
     result = kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
     check_support(result)
     return result
+
+
+def fields_of_cuts(problem: Problem, core: Kernel, state: State) -> dict[str, tuple[Array, Array]]:
+    """Fields of the interfaces between this rank and others, which both work out together: collective."""
+    return {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
 
 
 def start_states(start: Result | State | None) -> list[State]:

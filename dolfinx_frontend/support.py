@@ -129,15 +129,6 @@ def _unilateral(interface: Interface) -> bool:
     return isinstance(interface.law, Contact)
 
 
-def _gather(problem: Problem, own: dict[str, T]) -> dict[str, T]:
-    """What the ranks know of interfaces, put together, in the scene's order; serially a sorted copy."""
-    spread = problem.distribution
-    known = own
-    if spread is not None:
-        known = {n: each for found in spread.comm.allgather(own) for n, each in found.items()}
-    return {name: known[name] for name in problem.interfaces if name in known}
-
-
 def _decide(problem: Problem, work: Callable[[], T]) -> T:
     """Work of the first rank, whose outcome all get: rounding must not divide them."""
     spread = problem.distribution
@@ -149,11 +140,6 @@ def _decide(problem: Problem, work: Callable[[], T]) -> T:
             outcome.append(work())
     shared: list[T] = spread.comm.bcast(outcome)
     return shared[0]
-
-
-def _first_here(problem: Problem, interface: Interface) -> bool:
-    """Whether the interface's first side is on this rank, which then speaks for the interface."""
-    return interface.sides[0].substructure in problem.substructures
 
 
 def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
@@ -216,13 +202,13 @@ def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
     out = {}
     for name, jump in jumps.items():
         interface = problem.interfaces[name]
-        if not _first_here(problem, interface):
+        if not problem.speaks_for(name):
             continue
         given = law_fields(interface).parameters
         nothing = np.zeros((interface.num_points, 1))
         bounds = (given.get(key, nothing)[:, 0] for key in ("friction", "threshold"))
         out[name] = _Grip(interface.weights, jump[:, 0], jump[:, 1:], *bounds)
-    return _gather(problem, out)
+    return problem.gather(out)
 
 
 def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | None:
@@ -437,9 +423,9 @@ def check_support(result: Result) -> None:
     own = {
         name: held(problem, i)
         for name, i in problem.own.interfaces.items()
-        if name not in contacts and _first_here(problem, i)
+        if name not in contacts and problem.speaks_for(name)
     }
-    resistances = _gather(problem, own)
+    resistances = problem.gather(own)
     motions = _decide(problem, lambda: _free(problem, resistances))
     if not len(motions):
         return
@@ -457,12 +443,11 @@ def check_support(result: Result) -> None:
     _decide(problem, loads_are_balanced)
     if result.status == "diverged":
         return  # its forces say nothing
-    answers = _gather(
-        problem,
+    answers = problem.gather(
         {
             name: _answers(result, problem.interfaces[name], steps)
             for name in jumps
-            if _first_here(problem, problem.interfaces[name])
+            if problem.speaks_for(name)
         },
     )
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):

@@ -285,6 +285,12 @@ void bind_problem(py::module_& m) {
           },
           "interface"_a)
       .def(
+          "flexibility",
+          [](const latin::Problem& p, const std::string& interface) {
+            return p.point_flexibility(p.find_interface(interface));
+          },
+          "interface"_a)
+      .def(
           "displacements",
           [](const latin::Problem& p, const latin::State& state, const latin::Matrix& amplitudes) {
             py::dict fields;

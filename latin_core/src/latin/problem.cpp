@@ -276,6 +276,11 @@ std::size_t Problem::find_interface(const std::string& name) const {
   return static_cast<std::size_t>(found - interfaces_.begin());
 }
 
+bool Problem::has_interface(const std::string& name) const {
+  return std::ranges::any_of(interfaces_,
+                             [&name](const Entry& e) { return e.geometry.name == name; });
+}
+
 void Problem::set_parameter(const std::string& interface, const std::string& parameter,
                             Matrix values) {
   const Entry& entry = interfaces_[find_interface(interface)];

@@ -48,12 +48,23 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
                      std::to_string(known_points.size()) + " points");
   }
   const Matrix where = coordinates(parameters);
-  for (const Index point : order) {
-    for (const SweptParameter& each : parameters) {
-      const Vector field = each.pattern * each.values.col(point);
-      problem.set_parameter(each.interface, each.parameter,
-                            field.reshaped(field.size() / each.columns, each.columns));
+  // of the interfaces of other ranks only the values count: they say which points are near
+  std::vector<const SweptParameter*> own;
+  for (const SweptParameter& each : parameters) {
+    const bool here = problem.has_interface(each.interface);
+    const bool somewhere = problem.communicator().maximum(here ? 1 : 0) > 0;
+    if (here || !somewhere) {  // setting a parameter of none names it
+      own.push_back(&each);
     }
+  }
+  for (const Index point : order) {
+    problem.communicator().together([&] {
+      for (const SweptParameter* each : own) {
+        const Vector field = each->pattern * each->values.col(point);
+        problem.set_parameter(each->interface, each->parameter,
+                              field.reshaped(field.size() / each->columns, each->columns));
+      }
+    });
     std::vector<std::size_t> nearest(known.size());
     std::iota(nearest.begin(), nearest.end(), std::size_t{0});
     const auto wanted =
@@ -71,7 +82,7 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     }
     State state;
     const Summary summary = solve(problem, options, amplitudes, state, start, callback);
-    point_callback(point, summary, state);
+    problem.communicator().together([&] { point_callback(point, summary, state); });
     const bool reproduced =
         summary.iterations <= 1 && wanted >= static_cast<std::size_t>(options.snapshots);
     if (summary.status == Status::converged && !reproduced) {

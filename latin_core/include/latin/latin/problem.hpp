@@ -110,6 +110,7 @@ class Problem {
   }
   /// @throws InputError with the known names
   [[nodiscard]] std::size_t find_interface(const std::string& name) const;
+  [[nodiscard]] bool has_interface(const std::string& name) const;
 
   /// Set a law parameter; a field of one row (or column) stands for all rows (columns).
   /// @throws InputError naming the interface on a wrong name, shape or value
@@ -158,6 +159,10 @@ class Problem {
 
   /// Row of the first value of a side in the stacked blocks; -1 for a side on another rank.
   [[nodiscard]] Index first_row(std::size_t interface, std::size_t side) const;
+  /// 1/k1 (+ 1/k2), (components * points).
+  [[nodiscard]] const Vector& point_flexibility(std::size_t interface) const {
+    return interfaces_.at(interface).flexibility;
+  }
   [[nodiscard]] std::size_t sides(std::size_t interface) const {
     return interfaces_.at(interface).rows.size();
   }
