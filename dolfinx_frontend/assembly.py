@@ -6,6 +6,7 @@ the traces, weights and frames of every interface.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,8 +19,9 @@ import numpy as np
 import scipy.sparse as sp
 import ufl
 from dolfinx import mesh as dmesh
+from mpi4py import MPI
 
-from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.errors import SceneError, SceneWarning, unknown_name
 from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.laws import (
     Array,
@@ -577,7 +579,8 @@ def assemble(
     progress
         Called with a line before each substructure and interface.
     comm
-        mpi4py communicator over which the parts are spread; collective. None: this process alone.
+        mpi4py communicator over which the parts are spread; collective. None: this process alone,
+        with a warning if it is one of several.
 
     Returns
     -------
@@ -593,6 +596,13 @@ def assemble(
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     say = progress or (lambda line: None)
+    if comm is None and MPI.COMM_WORLD.size > 1:
+        warnings.warn(
+            f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
+            "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
+            SceneWarning,
+            stacklevel=2,
+        )
     comm = None if comm is None or comm.size == 1 else comm
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank

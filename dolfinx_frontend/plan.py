@@ -337,6 +337,9 @@ def make_plan(
         what, _, why = text.partition(": ")
         decisions.append(Decision("dropped", what, why))
     decisions.append(Decision("iteration", chosen, reason))
+    if problem.distribution is not None:
+        options = options.with_(newton=0)
+        decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
         decisions.append(
             Decision(
@@ -367,6 +370,20 @@ def make_plan(
         patterns,
         history,
         cost,
+    )
+
+
+def _ranks(problem: Problem) -> tuple[str, str]:
+    """How a problem is spread over ranks, and what follows from that."""
+    assert problem.distribution is not None
+    spread = problem.distribution
+    sizes = [0] * spread.comm.size
+    for name, part in problem.parts.items():
+        sizes[spread.owner[name]] += part.size
+    return (
+        f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {', '.join(problem.cuts) or 'none'}",
+        "a part belongs to one rank; no Newton steps (their system spans the ranks), points of a sweep "
+        "one by one",
     )
 
 

@@ -1,11 +1,12 @@
 """Program of test_mpi.py: blocks end to end over the ranks, against the same scene on one rank.
 
-``mpirun -n N python mpi_chain.py same|refuse|crash``
+``mpirun -n N python mpi_chain.py same|columns|refuse|crash``
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,23 @@ from helpers import block
 
 from dolfinx_frontend import (
     Amplitude,
+    Chaos,
     Contact,
     Elastic,
     LinearElastic,
+    LogNormal,
     Options,
     Perfect,
     Result,
     Scene,
     SceneError,
     assemble,
+    make_plan,
     solve,
+    sweep,
 )
+from dolfinx_frontend.reference import monolithic
+from dolfinx_frontend.sampling import sample
 
 PARTS = 5
 WORLD = MPI.COMM_WORLD
@@ -87,7 +94,7 @@ def compare(times: Any, space: Any, friction: float) -> None:
     owner = problem.distribution.owner if problem.distribution else {f"b{k}": 0 for k in range(PARTS)}
     assert made == [k for k in range(PARTS) if owner[f"b{k}"] == WORLD.rank]
     assert list(owner.values()) == sorted(owner.values()) and set(owner.values()) == set(range(WORLD.size))
-    whole = assemble(scene)
+    whole = assemble(scene, comm=MPI.COMM_SELF)
     MADE.clear()
     assert problem.size == whole.size and problem.amplitudes == whole.amplitudes
     extra: dict[str, Any] = {} if times is None else {"times": times}
@@ -122,6 +129,59 @@ def compare(times: Any, space: Any, friction: float) -> None:
     print(f"same on rank {WORLD.rank}: {found.iterations} and {exact.iterations} iterations, off by {off:.1e}", flush=True)
 
 
+def columns() -> None:
+    """Sweeps, samples and chaos: what varies touches one rank or two, the digits are those of one rank."""
+    options = Options(rtol=1e-11, max_iterations=400, newton=0, together=1)
+    scene = chain((-0.05, 0.02), friction=0.4)
+    scene.interface("bed", "b2:y0", Elastic(normal=LogNormal("bed", 50.0, cov=0.3), tangential=20.0))
+    scene.interfaces["j1"] = replace(
+        scene.interfaces["j1"], law=Elastic(normal=LogNormal("k", 800.0, cov=0.2), tangential=300.0)
+    )
+    both = [assemble(scene, comm=WORLD), assemble(scene, comm=MPI.COMM_SELF)]
+    kept = make_plan(both[0]).active
+
+    def same(a: Any, b: Any, what: str, tolerance: float = 1e-9) -> None:
+        off = np.abs(a - b).max() / max(np.abs(b).max(), 0.01)  # jumps where nothing slips are rounding
+        assert off < tolerance, (what, off)
+
+    grid = {"j1.normal": [600.0, 900.0], "j3.tangential": [700.0, 800.0, 1100.0]}
+    reads = {"load": lambda fields: fields.force("j1")[:, 0].sum() + fields.force("j2")[:, 0].sum()}
+    swept = [sweep(p, grid, active=kept, options=options, outputs=reads, progress=False) for p in both]
+    assert swept[0].converged.all() and np.array_equal(swept[0].iterations, swept[1].iterations)
+    for name in ("j1", "j2", "j3"):
+        for one, other in zip(swept[0].gathered(name), swept[1].gathered(name), strict=True):
+            same(one, other, f"sweep {name}")
+    same(swept[0].output("load"), swept[1].output("load"), "output")
+
+    points = np.array([[0.3, -0.5], [-1.0, 0.4], [0.0, 1.2]])
+    active = tuple(dict.fromkeys([*kept, "j1", "bed"]))
+    samples = []
+    for p in both:
+        plan = make_plan(p, active=active, options=options)
+        samples.append(sample(p, points, plan=plan, progress=False))
+    expanded = [
+        solve(p, chaos=Chaos(order=2, check_points=0), active=active, options=options) for p in both
+    ]
+    assert all(each.converged for each in expanded), expanded
+    for name in ("bed", "j1", "j2"):
+        same(
+            both[0].everywhere(name, lambda: samples[0].force(name)), samples[1].force(name), f"samples {name}"
+        )
+        mine = both[0].everywhere(name, lambda: expanded[0].force_moments(name)[1])
+        same(mine, expanded[1].force_moments(name)[1], f"chaos {name}", 1e-8)
+    for name in both[0].substructures:
+        same(expanded[0].coefficients(name), expanded[1].coefficients(name), f"chaos {name}")
+    checked = solve(both[0], chaos=Chaos(order=2, check_points=2), active=active, options=options)
+    assert sorted(checked.checks) == sorted(active) and checked.trusted in (True, False)
+    try:
+        monolithic(both[0])
+    except SceneError as error:
+        assert "assemble it without comm" in str(error)
+    else:
+        raise AssertionError("a monolithic solve over ranks")
+    print(f"same columns on rank {WORLD.rank}", flush=True)
+
+
 def refused(scene: Scene, message: str, solved: bool = False) -> None:
     """All ranks raise, with the same message."""
     try:
@@ -143,6 +203,8 @@ def main(what: str) -> None:
         compare(None, "points", 0.05)
         compare(None, "facets", 0.05)
         compare([0.5, 1.0, 1.5, 2.0], "points", 0.1)
+    elif what == "columns":
+        columns()
     elif what == "refuse":
         broken = chain(pull)  # the last part belongs to the last rank
         broken.substructure("extra", lambda: 1 / 0, LinearElastic(E=1.0, nu=0.3))

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any
 
@@ -131,6 +132,8 @@ def main() -> None:
     # the kernel's Newton steps are those of one rank: asked for, they are not taken
     asked, _ = mine.solve(**{**settings, "options": Options(rtol=1e-12).kernel()}, callback=None)
     assert asked.newton_steps == 0 and asked.iterations == summary.iterations
+    threads = _core.bound_threads(world.py2f())
+    assert threads >= 1 and threads * world.size <= max(os.cpu_count() or 1, world.size)
     print(f"same on rank {world.rank}: {summary.iterations} iterations, off by {off:.1e}", flush=True)
 
     def stop(iteration: Any) -> None:

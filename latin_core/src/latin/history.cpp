@@ -2,16 +2,63 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
 namespace latin {
-namespace {
 
-/// A history that explains less of the residual than this says nothing about the error.
-constexpr double least_explained = 0.05;
+std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+                                   ConstMatrixRef residual) {
+  std::array<double, 2> shares{};
+  const Vector& k = problem.directions();
+  const Vector& area = problem.weights();
+  for (Index column = 0; column < residual.cols(); ++column) {
+    for (Index row = 0; row < residual.rows(); ++row) {
+      // r = 2 k (w^ - w) = 2 (f^ - f)
+      const double half = 0.5 * residual(row, column);
+      const double w = state.traces(row, column);
+      const double f = state.data(row, column) - k(row) * w;
+      const double w_hat = w + half / k(row);
+      const double f_hat = f + half;
+      shares[0] += area(row) * 2.0 * half * half / k(row);
+      shares[1] +=
+          area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
+    }
+  }
+  return shares;
+}
 
-}  // namespace
+double stage_distance(const std::array<double, 2>& shares) {
+  return shares[1] > 0.0 ? std::sqrt(shares[0] / shares[1]) : 0.0;
+}
+
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
+  Fit fit{Vector::Zero(projection.size()), 1.0};
+  if (projection.size() == 0 || norm == 0.0) {
+    return fit;
+  }
+  // unit columns, then drop directions that are noise
+  Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  scale = scale.cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram *
+                                                    scale.asDiagonal());
+  const Vector& values = eigen.eigenvalues();
+  const double smallest = 1e-13 * values.tail(1)(0);
+  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
+  double explained = 0.0;
+  for (Index i = 0; i < coordinates.size(); ++i) {
+    if (values(i) > smallest) {
+      explained += coordinates(i) * coordinates(i) / values(i);
+      coordinates(i) /= values(i);
+    } else {
+      coordinates(i) = 0.0;
+    }
+  }
+  fit.gamma = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
+  fit.remainder = std::sqrt(std::max(0.0, 1.0 - explained / (norm * norm)));
+  return fit;
+}
 
 History::History(const Problem& problem, Index columns, Index depth)
     : problem_(&problem),
@@ -95,32 +142,9 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
   }
   fresh_.clear();
 
-  gamma_ = Vector::Zero(size_);
-  remainder_ = 1.0;
-  if (size_ == 0 || residual_norm_ == 0.0) {
-    return;
-  }
-  // unit columns, then drop directions that rounding of the Gram matrix has made meaningless
-  Vector scale =
-      gram_.diagonal().head(size_).cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
-  scale = scale.cwiseInverse();
-  const Matrix scaled = scale.asDiagonal() * gram_.topLeftCorner(size_, size_) * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);
-  const Vector& values = eigen.eigenvalues();
-  const double smallest = 1e-13 * values.tail(1)(0);
-  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
-  double explained = 0.0;
-  for (Index i = 0; i < size_; ++i) {
-    if (values(i) > smallest) {
-      explained += coordinates(i) * coordinates(i) / values(i);
-      coordinates(i) /= values(i);
-    } else {
-      coordinates(i) = 0.0;
-    }
-  }
-  gamma_ = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
-  const double share = explained / (residual_norm_ * residual_norm_);
-  remainder_ = std::sqrt(std::max(0.0, 1.0 - share));
+  Fit best = least_squares(gram_.topLeftCorner(size_, size_), projection, residual_norm_);
+  gamma_ = std::move(best.gamma);
+  remainder_ = best.remainder;
 }
 
 State History::predicted_error() const {

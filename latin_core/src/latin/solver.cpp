@@ -41,12 +41,7 @@ void check_options(const Options& options) {
 constexpr Index observing_depth = 10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
 constexpr double progress = 0.9;
-/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
-/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
-constexpr double least_of_indicator = 0.3;
 constexpr Index longest_pause = 64;
-/// A residual below this share of the data is rounding.
-constexpr double rounding = 2e-13;
 /// Accelerated iterations without a better residual before the safeguard steps in.
 constexpr Index patience = 15;
 /// Relaxation of the safeguard's plain steps: an averaged step converges for every monotone law.
@@ -210,7 +205,7 @@ class Run {
   /// and that of the error estimate.
   Measure measure() {
     const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
-    const auto [distance, extent] = shares_of_indicator();
+    const auto [distance, extent] = stage_shares(problem_, state_, residual_);
     std::array<double, 7> sums{size.strain,
                                size.trace,
                                size.work,
@@ -223,7 +218,7 @@ class Run {
       problem_.communicator().agree(failure_);
     }
     return {Size{sums[0], sums[1], sums[2]}.positive(),
-            sums[4] > 0.0 ? std::sqrt(sums[3] / sums[4]) : 0.0, std::sqrt(sums[5])};
+            stage_distance({sums[3], sums[4]}), std::sqrt(sums[5])};
   }
 
   /// |r|; Newton steps are those of a rank alone.
@@ -250,7 +245,7 @@ class Run {
     if (newton_helps_ || own_ < own_before_estimate()) {
       return std::numeric_limits<double>::infinity();
     }
-    return std::max(history_.error(measured.size, rounding * measured.data_norm), least);
+    return std::max(history_.error(measured.size, rounding_share * measured.data_norm), least);
   }
 
   /// Compute the Newton step from here, if one is due: it is the estimate of the error, too.
@@ -377,7 +372,7 @@ class Run {
   /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
   void guard(double norm, double data_norm) {
     const bool led_astray = norm > growth_before_restart * best_norm_;
-    const bool at_rest = norm <= rounding * data_norm;
+    const bool at_rest = norm <= rounding_share * data_norm;
     const bool circling = summary_.iterations - best_at_ > patience && pause_ == 0;
     if ((led_astray || circling) && !at_rest) {
       best_at_ = summary_.iterations;
@@ -398,28 +393,6 @@ class Run {
     } else {
       remember(norm);
     }
-  }
-
-  /// The paper's indicator (Ladeveze 1999) is the square root of the ratio of these: distance of the two stages
-  /// over their size, in k and 1/k.
-  [[nodiscard]] std::pair<double, double> shares_of_indicator() const {
-    double distance = 0.0;
-    double size = 0.0;
-    const Vector& k = problem_.directions();
-    const Vector& area = problem_.weights();
-    for (Index column = 0; column < residual_.cols(); ++column) {
-      for (Index row = 0; row < residual_.rows(); ++row) {
-        // r = 2 k (w^ - w) = 2 (f^ - f)
-        const double half = 0.5 * residual_(row, column);
-        const double w = state_.traces(row, column);
-        const double f = state_.data(row, column) - k(row) * w;
-        const double w_hat = w + half / k(row);
-        const double f_hat = f + half;
-        distance += area(row) * 2.0 * half * half / k(row);
-        size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
-      }
-    }
-    return {distance, size};
   }
 
   const Problem& problem_;

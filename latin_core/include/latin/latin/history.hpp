@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <span>
 #include <vector>
 
@@ -13,6 +14,34 @@ struct State {
   Matrix data;    ///< s (rows, c)
   Matrix traces;  ///< w (rows, c)
 };
+
+/// A history that explains less of the residual than this says nothing about the error.
+inline constexpr double least_explained = 0.05;
+
+/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
+/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
+inline constexpr double least_of_indicator = 0.3;
+/// A residual below this share of the data is rounding.
+inline constexpr double rounding_share = 2e-13;
+
+/// This rank's shares of the squared distance of the two stages and of their squared size, in k and 1/k.
+std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+                                   ConstMatrixRef residual);
+/// The paper's indicator (Ladeveze 1999), from the sums of the shares: distance over size.
+double stage_distance(const std::array<double, 2>& shares);
+
+/// gamma = argmin | r - D gamma |, and the share |r - D gamma| / |r| that remains.
+struct Fit {
+  Vector gamma;
+  double remainder = 1.0;
+};
+
+/// Least squares through the normal equations; directions that rounding of the Gram matrix has made
+/// meaningless are left out.
+/// @param gram       D^T D
+/// @param projection D^T r
+/// @param norm       |r|
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm);
 
 /// Differences of past iterates, and what can be learned from them by one small least-squares problem.
 ///
