@@ -2,8 +2,8 @@
 
     ./run mpirun -n 2 python demos/chain_over_ranks.py
 
-runs it on two ranks, ``./run python demos/chain_over_ranks.py`` on one, with the same digits. Every rank runs the
-whole script: it describes the same scene and makes the meshes of its own parts only.
+runs it on two ranks, ``./run python demos/chain_over_ranks.py`` on one, with the same digits. Every rank
+runs the whole script: it describes the same scene and makes the meshes of its own parts only.
 """
 
 import numpy as np

@@ -16,6 +16,7 @@ import basix
 import dolfinx.fem as fem
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from dolfinx import mesh as dmesh
@@ -71,6 +72,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -693,11 +695,11 @@ def _summary(s: Substructure) -> PartSummary:
 
 
 def _bare(interface: Interface) -> Interface:
-    """What other ranks know of an interface: its points; no law, which they have, no traces."""
+    """What other ranks must be told of an interface: no law, which they have, and no traces."""
     nothing, none = sp.csr_matrix((0, 0)), np.zeros(0, dtype=np.int64)
     return replace(
         interface,
-        law=None,
+        law=Perfect(),
         matching=None if interface.matching is None else np.zeros((0, 2), dtype=np.int64),
         sides=tuple(
             replace(side, trace=None, shape=nothing, nodes=none, node_normals=side.node_normals[:0])
@@ -706,13 +708,13 @@ def _bare(interface: Interface) -> Interface:
     )
 
 
-def held(problem: Problem, interface: Interface, where: Array | None = None) -> Resistance:
+def held(problem: Problem, interface: Interface, where: Flags | None = None) -> Resistance:
     """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only."""
     length = problem.parts[interface.sides[0].substructure].length
     return _resistance(interface, length, where)
 
 
-def _resistance(interface: Interface, length: float, where: Array | None = None) -> Resistance:
+def _resistance(interface: Interface, length: float, where: Flags | None = None) -> Resistance:
     rows = _held_rows(interface)
     if where is not None:
         rows = rows * where[:, None, None]

@@ -316,7 +316,7 @@ class FacetMap:
         self.conormal: Array = np.asarray(
             basix.cell.facet_outward_normals(self.cell), dtype=np.float64
         )
-        self.facet_cell = {
+        self.facet_cell: basix.CellType = {
             "triangle": basix.CellType.interval,
             "quadrilateral": basix.CellType.interval,
             "tetrahedron": basix.CellType.triangle,

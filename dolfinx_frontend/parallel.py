@@ -88,7 +88,7 @@ def _cost(spec: SubstructureSpec) -> float:
         return 0.0
     nodes = spec.part.mesh.geometry.index_map().size_local
     grow = spec.degree / max(int(spec.part.mesh.geometry.cmap.degree), 1)
-    return float(spec.dim * nodes * grow**spec.dim) ** (4 / 3)
+    return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))
 
 
 def place(specs: Mapping[str, SubstructureSpec], ranks: int) -> dict[str, int]:

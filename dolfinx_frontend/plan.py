@@ -380,8 +380,9 @@ def _ranks(problem: Problem) -> tuple[str, str]:
     sizes = [0] * spread.comm.size
     for name, part in problem.parts.items():
         sizes[spread.owner[name]] += part.size
+    cuts = ", ".join(problem.cuts) or "no interface"
     return (
-        f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {', '.join(problem.cuts) or 'none'}",
+        f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {cuts}",
         "a part belongs to one rank; no Newton steps (their system spans the ranks), points of a sweep "
         "one by one",
     )

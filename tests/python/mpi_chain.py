@@ -7,14 +7,11 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
-
-sys.path.insert(0, str(Path(__file__).parent))
 from helpers import block
+from mpi4py import MPI
 
 from dolfinx_frontend import (
     Amplitude,
@@ -126,7 +123,8 @@ def compare(times: Any, space: Any, friction: float) -> None:
             raise AssertionError(name)
     f, n = exact.force("j2")[..., 1], exact.force("j2")[..., 0]
     assert np.any(np.abs(f) > friction * np.abs(n) * (1 - 1e-6)), "nothing slips"
-    print(f"same on rank {WORLD.rank}: {found.iterations} and {exact.iterations} iterations, off by {off:.1e}", flush=True)
+    counts = f"{found.iterations} and {exact.iterations} iterations"
+    print(f"same on rank {WORLD.rank}: {counts}, off by {off:.1e}", flush=True)
 
 
 def columns() -> None:
@@ -164,9 +162,8 @@ def columns() -> None:
     ]
     assert all(each.converged for each in expanded), expanded
     for name in ("bed", "j1", "j2"):
-        same(
-            both[0].everywhere(name, lambda: samples[0].force(name)), samples[1].force(name), f"samples {name}"
-        )
+        mine = both[0].everywhere(name, lambda: samples[0].force(name))
+        same(mine, samples[1].force(name), f"samples {name}")
         mine = both[0].everywhere(name, lambda: expanded[0].force_moments(name)[1])
         same(mine, expanded[1].force_moments(name)[1], f"chaos {name}", 1e-8)
     for name in both[0].substructures:

@@ -29,7 +29,12 @@ def launch(ranks: int, program: str, *arguments: str) -> subprocess.CompletedPro
         encoding="utf-8",
         errors="replace",
         timeout=120,
-        env={**keep, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMPI_MCA_mpi_yield_when_idle": "1"},
+        env={
+            **keep,
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "OMPI_MCA_mpi_yield_when_idle": "1",
+        },
         check=False,
     )
 

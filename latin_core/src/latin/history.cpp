@@ -41,8 +41,7 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
   // unit columns, then drop directions that are noise
   Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
   scale = scale.cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram *
-                                                    scale.asDiagonal());
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
   const Vector& values = eigen.eigenvalues();
   const double smallest = 1e-13 * values.tail(1)(0);
   Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);

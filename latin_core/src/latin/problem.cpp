@@ -538,8 +538,8 @@ Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
     // towards closing, so that a point that just touches counts as closed
     const double largest = jump.cwiseAbs().maxCoeff();
     Vector size = jump.cwiseAbs().colwise().maxCoeff().transpose();
-    size = (size.array() == 0.0)
-               .select(largest > 0.0 ? largest : entry.flexibility.maxCoeff(), size);
+    size =
+        (size.array() == 0.0).select(largest > 0.0 ? largest : entry.flexibility.maxCoeff(), size);
     // a linear law has no history, and without history all columns are told apart at once
     const Index lags = entry.geometry.law->linear() ? 1 : steps_;
     for (Index component = 0; component < entry.geometry.components; ++component) {
@@ -557,16 +557,18 @@ Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
             if (lag < 0) {
               continue;
             }
-            auto slope = result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
-                             .col(component)
-                             .segment(entry.first_unknown, rows);
+            auto slope =
+                result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
+                    .col(component)
+                    .segment(entry.first_unknown, rows);
             const Vector now =
                 (force.col(column) - moved.col(column)) / (difference * size(column - lag));
             if (difference == differences.front()) {
               slope = now;
             } else {
-              slope = ((now - slope).cwiseAbs().cwiseProduct(entry.flexibility).array() < same_slope)
-                          .select(now, slope);
+              slope =
+                  ((now - slope).cwiseAbs().cwiseProduct(entry.flexibility).array() < same_slope)
+                      .select(now, slope);
             }
           }
         }
@@ -580,8 +582,7 @@ Vector Tangents::times(const Matrix& block, ConstVectorRef p) const {
   Vector result(block.rows());
   for (Index row = 0; row < block.rows(); ++row) {
     const auto at = static_cast<std::size_t>(row);
-    result(row) =
-        block.row(row).head(components[at]).dot(p.segment(first[at], components[at]));
+    result(row) = block.row(row).head(components[at]).dot(p.segment(first[at], components[at]));
   }
   return result;
 }

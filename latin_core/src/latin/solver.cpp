@@ -217,8 +217,8 @@ class Run {
     if (sums[6] > 0.0) {
       problem_.communicator().agree(failure_);
     }
-    return {Size{sums[0], sums[1], sums[2]}.positive(),
-            stage_distance({sums[3], sums[4]}), std::sqrt(sums[5])};
+    return {Size{sums[0], sums[1], sums[2]}.positive(), stage_distance({sums[3], sums[4]}),
+            std::sqrt(sums[5])};
   }
 
   /// |r|; Newton steps are those of a rank alone.
@@ -236,9 +236,10 @@ class Run {
       const double after = norm_of(step_residual_);
       const double left = after > settled * measured.data_norm ? after / norm : 0.0;
       return left < believable
-                 ? std::max(problem_.difference_size(step_, step_traces_).relative_to(measured.size) /
-                                (1.0 - left),
-                            least)
+                 ? std::max(
+                       problem_.difference_size(step_, step_traces_).relative_to(measured.size) /
+                           (1.0 - left),
+                       least)
                  : std::numeric_limits<double>::infinity();
     }
     // a short history of averaged steps says nothing, and a Newton step is close
@@ -258,7 +259,8 @@ class Run {
     try {
       proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, settled_, step_);
     } catch (const NumericalError&) {
-      proposed_ = false;  // a body without a usable flexibility: the accelerated iteration goes on alone
+      proposed_ =
+          false;  // a body without a usable flexibility: the accelerated iteration goes on alone
     }
     newton_helps_ = proposed_;
     summary_.newton_s += since(start);
@@ -403,14 +405,14 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
-  Matrix step_traces_;  ///< global image of a proposed step
+  Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
   Newton newton_;
-  bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
-  bool proposed_ = false;                ///< `step_` is Newton's
-  bool settled_ = false;                 ///< the last Newton step did what it promised
-  double softening_ = first_softening;   ///< of the tangents
-  Index wait_ = steps_after_failure;     ///< after the next Newton step that leads nowhere
+  bool newton_helps_;                   ///< Newton steps are possible and have not failed for good
+  bool proposed_ = false;               ///< `step_` is Newton's
+  bool settled_ = false;                ///< the last Newton step did what it promised
+  double softening_ = first_softening;  ///< of the tangents
+  Index wait_ = steps_after_failure;    ///< after the next Newton step that leads nowhere
   Summary summary_;
   State best_;  ///< iterate with the smallest residual, for the safeguard
   Matrix best_residual_;

@@ -111,7 +111,8 @@ class Sweep {
     const double bytes = 8.0 * static_cast<double>(problem.rows() * amplitudes.cols()) *
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
-    if (!problem.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 || problem.rows() == 0) {
+    if (!problem.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
+        problem.rows() == 0) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
@@ -120,9 +121,8 @@ class Sweep {
   void run(const std::vector<Index>& order) {
     for (std::size_t next = 0; next < order.size();) {
       const auto left = static_cast<Index>(order.size() - next);
-      const Index together = streak_ < streak_before_batch
-                                 ? 1
-                                 : std::min({left, most_together_, 2 * (streak_ - 1)});
+      const Index together =
+          streak_ < streak_before_batch ? 1 : std::min({left, most_together_, 2 * (streak_ - 1)});
       const std::span<const Index> points(order.data() + next, static_cast<std::size_t>(together));
       if (together > 1) {
         try_together(points);
@@ -198,7 +198,8 @@ class Sweep {
     {
       const Repeated repeated(problem_, sets);
       set_parameters(points);
-      answers = advance_together(problem_, options_, amplitudes_, sets, nearest(centre, together_from_));
+      answers =
+          advance_together(problem_, options_, amplitudes_, sets, nearest(centre, together_from_));
     }
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
@@ -250,7 +251,7 @@ class Sweep {
   Matrix where_;
   Index most_together_ = 1;
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
-  Index streak_ = 0;  ///< points in a row that needed one iteration
+  Index streak_ = 0;                          ///< points in a row that needed one iteration
 };
 
 }  // namespace
