@@ -43,7 +43,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.mesh import entities_to_geometry
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from scipy.spatial import cKDTree
 
 from dolfinx_frontend import (
     Amplitude,
@@ -62,6 +65,7 @@ from dolfinx_frontend import (
     solve,
     sweep,
 )
+from dolfinx_frontend.geometry import Part
 from dolfinx_frontend.lap_joint import LapJoint, lap_joint
 
 Array = npt.NDArray[np.float64]
@@ -317,38 +321,53 @@ def loop_figure(loop: Loop, path: Path) -> Path:
     return path
 
 
-def contact_figure(loop: Loop, path: Path) -> Path:
-    """Pressure and slip between the plates, tightened and pulled, facet by facet seen from above."""
+def facets_of(part: Part, face: str, points: Array) -> Array:
+    """Corners (m, 3, 2) in the plane of the facets in whose middle the points are."""
+    mesh = part.mesh
+    mesh.topology.create_connectivity(2, 3)
+    corners = entities_to_geometry(mesh, 2, part.facets(face))[:, :3]
+    x = mesh.geometry.x[corners]
+    _, nearest = cKDTree(x.mean(axis=1)).query(points)
+    found: Array = x[nearest, :, :2]
+    return found
+
+
+def contact_figure(joint: LapJoint, loop: Loop, path: Path) -> Path:
+    """Pressure between the plates and the share of friction in use, tightened and pulled."""
     interface = loop.result.problem.interfaces["plates"]
-    force, jump = loop.result.force("plates"), loop.result.jump("plates")
-    x, y = interface.points[:, 0], interface.points[:, 1]
-    slipped = np.linalg.norm(jump[:, :, 1:], axis=2)
+    triangles = facets_of(joint.parts["lower"], "lap", interface.points)
+    triangles = np.concatenate([triangles, triangles * [1.0, -1.0]])  # both halves
+    force = loop.result.force("plates")
+    pressure = -force[:, :, 0]
+    bound = FRICTION * np.maximum(pressure, 1e-6 * pressure.max())
+    used = np.where(pressure > 0.0, np.linalg.norm(force[:, :, 1:], axis=2) / bound, np.nan)
+    # slip begins within the first quarter
+    begins = int(np.argmax(loop.plates > 0.6 * loop.plates.max()))
+    steps = (0, begins, loop.first)
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    grid = figure.subplots(2, 3, sharex=True, sharey=True)
     rows = (
-        (-force[:, :, 0], "pressure (MPa)", "viridis"),
-        (1e3 * slipped, "slip (µm)", "magma"),
+        (np.where(pressure > 0.0, pressure, np.nan), "pressure (MPa)", "viridis", float(pressure[list(steps)].max())),
+        (used, "friction in use (-)", "plasma", 1.0),
     )
-    columns = ((0, "tightened"), (loop.first, f"pulled by {1e3 * REACH:.0f} µm"))
-    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
-    grid = figure.subplots(2, 2, sharex=True, sharey=True)
-    for axes, (values, label, colours) in zip(grid, rows, strict=True):
-        top = float(values[[step for step, _ in columns]].max())
-        for axis, (step, title) in zip(axes, columns, strict=True):
-            # both halves; a marker has the area of the facet's disc
-            shown = axis.scatter(
-                np.concatenate([x, x]),
-                np.concatenate([y, -y]),
-                c=np.tile(values[step], 2),
-                s=np.tile(0.9 * interface.weights, 2),
-                cmap=colours,
-                vmin=0.0,
-                vmax=top,
+    for axes, (values, label, colours, top) in zip(grid, rows, strict=True):
+        for axis, step in zip(axes, steps, strict=True):
+            shown = PolyCollection(
+                triangles, array=np.tile(values[step], 2), cmap=colours, clim=(0.0, top)
             )
+            shown.set_edgecolor("face")
+            axis.add_collection(shown)
+            axis.set_facecolor("#dddddd")
+            axis.autoscale_view()
             axis.set_aspect("equal")
-            axis.set_title(title, fontsize=9)
         figure.colorbar(shown, ax=axes, label=label)
         axes[0].set_ylabel("y (mm)")
+    for axis, step in zip(grid[0], steps, strict=True):
+        where = f"pulled by {1e3 * loop.moved[step]:.0f} µm" if step else "tightened"
+        axis.set_title(where, fontsize=10)
     for axis in grid[-1]:
         axis.set_xlabel("x (mm)")
+    figure.suptitle("Lower plate; grey: holes, and no contact", fontsize=10)
     figure.savefig(path, dpi=150)
     return path
 
@@ -501,7 +520,7 @@ def main(given: Sequence[str] | None = None) -> None:
         paths += [
             plotting.assembly_figure(joint, output / "joint.png"),
             loop_figure(loop, output / "loop.png"),
-            contact_figure(loop, output / "contact.png"),
+            contact_figure(joint, loop, output / "contact.png"),
             *surface_figures(surface, output),
         ]
     print("\n" + "\n".join(f"wrote {path.name}" for path in paths))

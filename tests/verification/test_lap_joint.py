@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -97,9 +98,10 @@ def test_below_the_bound_nothing_slips():
 # ---------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def demo() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("lap", ROOT / "demos" / "bolted_lap_joint.py")
+    spec = importlib.util.spec_from_file_location("bolted_lap_joint", ROOT / "demos" / "bolted_lap_joint.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
