@@ -159,6 +159,7 @@ class Options:
         stagnation_window: int,
         newton: int,
         snapshots: int,
+        together: int,
     ) -> None: ...
 
 class BodyCost(TypedDict):

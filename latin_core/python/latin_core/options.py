@@ -38,6 +38,9 @@ class Options:
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
+    together
+        Points of a sweep (samples of a sampling) that are tried side by side, as columns of one global
+        stage, once their first iterates are answers already; 1: one after the other.
     operator
         ``"condensed"`` (dense factor of the Schur complement on the active unknowns),
         ``"factored"`` (sparse solves) or ``"automatic"``.
@@ -55,6 +58,7 @@ class Options:
     stagnation_window: int = 100
     newton: int = 1500
     snapshots: int = 15
+    together: int = 32
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
     backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
     memory_limit: float = 8e9
@@ -94,4 +98,5 @@ class Options:
             stagnation_window=self.stagnation_window,
             newton=self.newton,
             snapshots=self.snapshots,
+            together=self.together,
         )

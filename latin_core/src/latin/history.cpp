@@ -5,12 +5,52 @@
 #include <limits>
 
 namespace latin {
-namespace {
+double stage_distance(const Problem& problem, const State& state, ConstMatrixRef residual) {
+  double distance = 0.0;
+  double size = 0.0;
+  const Vector& k = problem.directions();
+  const Vector& area = problem.weights();
+  for (Index column = 0; column < residual.cols(); ++column) {
+    for (Index row = 0; row < residual.rows(); ++row) {
+      // r = 2 k (w^ - w) = 2 (f^ - f)
+      const double half = 0.5 * residual(row, column);
+      const double w = state.traces(row, column);
+      const double f = state.data(row, column) - k(row) * w;
+      const double w_hat = w + half / k(row);
+      const double f_hat = f + half;
+      distance += area(row) * 2.0 * half * half / k(row);
+      size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
+    }
+  }
+  return size > 0.0 ? std::sqrt(distance / size) : 0.0;
+}
 
-/// A history that explains less of the residual than this says nothing about the error.
-constexpr double least_explained = 0.05;
-
-}  // namespace
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
+  Fit fit{Vector::Zero(projection.size()), 1.0};
+  if (projection.size() == 0 || norm == 0.0) {
+    return fit;
+  }
+  // unit columns, then drop directions that are noise
+  Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  scale = scale.cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram *
+                                                    scale.asDiagonal());
+  const Vector& values = eigen.eigenvalues();
+  const double smallest = 1e-13 * values.tail(1)(0);
+  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
+  double explained = 0.0;
+  for (Index i = 0; i < coordinates.size(); ++i) {
+    if (values(i) > smallest) {
+      explained += coordinates(i) * coordinates(i) / values(i);
+      coordinates(i) /= values(i);
+    } else {
+      coordinates(i) = 0.0;
+    }
+  }
+  fit.gamma = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
+  fit.remainder = std::sqrt(std::max(0.0, 1.0 - explained / (norm * norm)));
+  return fit;
+}
 
 History::History(const Problem& problem, Index columns, Index depth)
     : problem_(&problem),
@@ -68,36 +108,13 @@ void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef 
 
 void History::fit(ConstMatrixRef residual) {
   residual_norm_ = norm(residual);
-  gamma_ = Vector::Zero(size_);
-  remainder_ = 1.0;
-  if (size_ == 0 || residual_norm_ == 0.0) {
-    return;
-  }
   Vector projection(size_);
   for (Index slot = 0; slot < size_; ++slot) {
     projection(slot) = product(slot, residual);
   }
-  // unit columns, then drop directions that rounding of the Gram matrix has made meaningless
-  Vector scale =
-      gram_.diagonal().head(size_).cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
-  scale = scale.cwiseInverse();
-  const Matrix scaled = scale.asDiagonal() * gram_.topLeftCorner(size_, size_) * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);
-  const Vector& values = eigen.eigenvalues();
-  const double smallest = 1e-13 * values.tail(1)(0);
-  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
-  double explained = 0.0;
-  for (Index i = 0; i < size_; ++i) {
-    if (values(i) > smallest) {
-      explained += coordinates(i) * coordinates(i) / values(i);
-      coordinates(i) /= values(i);
-    } else {
-      coordinates(i) = 0.0;
-    }
-  }
-  gamma_ = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
-  const double share = explained / (residual_norm_ * residual_norm_);
-  remainder_ = std::sqrt(std::max(0.0, 1.0 - share));
+  Fit best = least_squares(gram_.topLeftCorner(size_, size_), projection, residual_norm_);
+  gamma_ = std::move(best.gamma);
+  remainder_ = best.remainder;
 }
 
 State History::predicted_error() const {

@@ -38,12 +38,7 @@ void check_options(const Options& options) {
 constexpr Index observing_depth = 10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
 constexpr double progress = 0.9;
-/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
-/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
-constexpr double least_of_indicator = 0.3;
 constexpr Index longest_pause = 64;
-/// A residual below this share of the data is rounding.
-constexpr double rounding = 2e-13;
 /// Accelerated iterations without a better residual before the safeguard steps in.
 constexpr Index patience = 15;
 /// Relaxation of the safeguard's plain steps: an averaged step converges for every monotone law.
@@ -135,7 +130,7 @@ class Run {
       history_.fit(residual_);
       const double norm = history_.norm(residual_);
       const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
-      summary_.indicator = indicator();
+      summary_.indicator = stage_distance(problem_, state_, residual_);
       const double error = estimate(norm, size);
       summary_.error = error;
       summary_.energy = size.strain;
@@ -200,7 +195,7 @@ class Run {
     if (newton_helps_ || own_ < own_before_estimate()) {
       return std::numeric_limits<double>::infinity();
     }
-    return std::max(history_.error(size, rounding * history_.norm(state_.data)), least);
+    return std::max(history_.error(size, rounding_share * history_.norm(state_.data)), least);
   }
 
   /// Compute the Newton step from here, if one is due: it is the estimate of the error, too.
@@ -327,7 +322,7 @@ class Run {
   /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
   void guard(double norm) {
     const bool led_astray = norm > growth_before_restart * best_norm_;
-    const bool at_rest = norm <= rounding * history_.norm(state_.data);
+    const bool at_rest = norm <= rounding_share * history_.norm(state_.data);
     const bool circling = summary_.iterations - best_at_ > patience && pause_ == 0;
     if ((led_astray || circling) && !at_rest) {
       best_at_ = summary_.iterations;
@@ -348,27 +343,6 @@ class Run {
     } else {
       remember(norm);
     }
-  }
-
-  /// The paper's indicator (Ladeveze 1999): distance of the two stages over their size, in k and 1/k.
-  [[nodiscard]] double indicator() const {
-    double distance = 0.0;
-    double size = 0.0;
-    const Vector& k = problem_.directions();
-    const Vector& area = problem_.weights();
-    for (Index column = 0; column < residual_.cols(); ++column) {
-      for (Index row = 0; row < residual_.rows(); ++row) {
-        // r = 2 k (w^ - w) = 2 (f^ - f)
-        const double half = 0.5 * residual_(row, column);
-        const double w = state_.traces(row, column);
-        const double f = state_.data(row, column) - k(row) * w;
-        const double w_hat = w + half / k(row);
-        const double f_hat = f + half;
-        distance += area(row) * 2.0 * half * half / k(row);
-        size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
-      }
-    }
-    return size > 0.0 ? std::sqrt(distance / size) : 0.0;
   }
 
   const Problem& problem_;

@@ -13,6 +13,31 @@ struct State {
   Matrix traces;  ///< w (rows, c)
 };
 
+/// A history that explains less of the residual than this says nothing about the error.
+inline constexpr double least_explained = 0.05;
+
+/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
+/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
+inline constexpr double least_of_indicator = 0.3;
+/// A residual below this share of the data is rounding.
+inline constexpr double rounding_share = 2e-13;
+
+/// The paper's indicator (Ladeveze 1999): distance of the two stages over their size, in k and 1/k.
+double stage_distance(const Problem& problem, const State& state, ConstMatrixRef residual);
+
+/// gamma = argmin | r - D gamma |, and the share |r - D gamma| / |r| that remains.
+struct Fit {
+  Vector gamma;
+  double remainder = 1.0;
+};
+
+/// Least squares through the normal equations; directions that rounding of the Gram matrix has made
+/// meaningless are left out.
+/// @param gram       D^T D
+/// @param projection D^T r
+/// @param norm       |r|
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm);
+
 /// Differences of past iterates, and what can be learned from them by one small least-squares problem.
 ///
 /// The iteration is the fixed point s = G(s) of residual r = G(s) - s. From differences dS, dR of past
