@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from latin_core import Options, State, SweepPoints, SweptParameter, stochastic
 from latin_core import Problem as Kernel
 from latin_core import sweep as kernel_sweep
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend import bridge
@@ -231,7 +231,7 @@ def _short_steps(germs: Array) -> list[int]:
     edges = np.maximum(distances[:, 1:].ravel(), 1e-300)
     matrix = sp.csr_matrix((edges, (rows, columns[:, 1:].ravel())), shape=(count, count))
     tree = minimum_spanning_tree(matrix)
-    walk = breadth_first_order(tree, first, directed=False, return_predecessors=False)
+    walk = depth_first_order(tree, first, directed=False, return_predecessors=False)
     seen = np.zeros(count, dtype=bool)
     seen[walk] = True
     return [int(i) for i in walk] + [int(i) for i in np.flatnonzero(~seen)]

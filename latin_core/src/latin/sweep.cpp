@@ -164,7 +164,8 @@ class Sweep {
     return states;
   }
 
-  void solve_alone(Index point) {
+  /// @param wanted the state is start material even if others reproduce it: those near by did not
+  void solve_alone(Index point, bool wanted = false) {
     set_parameters({&point, 1});
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
@@ -173,7 +174,7 @@ class Sweep {
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
     const bool reproduced = summary.status == Status::converged && summary.iterations <= 1 && full;
     streak_ = reproduced ? streak_ + 1 : 0;
-    if (summary.status == Status::converged && !reproduced) {
+    if (summary.status == Status::converged && (wanted || !reproduced)) {
       known_.push_back(std::move(state));
       known_points_.push_back(point);
     }
@@ -223,11 +224,11 @@ class Sweep {
     if (worst < spare_accuracy * options_.rtol) {
       together_from_ = std::max(fewest_snapshots, together_from_ - 1);
     } else if (!missed.empty()) {
-      together_from_ = std::min(options_.snapshots, together_from_ + 2);
+      together_from_ = std::min(options_.snapshots, together_from_ + 3);
     }
     const Index answered = sets - static_cast<Index>(missed.size());
     for (const Index point : missed) {
-      solve_alone(point);
+      solve_alone(point, true);
     }
     streak_ = 2 * answered > sets ? std::min(2 * sets, 2 * most_together_) : 0;
   }
