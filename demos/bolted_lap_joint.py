@@ -27,8 +27,8 @@ Answers
     The loop of load against slip; its area against what friction takes up and what the parts store: the
     three balance, whatever the time steps; what friction takes up is ``dissipation``, with the force at the
     end of each step, as the law has it, and needs small steps. Then load and slip at a displacement
-    of 0.08 mm over friction, shortening and stiffness of the bolts, each set in two steps (tightening, then shear:
-    both at once is another path and another answer).
+    of 0.08 mm over friction, shortening and stiffness of the bolts, each set in two steps (tightening, then
+    shear: both at once is another path and another answer).
 """
 
 from __future__ import annotations
@@ -344,10 +344,11 @@ def contact_figure(joint: LapJoint, loop: Loop, path: Path) -> Path:
     # slip begins within the first quarter
     begins = int(np.argmax(loop.plates > 0.6 * loop.plates.max()))
     steps = (0, begins, loop.first)
+    highest = float(pressure[list(steps)].max())
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharex=True, sharey=True)
     rows = (
-        (np.where(pressure > 0.0, pressure, np.nan), "pressure (MPa)", "viridis", float(pressure[list(steps)].max())),
+        (np.where(pressure > 0.0, pressure, np.nan), "pressure (MPa)", "viridis", highest),
         (used, "friction in use (-)", "plasma", 1.0),
     )
     for axes, (values, label, colours, top) in zip(grid, rows, strict=True):
@@ -437,6 +438,7 @@ def checked(joint: LapJoint, surface: SweepResult, sets: int) -> float:
 def report_study(surface: SweepResult, seconds: float, error: float, sets: int) -> None:
     """The study as a table."""
     counts = surface.points.iterations[surface.points.order]
+    others = f"{counts[1:].mean():.1f} for each of the others"
     found = {name: surface.output(name) for name in ("load", "slip", "preload")}
     shares = found["load"] / (2.0 * found["preload"])
 
@@ -445,7 +447,7 @@ def report_study(surface: SweepResult, seconds: float, error: float, sets: int) 
 
     print(f"""
 {counts.size} parameter sets in {seconds:.1f} s, {int(surface.converged.sum())} converged
-iterations                          {counts[0]} for the first one, {counts[1:].mean():.1f} for each of the others
+iterations                          {counts[0]} for the first one, {others}
 preload of a bolt                   {span(found["preload"], 1e-3, 1)} kN
 load                                {span(found["load"], 1e-3, 1)} kN
 load / preload of both bolts        {span(shares, 1.0, 2)}

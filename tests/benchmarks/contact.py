@@ -1,28 +1,29 @@
-"""Contact and friction: a bolted lap joint swept over 1 000 parameter sets, and two blocks beside other codes.
+"""Contact and friction: a bolted lap joint over 1 000 parameter sets, and two blocks beside other codes.
 
 ``./run bench contact --json FILE`` writes
 
-* ``lap``: the joint of ``demos/bolted_lap_joint.py``, tightened, then sheared (two time steps, five contacts with
-  friction on meshes that do not match), swept over friction, shortening and stiffness of the bolts. ``dof``;
-  ``sets``; ``seconds`` and ``units`` of all of it, from the matrices of the parts to load, slip and preload of
-  every set; ``iterations_first`` and ``iterations_per_set`` (mean of the others), ``first_solve_units`` (with
-  factorisation and condensation) and ``per_set_units``; ``error`` of load and slip at some sets
-  against tight solutions from nothing, relative to the largest values of the sweep; ``k``: iterations from nothing
-  over the factor of the search direction, with the true errors of load and slip;
-* ``unit_s``: seconds of one analysis, factorisation and solve of the same joint with springs in place of the
-  contacts (``unit_solver``, the faster of PETSc's Cholesky solvers); these keys of the lap joint stand at the
-  top level too;
+* ``lap``: the joint of ``demos/bolted_lap_joint.py``, tightened, then sheared (two time steps, five
+  contacts with friction on meshes that do not match), swept over friction, shortening and stiffness of the
+  bolts. ``dof``; ``sets``; ``seconds`` and ``units`` of all of it, from the matrices of the parts to load,
+  slip and preload of every set; ``iterations_first`` and ``iterations_per_set`` (mean of the others),
+  ``first_solve_units`` (with factorisation and condensation) and ``per_set_units``; ``error`` of load and
+  slip at some sets against tight solutions from nothing, relative to the largest values of the sweep;
+  ``k``: iterations from nothing over the factor of the search direction, with the true errors of load and
+  slip;
+* ``unit_s``: seconds of one analysis, factorisation and solve of the same joint with springs in place of
+  the contacts (``unit_solver``, the faster of PETSc's Cholesky solvers); these keys of the lap joint stand
+  at the top level too;
 * ``blocks``: an elastic block on a softer one, pressed or pressed and sheared in one load step, quadratic
   tetrahedra, meshes that match or do not. ``ours``: ``setup_s`` (assembly of the matrices), ``solve_s``
   (factorisation to displacements of all nodes), ``iterations``, and the true errors ``error_displacement``,
   relative to the largest one, and ``error_force``, against a solution to 1e-10 of the same equations;
-* there, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells to the
-  solution; no time to start an interpreter, none to read or write files except for CalculiX, a program that reads
-  files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and
-  ``force_difference`` of the resultant of the contact, relative to its size. Nodes and elements are the same; the
-  discretisation of the contact is each code's own. ``peers`` at the top level has the sum of the seconds and the
-  largest differences, beside ``ours_seconds``. Where a program is missing, the numbers are null and ``reason``
-  says so; CalculiX's input deck is written all the same (``--keep FOLDER`` keeps it).
+* there, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells to
+  the solution; no time to start an interpreter, none to read or write files except for CalculiX, a program
+  that reads files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and
+  ``force_difference`` of the resultant of the contact, relative to its size. Nodes and elements are the
+  same; the discretisation of the contact is each code's own. ``peers`` at the top level has the sum of the
+  seconds and the largest differences, beside ``ours_seconds``. Where a program is missing, the numbers are
+  null and ``reason`` says so; CalculiX's input deck is written all the same (``--keep FOLDER`` keeps it).
 """
 
 from __future__ import annotations
