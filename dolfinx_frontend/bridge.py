@@ -17,6 +17,7 @@ from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import Elastic, UserLaw
 from dolfinx_frontend.pairing import Interface
+from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.reduction import Body, reduce
 from dolfinx_frontend.translate import (
@@ -48,7 +49,7 @@ SOFTEST = 1e-3
 
 def _scale(problem: Problem, plan: Plan) -> float:
     """E / L of the scene: geometric mean of the moduli, over the scene's length."""
-    parts = problem.substructures.values()
+    parts = problem.parts.values()
     modulus = float(np.exp(np.mean([np.log(part.modulus) for part in parts])))
     dim = next(iter(parts)).dim
     length = plan.direction.length or sum(part.volume for part in parts) ** (1.0 / dim)
@@ -185,28 +186,38 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     latin_core.NumericalError
         A body's operator is not positive definite.
     """
-    bodies = [_body(problem, patterns) for patterns in _reduced(problem, plan)]
+    own, comm = problem.own, None if problem.distribution is None else problem.distribution.comm
     scale = _scale(problem, plan)
+    bodies = []
     interfaces = []
     laws = {}
-    for name in plan.active:
-        interface = problem.interfaces[name]
-        laws[name] = fields = active_fields(interface, plan)
-        direction = _direction(problem, plan, interface, fields)
-        interfaces.append(
-            _core.Interface(
-                name=name,
-                law=_law(interface, fields),
-                weights=interface.weights,
-                frames=fields.frames,
-                sides=[
-                    _core.Side(
-                        member=side.substructure, trace=side.trace, direction=direction, scale=scale
-                    )
-                    for side in interface.sides
-                ],
+    with agreement(comm):
+        bodies = [_body(own, patterns) for patterns in _reduced(own, plan)]
+        for name in plan.active:
+            if name not in own.interfaces:
+                continue
+            interface = own.interfaces[name]
+            laws[name] = fields = active_fields(interface, plan)
+            direction = _direction(problem, plan, interface, fields)
+            interfaces.append(
+                _core.Interface(
+                    name=name,
+                    law=_law(interface, fields),
+                    weights=interface.weights,
+                    frames=fields.frames,
+                    sides=[
+                        _core.Side(
+                            member=side.substructure,
+                            trace=side.trace,
+                            direction=direction,
+                            scale=scale,
+                        )
+                        if side.substructure in own.substructures
+                        else _core.Side(member=side.substructure)
+                        for side in interface.sides
+                    ],
+                )
             )
-        )
     options = plan.options
     core = _core.Problem(
         bodies=bodies,
@@ -214,17 +225,19 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
         operator=options.operator,
         backend=options.backend,
         memory_limit=options.memory_limit,
+        comm=None if comm is None else comm.py2f(),
     )
     core.set_steps(plan.steps)
-    for name, fields in laws.items():
-        for parameter, values in fields.parameters.items():
-            core.set_parameter(name, parameter, values)
+    with agreement(comm):
+        for name, fields in laws.items():
+            for parameter, values in fields.parameters.items():
+                core.set_parameter(name, parameter, values)
     return core
 
 
 def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
-    chosen = set(plan.eliminated)
+    chosen = {name for name in plan.eliminated if name in problem.interfaces}
     found: list[dict[Amplitude | None, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}

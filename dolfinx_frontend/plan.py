@@ -242,7 +242,7 @@ def make_plan(
         raise SceneError(
             f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
         )
-    reasons: dict[str, str] = {}
+    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
     for name, interface in problem.interfaces.items():
@@ -337,6 +337,9 @@ def make_plan(
         what, _, why = text.partition(": ")
         decisions.append(Decision("dropped", what, why))
     decisions.append(Decision("iteration", chosen, reason))
+    if problem.distribution is not None:
+        options = options.with_(newton=0)
+        decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
         decisions.append(
             Decision(
@@ -350,7 +353,8 @@ def make_plan(
         decisions.append(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         )
-    cost = predict(problem, kept, columns, options.acceleration if kept else 0)
+    here = [name for name in kept if name in problem.own.interfaces]
+    cost = predict(problem.own, here, columns, options.acceleration if kept else 0)
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
@@ -366,6 +370,21 @@ def make_plan(
         patterns,
         history,
         cost,
+    )
+
+
+def _ranks(problem: Problem) -> tuple[str, str]:
+    """How a problem is spread over ranks, and what follows from that."""
+    assert problem.distribution is not None
+    spread = problem.distribution
+    sizes = [0] * spread.comm.size
+    for name, part in problem.parts.items():
+        sizes[spread.owner[name]] += part.size
+    cuts = ", ".join(problem.cuts) or "no interface"
+    return (
+        f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {cuts}",
+        "a part belongs to one rank; no Newton steps (their system spans the ranks), points of a sweep "
+        "one by one",
     )
 
 
@@ -389,7 +408,7 @@ def _history(
     # active interfaces are told their values at every time; only what is assembled has patterns
     assembled = [i.law for n, i in problem.interfaces.items() if n not in kept]
     values = [v for law in assembled for v in law.varying.values()]
-    loads = [Varying(((a, 0.0),)) for s in problem.substructures.values() for a in s.varying_loads]
+    loads = [Varying(((a, 0.0),)) for a in problem.load_amplitudes]
     patterns = (*constant, *amplitudes_of([*values, *loads])) or (None,)
     why = "there are not more time steps than load patterns"
     if nonlinear:
@@ -405,7 +424,7 @@ def _superposes(law: Law) -> bool:
 
 def _constant_loads(problem: Problem) -> bool:
     """Whether any loading is constant in time and not zero."""
-    if any(np.any(s.load) for s in problem.substructures.values()):
+    if any(part.loaded for part in problem.parts.values()):
         return True
     for interface in problem.interfaces.values():
         law = interface.law

@@ -341,12 +341,13 @@ def sample_on(
     parameters = _swept(random, plan, points)
     header = None
     if checkpoint is not None:
+        problem.on_one_rank("a checkpoint")
         header = {
             "fingerprint": fingerprint(problem, plan, parameters),
             "criterion": plan.options.criterion,
             "rtol": plan.options.rtol,
         }
-    bar = Progress(len(points), "samples") if progress else None
+    bar = Progress(len(points), "samples") if progress and problem.rank == 0 else None
 
     def done(point: int, summary: Any) -> None:
         warn_unconverged("sample", point, summary)
@@ -360,7 +361,7 @@ def sample_on(
             plan.amplitudes,
             parameters,
             _short_steps(points),
-            plan.active,
+            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
             checkpoint,
             header,

@@ -49,8 +49,9 @@ class Residuals {
   void make_gram(Index set, Index count) {
     Matrix& gram = grams_[static_cast<std::size_t>(set)];
     gram = Matrix::Zero(count_, count_);
-    gram.topLeftCorner(count, count).selfadjointView<Eigen::Lower>().rankUpdate(
-        of(set, count).transpose());
+    gram.topLeftCorner(count, count)
+        .selfadjointView<Eigen::Lower>()
+        .rankUpdate(of(set, count).transpose());
     gram.triangularView<Eigen::StrictlyUpper>() = gram.transpose();
   }
   /// Take difference `i` up into the Gram matrix of a set.
@@ -145,8 +146,8 @@ std::vector<Advanced> advance_together(const Problem& problem, const Options& op
     Advanced& answer = answers[static_cast<std::size_t>(set)];
     answer.state = {data.middleCols(set * columns, columns),
                     moved.middleCols(set * columns, columns)};
-    answer.indicator =
-        stage_distance(problem, answer.state, residual.middleCols(set * columns, columns));
+    answer.indicator = stage_distance(
+        stage_shares(problem, answer.state, residual.middleCols(set * columns, columns)));
     answer.residual = left.col(set).norm();
     const Size whole = problem.size(answer.state.data, answer.state.traces, amplitudes);
     answer.energy = whole.strain;

@@ -1,13 +1,16 @@
 #include "latin/latin/history.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
 namespace latin {
-double stage_distance(const Problem& problem, const State& state, ConstMatrixRef residual) {
-  double distance = 0.0;
-  double size = 0.0;
+
+std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+                                   ConstMatrixRef residual) {
+  std::array<double, 2> shares{};
   const Vector& k = problem.directions();
   const Vector& area = problem.weights();
   for (Index column = 0; column < residual.cols(); ++column) {
@@ -18,11 +21,16 @@ double stage_distance(const Problem& problem, const State& state, ConstMatrixRef
       const double f = state.data(row, column) - k(row) * w;
       const double w_hat = w + half / k(row);
       const double f_hat = f + half;
-      distance += area(row) * 2.0 * half * half / k(row);
-      size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
+      shares[0] += area(row) * 2.0 * half * half / k(row);
+      shares[1] +=
+          area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
     }
   }
-  return size > 0.0 ? std::sqrt(distance / size) : 0.0;
+  return shares;
+}
+
+double stage_distance(const std::array<double, 2>& shares) {
+  return shares[1] > 0.0 ? std::sqrt(shares[0] / shares[1]) : 0.0;
 }
 
 Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
@@ -33,8 +41,7 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
   // unit columns, then drop directions that are noise
   Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
   scale = scale.cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram *
-                                                    scale.asDiagonal());
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
   const Vector& values = eigen.eigenvalues();
   const double smallest = 1e-13 * values.tail(1)(0);
   Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
@@ -66,6 +73,7 @@ History::History(const Problem& problem, Index columns, Index depth)
 void History::clear() {
   size_ = 0;
   next_ = 0;
+  fresh_.clear();
   gamma_.resize(0);
 }
 
@@ -82,12 +90,12 @@ double History::product(Index slot, ConstMatrixRef residual) const {
   return sum;
 }
 
-double History::norm(ConstMatrixRef residual) const {
+double History::share_of_square(ConstMatrixRef residual) const {
   double sum = 0.0;
   for (Index column = 0; column < columns_; ++column) {
     sum += (residual.col(column).array().square() * metric_.array()).sum();
   }
-  return std::sqrt(sum);
+  return sum;
 }
 
 void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
@@ -100,18 +108,39 @@ void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef 
   traces_.col(slot) = traces.reshaped();
   next_ = (next_ + 1) % depth_;
   size_ = std::min(size_ + 1, depth_);
-  for (Index other = 0; other < size_; ++other) {
-    gram_(slot, other) = product(other, residual);
-    gram_(other, slot) = gram_(slot, other);
+  if (std::ranges::find(fresh_, slot) == fresh_.end()) {
+    fresh_.push_back(slot);
   }
 }
 
-void History::fit(ConstMatrixRef residual) {
-  residual_norm_ = norm(residual);
-  Vector projection(size_);
+void History::fit(ConstMatrixRef residual, std::span<double> shares) {
+  // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
+  std::vector<double> sums(shares.begin(), shares.end());
+  sums.push_back(share_of_square(residual));
   for (Index slot = 0; slot < size_; ++slot) {
-    projection(slot) = product(slot, residual);
+    sums.push_back(product(slot, residual));
   }
+  for (const Index slot : fresh_) {
+    for (Index other = 0; other < size_; ++other) {
+      sums.push_back(product(other, block(residual_, slot)));
+    }
+  }
+  problem_->communicator().sum(sums);
+  auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
+  std::copy(sums.cbegin(), next, shares.begin());
+  residual_norm_ = std::sqrt(*next++);
+  Vector projection(size_);
+  for (double& value : projection) {
+    value = *next++;
+  }
+  for (const Index slot : fresh_) {
+    for (Index other = 0; other < size_; ++other) {
+      gram_(slot, other) = *next++;
+      gram_(other, slot) = gram_(slot, other);
+    }
+  }
+  fresh_.clear();
+
   Fit best = least_squares(gram_.topLeftCorner(size_, size_), projection, residual_norm_);
   gamma_ = std::move(best.gamma);
   remainder_ = best.remainder;

@@ -2,9 +2,12 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <limits>
+#include <utility>
 
 #include "latin/common/error.hpp"
 #include "latin/latin/newton.hpp"
@@ -80,7 +83,7 @@ class Run {
         history_(problem, amplitudes.cols(),
                  (options.acceleration > 0 ? options.acceleration : observing_depth) +
                      static_cast<Index>(snapshots)),
-        residual_(problem.rows(), amplitudes.cols()),
+        residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
         step_residual_(problem.rows(), amplitudes.cols()),
         newton_(problem),
@@ -94,9 +97,9 @@ class Run {
     const auto start = Clock::now();
     state_ = *snapshots.front();
     local();
-    Matrix other(problem_.rows(), amplitudes_.cols());
+    Matrix other = Matrix::Zero(problem_.rows(), amplitudes_.cols());
     for (std::size_t i = 1; i < snapshots.size(); ++i) {
-      problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other);
+      attempt([&] { problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other); });
       history_.push(snapshots[i]->data - state_.data, other - residual_,
                     snapshots[i]->traces - state_.traces);
     }
@@ -108,7 +111,7 @@ class Run {
   }
 
   Summary run(bool traces_known) {
-    if (problem_.rows() == 0) {
+    if (problem_.total_rows() == 0) {
       summary_.status = Status::converged;
       summary_.energy = problem_.size(state_.data, state_.traces, amplitudes_).strain;
       return summary_;
@@ -127,18 +130,18 @@ class Run {
     for (;;) {
       propose();
       const auto measuring = Clock::now();
-      history_.fit(residual_);
-      const double norm = history_.norm(residual_);
-      const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
-      summary_.indicator = stage_distance(problem_, state_, residual_);
-      const double error = estimate(norm, size);
+      const Measure measured = measure();
+      const double norm = history_.residual_norm();
+      const Size& size = measured.size;
+      summary_.indicator = measured.indicator;
+      const double error = estimate(norm, measured);
       summary_.error = error;
       summary_.energy = size.strain;
       const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
       summary_.history.push_back(record);
       summary_.other_s += since(measuring);
       if (callback_) {
-        callback_(record);
+        attempt([&] { callback_(record); });
       }
       if (first_norm < 0.0) {
         first_norm = norm;
@@ -163,8 +166,9 @@ class Run {
         summary_.status = Status::stagnated;
         break;
       }
-      advance(norm);
+      advance(norm, measured.data_norm);
     }
+    problem_.communicator().agree(failure_);
     return summary_;
   }
 
@@ -176,26 +180,73 @@ class Run {
     return options_.acceleration > 0 ? 1 : observing_depth;
   }
 
-  [[nodiscard]] double estimate(double norm, const Size& size) const {
+  /// Do what may fail on one rank and not on others. They wait for this one until the next reduction, where
+  /// all learn of it.
+  template <typename Work>
+  void attempt(Work&& work) {
+    try {
+      std::forward<Work>(work)();
+    } catch (...) {
+      if (problem_.communicator().alone()) {
+        throw;
+      }
+      failure_ = failure_ ? failure_ : std::current_exception();
+    }
+  }
+
+  /// What the ranks add up of one iterate.
+  struct Measure {
+    Size size;
+    double indicator;
+    double data_norm;
+  };
+
+  /// Fit the history to the present residual; all numbers that decide anything go through this one reduction
+  /// and that of the error estimate.
+  Measure measure() {
+    const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
+    const auto [distance, extent] = stage_shares(problem_, state_, residual_);
+    std::array<double, 7> sums{size.strain,
+                               size.trace,
+                               size.work,
+                               distance,
+                               extent,
+                               history_.share_of_square(state_.data),
+                               failure_ ? 1.0 : 0.0};
+    history_.fit(residual_, sums);
+    if (sums[6] > 0.0) {
+      problem_.communicator().agree(failure_);
+    }
+    return {Size{sums[0], sums[1], sums[2]}.positive(), stage_distance({sums[3], sums[4]}),
+            std::sqrt(sums[5])};
+  }
+
+  /// |r|; Newton steps are those of a rank alone.
+  [[nodiscard]] double norm_of(const Matrix& residual) const {
+    return std::sqrt(history_.share_of_square(residual));
+  }
+
+  [[nodiscard]] double estimate(double norm, const Measure& measured) const {
     if (norm == 0.0) {
       return 0.0;
     }
     const double least = summary_.indicator * least_of_indicator;
     if (proposed_) {
       // the step is the error as far as the linearisation holds: the residual that it leaves says so
-      const double after = history_.norm(step_residual_);
-      const double left = after > settled * history_.norm(state_.data) ? after / norm : 0.0;
+      const double after = norm_of(step_residual_);
+      const double left = after > settled * measured.data_norm ? after / norm : 0.0;
       return left < believable
-                 ? std::max(problem_.difference_size(step_, step_traces_).relative_to(size) /
-                                (1.0 - left),
-                            least)
+                 ? std::max(
+                       problem_.difference_size(step_, step_traces_).relative_to(measured.size) /
+                           (1.0 - left),
+                       least)
                  : std::numeric_limits<double>::infinity();
     }
     // a short history of averaged steps says nothing, and a Newton step is close
     if (newton_helps_ || own_ < own_before_estimate()) {
       return std::numeric_limits<double>::infinity();
     }
-    return std::max(history_.error(size, rounding_share * history_.norm(state_.data)), least);
+    return std::max(history_.error(measured.size, rounding_share * measured.data_norm), least);
   }
 
   /// Compute the Newton step from here, if one is due: it is the estimate of the error, too.
@@ -208,7 +259,8 @@ class Run {
     try {
       proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, settled_, step_);
     } catch (const NumericalError&) {
-      proposed_ = false;  // a body without a usable flexibility: the accelerated iteration goes on alone
+      proposed_ =
+          false;  // a body without a usable flexibility: the accelerated iteration goes on alone
     }
     newton_helps_ = proposed_;
     summary_.newton_s += since(start);
@@ -251,7 +303,7 @@ class Run {
     state_.data += step_;
     state_.traces += step_traces_;
     residual_.swap(step_residual_);
-    const double now = history_.norm(residual_);
+    const double now = norm_of(residual_);
     settled_ = now < good_fall * norm;
     if (settled_) {
       softening_ = std::max(least_softening, 0.1 * softening_);
@@ -274,26 +326,26 @@ class Run {
 
   void global() {
     const auto start = Clock::now();
-    problem_.global_stage(state_.data, amplitudes_, state_.traces);
+    attempt([&] { problem_.global_stage(state_.data, amplitudes_, state_.traces); });
     summary_.global_s += since(start);
     ++summary_.iterations;
   }
 
   void local() {
     const auto start = Clock::now();
-    problem_.local_stage(state_.data, state_.traces, residual_);
+    attempt([&] { problem_.local_stage(state_.data, state_.traces, residual_); });
     summary_.local_s += since(start);
   }
 
   /// One step, plain or accelerated, and both stages at its end.
-  void advance(double norm) {
+  void advance(double norm, double data_norm) {
     if (proposed_ && follow(norm)) {
       return;
     }
     const auto start = Clock::now();
     bool accelerate = options_.acceleration > 0;
     if (accelerate) {
-      guard(norm);
+      guard(norm, data_norm);
       accelerate = pause_ == 0;
       pause_ = std::max<Index>(pause_ - 1, 0);
     }
@@ -320,9 +372,9 @@ class Run {
   /// friction slips). Then the best iterate is taken up again, the history dropped, and some plain steps lead
   /// on, more each time.
   /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
-  void guard(double norm) {
+  void guard(double norm, double data_norm) {
     const bool led_astray = norm > growth_before_restart * best_norm_;
-    const bool at_rest = norm <= rounding_share * history_.norm(state_.data);
+    const bool at_rest = norm <= rounding_share * data_norm;
     const bool circling = summary_.iterations - best_at_ > patience && pause_ == 0;
     if ((led_astray || circling) && !at_rest) {
       best_at_ = summary_.iterations;
@@ -353,14 +405,14 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
-  Matrix step_traces_;  ///< global image of a proposed step
+  Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
   Newton newton_;
-  bool newton_helps_;                    ///< Newton steps are possible and have not failed for good
-  bool proposed_ = false;                ///< `step_` is Newton's
-  bool settled_ = false;                 ///< the last Newton step did what it promised
-  double softening_ = first_softening;   ///< of the tangents
-  Index wait_ = steps_after_failure;     ///< after the next Newton step that leads nowhere
+  bool newton_helps_;                   ///< Newton steps are possible and have not failed for good
+  bool proposed_ = false;               ///< `step_` is Newton's
+  bool settled_ = false;                ///< the last Newton step did what it promised
+  double softening_ = first_softening;  ///< of the tangents
+  Index wait_ = steps_after_failure;    ///< after the next Newton step that leads nowhere
   Summary summary_;
   State best_;  ///< iterate with the smallest residual, for the safeguard
   Matrix best_residual_;
@@ -372,6 +424,7 @@ class Run {
   Index plain_steps_ = 4;  ///< after the next restart
   Index own_ = 0;          ///< differences in the history that are this run's
   Clock::time_point start_;
+  std::exception_ptr failure_;  ///< of this rank, until the ranks agree on it
 };
 
 }  // namespace
@@ -392,38 +445,43 @@ std::string to_string(Status status) {
 
 Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
               State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
-  check_options(options);
   const Index columns = amplitudes.cols();
-  if (amplitudes.rows() != problem.loads()) {
-    throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
-                     " load patterns, this problem has " + std::to_string(problem.loads()));
-  }
-  problem.check_columns(columns);
-  const auto fits = [&problem, columns](const State& each) {
-    return each.data.rows() == problem.rows() && each.data.cols() == columns &&
-           each.traces.rows() == problem.rows() && each.traces.cols() == columns;
-  };
-  for (const State* snapshot : snapshots) {
-    if (!fits(*snapshot)) {
-      throw InputError("a start state has shape (" + std::to_string(snapshot->data.rows()) + ", " +
-                       std::to_string(snapshot->data.cols()) + "), this problem needs (" +
+  const auto fit = [&problem, columns](const State& each) {
+    if (each.data.rows() != problem.rows() || each.data.cols() != columns ||
+        each.traces.rows() != problem.rows() || each.traces.cols() != columns) {
+      throw InputError("a start state has shape (" + std::to_string(each.data.rows()) + ", " +
+                       std::to_string(each.data.cols()) + "), this problem needs (" +
                        std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
     }
-  }
+  };
+  const bool from_zero = state.data.size() == 0;
+  const Index most = problem.communicator().maximum(columns);
+  problem.communicator().together([&] {
+    check_options(options);
+    if (amplitudes.rows() != problem.loads()) {
+      throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
+                       " load patterns, this problem has " + std::to_string(problem.loads()));
+    }
+    if (columns != most) {
+      throw InputError(std::to_string(columns) + " columns on this rank, " + std::to_string(most) +
+                       " on another");
+    }
+    problem.check_columns(columns);
+    for (const State* snapshot : snapshots) {
+      fit(*snapshot);
+    }
+    if (snapshots.empty() && !from_zero) {
+      fit(state);
+    }
+  });
   Run run(problem, options, amplitudes, state, snapshots.size(), callback);
   if (!snapshots.empty()) {
     run.combine(snapshots);
     return run.run(true);
   }
-  if (state.data.size() == 0) {
+  if (from_zero) {
     state.data = Matrix::Zero(problem.rows(), columns);
     state.traces = Matrix::Zero(problem.rows(), columns);
-    return run.run(false);
-  }
-  if (!fits(state)) {
-    throw InputError("the start state has shape (" + std::to_string(state.data.rows()) + ", " +
-                     std::to_string(state.data.cols()) + "), this problem needs (" +
-                     std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
   }
   return run.run(false);
 }

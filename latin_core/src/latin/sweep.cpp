@@ -95,16 +95,24 @@ class Sweep {
       : problem_(problem),
         options_(options),
         amplitudes_(amplitudes),
-        parameters_(parameters),
         known_(std::move(known)),
         known_points_(std::move(known_points)),
         callback_(callback),
         point_callback_(point_callback),
         where_(coordinates(parameters)) {
+    // of the interfaces of other ranks only the values count: they say which points are near
+    for (const SweptParameter& each : parameters) {
+      const bool here = problem.has_interface(each.interface);
+      const bool somewhere = problem.communicator().maximum(here ? 1 : 0) > 0;
+      if (here || !somewhere) {  // setting a parameter of none names it
+        own_parameters_.push_back(&each);
+      }
+    }
     const double bytes = 8.0 * static_cast<double>(problem.rows() * amplitudes.cols()) *
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
-    if (options.snapshots < 2 || options.acceleration < 1 || problem.rows() == 0) {
+    if (!problem.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
+        problem.rows() == 0) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
@@ -113,9 +121,8 @@ class Sweep {
   void run(const std::vector<Index>& order) {
     for (std::size_t next = 0; next < order.size();) {
       const auto left = static_cast<Index>(order.size() - next);
-      const Index together = streak_ < streak_before_batch
-                                 ? 1
-                                 : std::min({left, most_together_, 2 * (streak_ - 1)});
+      const Index together =
+          streak_ < streak_before_batch ? 1 : std::min({left, most_together_, 2 * (streak_ - 1)});
       const std::span<const Index> points(order.data() + next, static_cast<std::size_t>(together));
       if (together > 1) {
         try_together(points);
@@ -128,19 +135,19 @@ class Sweep {
 
  private:
   void set_parameters(std::span<const Index> points) {
-    for (const SweptParameter& each : parameters_) {
+    for (const SweptParameter* each : own_parameters_) {
       const auto sets = static_cast<Index>(points.size());
-      const bool in_time = each.columns > 1;
+      const bool in_time = each->columns > 1;
       const Index copies = in_time || sets == 1 ? 1 : amplitudes_.cols();
-      const Index rows = each.pattern.rows() / each.columns;
-      Matrix field(rows, sets * each.columns * copies);
+      const Index rows = each->pattern.rows() / each->columns;
+      Matrix field(rows, sets * each->columns * copies);
       for (Index set = 0; set < sets; ++set) {
         const Vector values =
-            each.pattern * each.values.col(points[static_cast<std::size_t>(set)]);
-        field.middleCols(set * each.columns * copies, each.columns * copies) =
-            values.reshaped(rows, each.columns).replicate(1, copies);
+            each->pattern * each->values.col(points[static_cast<std::size_t>(set)]);
+        field.middleCols(set * each->columns * copies, each->columns * copies) =
+            values.reshaped(rows, each->columns).replicate(1, copies);
       }
-      problem_.set_parameter(each.interface, each.parameter, std::move(field));
+      problem_.set_parameter(each->interface, each->parameter, std::move(field));
     }
   }
 
@@ -166,11 +173,11 @@ class Sweep {
 
   /// @param wanted the state is start material even if others reproduce it: those near by did not
   void solve_alone(Index point, bool wanted = false) {
-    set_parameters({&point, 1});
+    problem_.communicator().together([&] { set_parameters({&point, 1}); });
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
     const Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
-    point_callback_(point, summary, state);
+    problem_.communicator().together([&] { point_callback_(point, summary, state); });
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
     const bool reproduced = summary.status == Status::converged && summary.iterations <= 1 && full;
     streak_ = reproduced ? streak_ + 1 : 0;
@@ -192,7 +199,8 @@ class Sweep {
     {
       const Repeated repeated(problem_, sets);
       set_parameters(points);
-      answers = advance_together(problem_, options_, amplitudes_, sets, nearest(centre, together_from_));
+      answers =
+          advance_together(problem_, options_, amplitudes_, sets, nearest(centre, together_from_));
     }
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
@@ -236,7 +244,7 @@ class Sweep {
   Problem& problem_;
   const Options& options_;
   const Matrix& amplitudes_;
-  const std::vector<SweptParameter>& parameters_;
+  std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;
   std::vector<Index> known_points_;
   const Callback& callback_;
@@ -244,7 +252,7 @@ class Sweep {
   Matrix where_;
   Index most_together_ = 1;
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
-  Index streak_ = 0;  ///< points in a row that needed one iteration
+  Index streak_ = 0;                          ///< points in a row that needed one iteration
 };
 
 }  // namespace
