@@ -2,7 +2,7 @@
 
     ./run python demos/make_flange_step.py flange.step
 
-27 solids: two weld-neck flanges with a stub of pipe, a ring gasket between their raised faces, and eight studs
+27 solids: two weld-neck flanges with a stub of neck, a ring gasket between their raised faces, and eight studs
 with two hexagonal nuts each. The dimensions are near those of DN 100 PN 40, in mm; the axis is z, the middle
 of the gasket z = 0, bolt 1 on the x-axis.
 """
@@ -30,9 +30,9 @@ class FlangeShape:
     Attributes
     ----------
     bore, pipe, raised, outer
-        Radii of the bore, the pipe, the raised face and the flange.
+        Radii of the bore, the neck, the raised face and the flange.
     thickness, step, neck
-        Of the flange without its raised face, of the raised face, and length of the pipe stub behind it.
+        Of the flange without its raised face, of the raised face, and length of the neck behind it.
     gasket_inner, gasket_outer, gasket_thickness
         The gasket.
     bolts, bolt_circle, bolt, hole
@@ -42,17 +42,17 @@ class FlangeShape:
     """
 
     bore: float = 51.5
-    pipe: float = 57.2
-    raised: float = 81.0
-    outer: float = 117.5
+    pipe: float = 65.0
+    raised: float = 78.0
+    outer: float = 120.0
     thickness: float = 22.0
     step: float = 3.0
     neck: float = 40.0
     gasket_inner: float = 57.5
-    gasket_outer: float = 77.0
+    gasket_outer: float = 76.0
     gasket_thickness: float = 3.0
     bolts: int = 8
-    bolt_circle: float = 95.0
+    bolt_circle: float = 97.0
     bolt: float = 9.2
     hole: float = 11.0
     nut_height: float = 18.0

@@ -611,10 +611,7 @@ def _near(
         for k, m in _near_pairs(boxes, gap) if own and other else ():
             if k < len(own) <= m:
                 first, second = own[k], other[m - len(own)]
-                planes = first.kind == second.kind == "plane"
-                if planes and not float(first.normal @ second.normal) < _OPPOSED:
-                    continue
-                if planes and not _within(first, second, gap):
+                if not _may_face(first, second, gap):
                     continue
                 candidates.setdefault((a.name, b.name), []).append((first, second))
     if not candidates:
@@ -630,6 +627,31 @@ def _near(
                 facing[first.tag, second.tag] = each
         found += _near_touches(model, solids, a, b, facing)
     return found
+
+
+def _may_face(first: Surface, second: Surface, gap: float) -> bool:
+    """False if two faces cannot face each other nearer than the gap: cheap, and right for planes and cylinders."""
+    kinds = (first.kind, second.kind)
+    small = 1e-9 * (1.0 + float(np.abs(first.centre).max()))
+    if kinds == ("plane", "plane"):
+        opposed = float(first.normal @ second.normal) < _OPPOSED
+        return opposed and _within(first, second, gap)
+    if kinds == ("cylinder", "cylinder"):
+        assert first.radius is not None and second.radius is not None
+        if np.linalg.norm(np.cross(first.axis, second.axis)) > 1e-9:
+            return True
+        offset = second.centre - first.centre
+        # centres of whole cylinders are on the axis, those of sectors are not
+        apart = float(np.linalg.norm(offset - (offset @ first.axis) * first.axis))
+        if apart > 1e-6 * first.radius:
+            return True
+        return abs(first.radius - second.radius) <= gap + small
+    if set(kinds) == {"plane", "cylinder"}:
+        plane, round_ = (first, second) if first.kind == "plane" else (second, first)
+        along = float(plane.normal @ round_.axis)
+        # normals of a cylinder are across its axis
+        return math.sqrt(max(0.0, 1.0 - along**2)) > -_OPPOSED and _within(plane, round_, gap)
+    return True
 
 
 def _within(first: Surface, second: Surface, gap: float) -> bool:

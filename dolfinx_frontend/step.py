@@ -63,8 +63,8 @@ _OPTIONS = {
     "Mesh.Algorithm3D": 1.0,
     "Mesh.SecondOrderIncomplete": 0.0,
 }
-_POOR = 0.3
-"""Scaled Jacobian below which curved cells are mended, which costs more than the mesh itself."""
+_POOR = 0.1
+"""Scaled Jacobian below which curved cells are mended."""
 
 _ANGLE = math.cos(math.radians(1.0))
 
@@ -647,8 +647,7 @@ def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
         if order == 2:
             model.mesh.setOrder(2)
             if min(_worst(model, loaded).values()) < _POOR:
-                for method in ("HighOrderElastic", "HighOrder"):
-                    model.mesh.optimize(method)
+                model.mesh.optimize("HighOrderElastic")
             folded = {n: q for n, q in _worst(model, loaded).items() if q <= 0.0}
             if folded:
                 raise SceneError(
