@@ -48,8 +48,8 @@ class FlangeShape:
     thickness: float = 22.0
     step: float = 3.0
     neck: float = 40.0
-    gasket_inner: float = 57.5
-    gasket_outer: float = 76.0
+    gasket_inner: float = 58.0
+    gasket_outer: float = 78.0
     gasket_thickness: float = 3.0
     bolts: int = 8
     bolt_circle: float = 97.0

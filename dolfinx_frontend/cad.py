@@ -36,6 +36,9 @@ _OPPOSED = -0.5
 _SLIVER = 1e-6
 """Share of a face below which a pair of faces is not worth an interface."""
 
+_ROUNDING = 1e-9
+"""Distance, as a share of the size of a face, that is rounding."""
+
 _GENERIC = re.compile(r"open cascade.*|shapes?|(solid|compound|part)?[ _]?\d*", re.IGNORECASE)
 """Labels that are no names that anyone gave."""
 
@@ -612,6 +615,8 @@ def _near(
             if k < len(own) <= m:
                 first, second = own[k], other[m - len(own)]
                 if not _may_face(first, second, gap):
+                    continue
+                if model.occ.getDistance(2, first.tag, 2, second.tag)[0] > gap + _ROUNDING * first.area**0.5:
                     continue
                 candidates.setdefault((a.name, b.name), []).append((first, second))
     if not candidates:

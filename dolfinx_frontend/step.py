@@ -573,7 +573,7 @@ def _fits(
 def _kind(law: Law) -> str:
     if isinstance(law, Contact):
         return "contact"
-    return {"Perfect": "perfect", "Elastic": "elastic"}.get(type(law).__name__, "elastic")
+    return {"Perfect": "perfect", "Preload": "preload"}.get(type(law).__name__, "elastic")
 
 
 def _shape(touch: Touch) -> str:
