@@ -431,7 +431,7 @@ one bolt tighter, gasket        {shape_error:9.1e} of the mean pressure""")
         paths.append(exploded(assembly, given.output / "flange.png"))
         moved = {name: result.displacement(name) for name in assembly.parts}
         title = f"with {PRESSURE:g} MPa inside"
-        paths.append(plotting.deformed_figure(moved, given.output / "deformed.png", scale=20.0, title=title))
+        paths.append(plotting.deformed_figure(moved, given.output / "deformed.png", scale=10.0, title=title))
     print("\n" + "\n".join(f"wrote {each.name}" for each in paths))
     print(f"they are in {given.output}; {perf_counter() - began:.0f} s in all")
 

@@ -147,7 +147,7 @@ def _nut(occ: Any, shape: FlangeShape, x: float, y: float, low: float, angle: fl
 def _name(path: Path, names: list[str]) -> None:
     """Give the products their names: gmsh numbers them in the order of the solids."""
     text = path.read_text(encoding="latin-1")
-    pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ 1\.(\d+)',\s*'[^']*'")
+    pattern = re.compile(r"PRODUCT\('Open CASCADE STEP translator [\d.]+ \d+\.(\d+)',\s*'[^']*'")
     named = pattern.sub(lambda m: "PRODUCT('{0}','{0}'".format(names[int(m[1]) - 1]), text)
     # the same file every time
     named = re.sub(r"(FILE_NAME\('[^']*',)'[^']*'", r"\1'2004-07-24T00:00:00'", named)

@@ -758,7 +758,9 @@ def _facing(
 
 def _on(model: Any, loaded: Loaded, surface: Surface, x: Array) -> tuple[Array, Array]:
     """Closest points (k, 3) of a face and the normals out of its part there."""
-    closest, at = model.getClosestPoint(2, surface.tag, x.ravel().tolist())
+    closest, _ = model.getClosestPoint(2, surface.tag, x.ravel().tolist())
+    # the parameters that come with the points are zero in gmsh 4.13
+    at = model.getParametrization(2, surface.tag, closest)
     normals = np.asarray(model.getNormal(surface.tag, at)).reshape(-1, 3)
     volumes = loaded.volumes[surface.part]
     sign = _outward(model, volumes, surface.tag, _parameters(model, surface.tag))
