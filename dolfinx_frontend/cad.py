@@ -13,7 +13,7 @@ from __future__ import annotations
 import fnmatch
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -483,15 +483,16 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
         kind: Kind = "cut" if (a, b) in loaded.halves else "touching"
         for group in _groups(model, surfaces):
             pairs.setdefault((a, b), []).append(_shared_touch(model, loaded, a, b, kind, group))
-    for touch in _near(gmsh, loaded, solids, set(shared), where, gap):
-        pairs.setdefault(touch.parts, []).append(touch)
+    for touch in _near(gmsh, loaded, solids, where, gap):
+        key = touch.parts if touch.parts in pairs else touch.parts[::-1]
+        pairs.setdefault(key, []).append(touch)
     if not pairs and len(solids) > 1:
         raise SceneError(
             f"no faces touch or come nearer than gap = {gap:.3g}; the nearest parts: "
             f"{'; '.join(nearest(model, loaded, solids, names))}; raise gap, or mend the geometry"
         )
     out = []
-    for (a, b), touches in pairs.items():
+    for touches in pairs.values():
         ordered = sorted(touches, key=lambda t: (t.kind == "near", -t.area))
         for number, touch in enumerate(ordered, start=1):
             name = f"{touch.name}#{number}" if number > 1 else touch.name
@@ -597,7 +598,6 @@ def _near(
     gmsh: Any,
     loaded: Loaded,
     solids: Mapping[str, Solid],
-    shared: set[tuple[str, str]],
     where: Mapping[int, Sequence[Surface]],
     gap: float,
 ) -> list[Touch]:
@@ -630,7 +630,12 @@ def _near(
             each = _facing(model, loaded, first, second, triangles, gap)
             if each is not None:
                 facing[first.tag, second.tag] = each
-        found += _near_touches(model, solids, a, b, facing)
+
+        def turned(pair: tuple[int, int]) -> _Facing | None:
+            first, second = (next(s for p in pairs for s in p if s.tag == tag) for tag in pair)
+            return _facing(model, loaded, second, first, triangles, gap)
+
+        found += _near_touches(model, solids, a, b, facing, turned)
     return found
 
 
@@ -773,8 +778,9 @@ def _near_touches(
     a: str,
     b: str,
     facing: Mapping[tuple[int, int], _Facing],
+    turned: Callable[[tuple[int, int]], _Facing | None],
 ) -> list[Touch]:
-    """Face pairs of two parts, grouped."""
+    """Face pairs of two parts, grouped; `turned` measures a pair from its second face."""
     if not facing:
         return []
     by_tag = [{s.tag: s for s in solids[name].surfaces} for name in (a, b)]
@@ -791,27 +797,28 @@ def _near_touches(
         groups.setdefault(union.find((0, pair[0])), []).append(pair)
     out = []
     for pairs in groups.values():
-        each = [facing[p] for p in pairs]
-        area = sum(f.area for f in each)
         tags = [tuple(dict.fromkeys(p[k] for p in pairs)) for k in (0, 1)]
-        mean = np.asarray(sum(f.area * f.normal for f in each)) / area
-        normal = _tidy(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)
         # the first side is the one that the other covers better
         own = [sum(by_tag[k][t].area for t in tags[k]) for k in (0, 1)]
         order = (0, 1) if own[0] <= own[1] * (1.0 + 1e-9) else (1, 0)
-        parts = (a, b)
-        first = by_tag[order[0]][tags[order[0]][0]]
+        each = [facing[p] for p in pairs]
+        if order == (1, 0):
+            each = [f for f in map(turned, pairs) if f is not None]
+        area = sum(f.area for f in each)
+        mean = np.asarray(sum(f.area * f.normal for f in each)) / area
+        normal = _tidy(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)
+        parts = ((a, b)[order[0]], (a, b)[order[1]])
         out.append(
             Touch(
-                f"{parts[order[0]]}|{parts[order[1]]}",
-                (parts[order[0]], parts[order[1]]),
+                f"{parts[0]}|{parts[1]}",
+                parts,
                 "near",
                 (tags[order[0]], tags[order[1]]),
                 area,
                 sum(f.area * f.gap for f in each) / area,
                 max(f.widest for f in each),
-                normal if order == (0, 1) else -normal + 0.0,
-                first.shape,
+                normal,
+                by_tag[order[0]][tags[order[0]][0]].shape,
             )
         )
     return out

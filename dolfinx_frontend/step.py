@@ -66,6 +66,16 @@ _OPTIONS = {
 _POOR = 0.1
 """Scaled Jacobian below which curved cells are mended."""
 
+_FOLDED = 0.03
+"""Scaled Jacobian below which cells are straightened."""
+
+_ROUNDS = 20
+"""Most rounds of straightening; each one may fold the neighbours, but straight cells never are."""
+
+_TETRAHEDRON_10 = 11
+_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [3, 2], [3, 1]])
+"""Number in gmsh of a quadratic tetrahedron, and the ends of the edges that its last six nodes are on."""
+
 _ANGLE = math.cos(math.radians(1.0))
 
 
@@ -532,7 +542,11 @@ def _contact_faces(touches: Any) -> dict[tuple[str, str], tuple[int, ...]]:
             if len(labels) > 1:
                 several += 1
                 name = "contact" if several == 1 else f"contact#{several}"
-            out[part, name] = tuple(sorted(tags))
+            unique, number = name, 1
+            while (part, unique) in out:
+                number += 1
+                unique = f"{name}#{number}"
+            out[part, unique] = tuple(sorted(tags))
     return out
 
 
@@ -648,6 +662,7 @@ def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
             model.mesh.setOrder(2)
             if min(_worst(model, loaded).values()) < _POOR:
                 model.mesh.optimize("HighOrderElastic")
+                _straighten(model)
             folded = {n: q for n, q in _worst(model, loaded).items() if q <= 0.0}
             if folded:
                 raise SceneError(
@@ -659,6 +674,27 @@ def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
     finally:
         if bar is not None:
             bar.close()
+
+
+def _straighten(model: Any) -> None:
+    """Take the curvature from cells that it folds, as in a ring that is thinner than a chord's sagitta."""
+    mesh = model.mesh
+    cells, nodes = mesh.getElementsByType(_TETRAHEDRON_10)
+    nodes = nodes.reshape(-1, 10)
+    for _ in range(_ROUNDS):
+        quality = np.asarray(mesh.getElementQualities(cells, "minSJ"))
+        bad = nodes[quality < _FOLDED]
+        if not len(bad):
+            return
+        tags, x, _ = mesh.getNodes()
+        place = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+        place[tags.astype(np.int64)] = np.arange(len(tags))
+        x = x.reshape(-1, 3)
+        ends = bad[:, _EDGES]
+        middle = 0.5 * (x[place[ends[:, :, 0]]] + x[place[ends[:, :, 1]]])
+        chosen, first = np.unique(bad[:, 4:], return_index=True)
+        for tag, at in zip(chosen.tolist(), middle.reshape(-1, 3)[first].tolist(), strict=True):
+            mesh.setNode(tag, at, [])
 
 
 def _worst(model: Any, loaded: Loaded) -> dict[str, float]:

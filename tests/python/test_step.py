@@ -116,9 +116,31 @@ def test_a_pin_in_a_hole(tmp_path: Path) -> None:
     assert math.isclose(touch.gap, 0.05, rel_tol=1e-6) and math.isclose(touch.widest, 0.05, rel_tol=1e-6)
     assert not touch.normal.any()
     assert "nothing touches: 'plate' and 'crumb' are 20 apart" in str(step)
-    # an eccentric pin: the mean over the circle is the difference of the radii
-    text = (tmp_path / "pin.step").read_text()
-    assert text.startswith("ISO-10303-21")
+
+
+def test_a_pin_with_a_head(tmp_path: Path) -> None:
+    """The shank ends in the hole: it comes first, with its own area; it is the second group of the two parts."""
+
+    def build(occ: Any) -> None:
+        plate = [(3, occ.addBox(-10, -10, 0, 20, 20, 6))]
+        occ.cut(plate, [(3, occ.addCylinder(0, 0, 0, 0, 0, 6, 4.2))])
+        pin = [(3, occ.addCylinder(0, 0, 1, 0, 0, 5, 4.0)), (3, occ.addCylinder(0, 0, 6, 0, 0, 3, 7.0))]
+        occ.fuse(pin[:1], pin[1:])
+
+    step = ready(Scene.from_step(write(tmp_path / "pin.step", build, ("plate", "pin")), gap=0.3))
+    assert list(step.touches) == ["plate|pin", "pin|plate#2"]
+    seat, shank = step.touches.values()
+    assert math.isclose(seat.area, math.pi * (7.0**2 - 4.2**2), rel_tol=EXACT)
+    assert math.isclose(shank.area, 2 * math.pi * 4.0 * 5, rel_tol=CHORDS)
+    assert math.isclose(shank.gap, 0.2, rel_tol=1e-6)
+    # a ring of 0.2 mm under the head, far thinner than the sagitta of the chords around it
+    step.join("*", Contact(friction=0.2))
+    scene = step.scene()
+    assert {str(f) for i in scene.interfaces.values() for f in i.faces} == {
+        "plate:pin", "pin:plate", "pin:plate#2", "plate:pin#2"
+    }
+    result_area = scene.substructures["pin"].part.face_area("plate")
+    assert math.isclose(result_area, seat.area, rel_tol=0.05)
 
 
 def test_faces_of_one_pair_are_grouped(tmp_path: Path) -> None:
