@@ -1,12 +1,12 @@
-"""A pipe flange from a STEP file: eight bolts tightened one after another, pressure, and the chance of a leak.
+"""A pipe flange from a STEP file: eight bolts tightened in turn, pressure, and the chance of a leak.
 
-    ./run python demos/flange_from_step.py           35 parts, about 110 000 unknowns, two minutes
+    ./run python demos/flange_from_step.py           35 parts, 94 000 unknowns, about two minutes
     ./run python demos/flange_from_step.py --quick   a coarse mesh, 16 samples
 
 Problem
-    Two weld-neck flanges (near DN 100) with a ring gasket and eight M20 stud bolts with two nuts each: 27 solids,
-    written by ``make_flange_step.py`` and read again with ``Scene.from_step``. Each stud is cut in the
-    middle for its pretension section. Where solids touch they share a face, and their meshes match.
+    Two weld-neck flanges (near DN 100) with a ring gasket and eight M20 stud bolts with two nuts each: 27
+    solids, written by ``make_flange_step.py`` and read again with ``Scene.from_step``. Each stud is cut in
+    the middle for its pretension section. Where solids touch they share a face, and their meshes match.
 
 Laws (N, mm, MPa)
     flanges, bolts   E = 200 000 MPa, nu = 0.3
@@ -22,8 +22,8 @@ Load history
 
 Random
     The preload of every bolt (normal, coefficient of variation 10 %, independent: a torque wrench) and the
-    stiffness of the filler (lognormal, 25 %). The joint leaks where the pressure on the gasket, in the mean over
-    its width and an eighth of its circumference, is below 2.2 times the pressure inside.
+    stiffness of the filler (lognormal, 25 %). The joint leaks where the pressure on the gasket, in the mean
+    over its width and an eighth of its circumference, is below 2 times the pressure inside.
 
 Checks
     balance of bolts, gasket and pressure; preload; symmetry under rotation by one bolt.
@@ -73,7 +73,7 @@ GASKET = LinearElastic(E=3e3, nu=0.2)
 FILLER = 2000.0  # N/mm^3
 FORCE = 45e3  # N, of a bolt
 PRESSURE = 10.0  # MPa
-LEAK = 2.2  # least gasket pressure over the pressure inside
+LEAK = 2.0  # least gasket pressure over the pressure inside
 STAR = (1, 5, 3, 7, 2, 6, 4, 8)
 ROUND = (1, 2, 3, 4, 5, 6, 7, 8)
 SCATTER = 0.10  # of the preloads
@@ -123,7 +123,7 @@ def schedule(rounds: int) -> list[tuple[tuple[int, ...], float]]:
 
 
 def bolt_laws(steps: list[tuple[tuple[int, ...], float]]) -> dict[str, Law]:
-    """Pretension sections whose force is given in the steps in which the bolt is tightened; step k ends at k + 1."""
+    """Pretension sections whose force is given while the bolt is tightened; step k ends at k + 1."""
     given = Amplitude(np.arange(1.0, len(steps) + 1.0), [share for _, share in steps])
     laws: dict[str, Law] = {}
     for bolt, name in zip(ROUND, BOLTS, strict=True):
@@ -366,9 +366,11 @@ def main() -> None:
         for bolt in bolts
     ]
     solved = perf_counter()
+    spent = f"mesh {meshed - began:.0f} s, assembly {ready - meshed:.0f} s, solution {solved - ready:.0f} s"
+    size_of = f"{len(assembly.parts)} parts, {unknowns} unknowns, {len(step.interfaces)} interfaces"
     print(f"""
-{len(assembly.parts)} parts, {unknowns} unknowns, {len(step.interfaces)} interfaces; {result.status} after {result.iterations} iterations on
-{len(times)} steps (error {result.error:.0e}): mesh {meshed - began:.0f} s, assembly {ready - meshed:.0f} s, solution {solved - ready:.0f} s
+{size_of}; {spent}
+{result.status} after {result.iterations} iterations on {len(times)} steps, estimated error {result.error:.0e}
 
 bolt forces, kN                 {"".join(f"{f'bolt {k}':>8}" for k in ROUND)}""")
     shown = {"by hand, 20 %": 0, "first star, 60 %": 8, "second star, 100 %": 16}
@@ -393,7 +395,9 @@ largest pressure on the gasket  {around[-2].max():9.2f}  {around[-1].max():9.2f}
     pair = np.array([tightened, tightened + 1.0])
     uncertain = with_laws(problem, random_laws(tightened))
     start = perf_counter()
-    drawn: SampleResult = quasi_monte_carlo(uncertain, samples, times=pair, plan_options=options)
+    # near samples start from each other: Anderson's steps are cheaper than Newton's there (measured: 4 times)
+    quickly = Options(rtol=1e-7, max_iterations=1000, newton=0)
+    drawn: SampleResult = quasi_monte_carlo(uncertain, samples, times=pair, plan_options=quickly)
     seconds = perf_counter() - start
     sample_rest = imbalance(uncertain, drawn, loads[-2:])
     names = drawn.space.germ_names
@@ -404,12 +408,15 @@ largest pressure on the gasket  {around[-2].max():9.2f}  {around[-1].max():9.2f}
     )
     change = bolt_forces(uncertain, drawn)[:, 1] - bolt_forces(uncertain, drawn)[:, 0]
     leak = least.probability(below=LEAK * PRESSURE)
+    mean, deviation = least.mean().value, least.std().value
+    low, high = (least.quantile(q).value for q in (0.05, 0.95))
+    interval = f"({100 * leak.low:.2f} to {100 * leak.high:.2f} %, {100 * leak.level:.0f} % interval)"
     print(f"""
-{samples} samples of {len(names)} random variables in {seconds:.0f} s, {drawn.iterations.mean():.1f} iterations each
-least pressure on the gasket    {least.mean().value:9.2f} MPa mean, {least.std().value:.2f} MPa standard deviation
-                                {least.quantile(0.05).value:9.2f} MPa at 5 %, {least.quantile(0.95).value:.2f} MPa at 95 %
-bolt force due to the pressure  {1e-3 * change.mean():9.2f} kN mean, {1e-3 * change.std():.2f} kN standard deviation
-P(leak)                         {100 * leak.value:9.2f} %  ({100 * leak.low:.2f} to {100 * leak.high:.2f} %, {100 * leak.level:.0f} % interval)""")
+{samples} samples of {len(names)} variables in {seconds:.0f} s, {drawn.iterations.mean():.1f} iterations each
+least pressure on the gasket    {mean:9.2f} MPa mean, {deviation:.2f} MPa standard deviation
+                                {low:9.2f} MPa at 5 %, {high:.2f} MPa at 95 %
+bolt force due to the pressure  {1e-3 * change.mean():9.2f} kN mean, {1e-3 * change.std():.2f} kN deviation
+P(leak)                         {100 * leak.value:9.2f} %  {interval}""")
 
     turned, shape_error = rotation_error(uncertain, pair, options)
     nominal = solve(

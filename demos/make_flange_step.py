@@ -2,9 +2,9 @@
 
     ./run python demos/make_flange_step.py flange.step
 
-27 solids: two weld-neck flanges with a stub of neck, a ring gasket between their raised faces, and eight studs
-with two hexagonal nuts each. The dimensions are near those of DN 100 PN 40, in mm; the axis is z, the middle
-of the gasket z = 0, bolt 1 on the x-axis.
+27 solids: two weld-neck flanges, a ring gasket between their raised faces, and eight studs with two
+hexagonal nuts each. The dimensions are near those of DN 100, in mm; the axis is z, the middle of the gasket
+z = 0, bolt 1 on the x-axis.
 """
 
 from __future__ import annotations

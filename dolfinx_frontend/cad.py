@@ -25,7 +25,20 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.facets import clip
 
-__all__ = ["Cut", "Kind", "Loaded", "Solid", "Surface", "Touch", "load", "matching", "nearest", "solids_of", "touching", "vector"]
+__all__ = [
+    "Cut",
+    "Kind",
+    "Loaded",
+    "Solid",
+    "Surface",
+    "Touch",
+    "load",
+    "matching",
+    "nearest",
+    "solids_of",
+    "touching",
+    "vector",
+]
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["touching", "near", "cut"]
@@ -418,7 +431,9 @@ def _surface(model: Any, name: str, volumes: Sequence[int], tag: int) -> Surface
     occ = model.occ
     kind = str(model.getType(2, tag)).lower()
     at = _parameters(model, tag)
-    normal, axis, radius = np.zeros(3), np.zeros(3), None
+    normal: Array = np.zeros(3)
+    axis: Array = np.zeros(3)
+    radius: float | None = None
     if kind == "plane":
         n = np.asarray(model.getNormal(tag, at.tolist()))
         normal = _tidy(_outward(model, volumes, tag, at) * n)
@@ -437,7 +452,7 @@ def _tidy(v: Array) -> Array:
     """A unit vector without rounding."""
     unit = v / np.linalg.norm(v)
     rounded = np.round(unit)
-    return rounded + 0.0 if np.abs(unit - rounded).max() < 1e-9 else unit
+    return np.asarray(rounded + 0.0 if np.abs(unit - rounded).max() < 1e-9 else unit, dtype=np.float64)
 
 
 def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
@@ -624,23 +639,24 @@ def _near(
     tags = sorted({s.tag for pairs in candidates.values() for pair in pairs for s in pair})
     triangles = _triangulate(gmsh, solids, tags)
     found = []
-    for (a, b), pairs in candidates.items():
+    for names, pairs in candidates.items():
         facing = {}
         for first, second in pairs:
             each = _facing(model, loaded, first, second, triangles, gap)
             if each is not None:
                 facing[first.tag, second.tag] = each
-
-        def turned(pair: tuple[int, int]) -> _Facing | None:
-            first, second = (next(s for p in pairs for s in p if s.tag == tag) for tag in pair)
-            return _facing(model, loaded, second, first, triangles, gap)
-
-        found += _near_touches(model, solids, a, b, facing, turned)
+        found += _near_touches(
+            model,
+            solids,
+            names,
+            facing,
+            lambda first, second: _facing(model, loaded, first, second, triangles, gap),
+        )
     return found
 
 
 def _may_face(first: Surface, second: Surface, gap: float) -> bool:
-    """False if two faces cannot face each other nearer than the gap: cheap, and right for planes and cylinders."""
+    """False if two faces cannot face each other nearer than the gap: a cheap test of planes and cylinders."""
     kinds = (first.kind, second.kind)
     small = 1e-9 * (1.0 + float(np.abs(first.centre).max()))
     if kinds == ("plane", "plane"):
@@ -775,15 +791,14 @@ def _on(model: Any, loaded: Loaded, surface: Surface, x: Array) -> tuple[Array, 
 def _near_touches(
     model: Any,
     solids: Mapping[str, Solid],
-    a: str,
-    b: str,
+    names: tuple[str, str],
     facing: Mapping[tuple[int, int], _Facing],
-    turned: Callable[[tuple[int, int]], _Facing | None],
+    measure: Callable[[Surface, Surface], _Facing | None],
 ) -> list[Touch]:
-    """Face pairs of two parts, grouped; `turned` measures a pair from its second face."""
+    """Face pairs of two parts, grouped; `measure` says what a face has in common with another one."""
     if not facing:
         return []
-    by_tag = [{s.tag: s for s in solids[name].surfaces} for name in (a, b)]
+    by_tag = [{s.tag: s for s in solids[name].surfaces} for name in names]
     sides = [[by_tag[k][t] for t in dict.fromkeys(pair[k] for pair in facing)] for k in (0, 1)]
     union = _Union([(k, s.tag) for k in (0, 1) for s in sides[k]])
     for k in (0, 1):
@@ -803,11 +818,12 @@ def _near_touches(
         order = (0, 1) if own[0] <= own[1] * (1.0 + 1e-9) else (1, 0)
         each = [facing[p] for p in pairs]
         if order == (1, 0):
-            each = [f for f in map(turned, pairs) if f is not None]
+            turned = (measure(by_tag[1][two], by_tag[0][one]) for one, two in pairs)
+            each = [f for f in turned if f is not None]
         area = sum(f.area for f in each)
         mean = np.asarray(sum(f.area * f.normal for f in each)) / area
         normal = _tidy(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)
-        parts = ((a, b)[order[0]], (a, b)[order[1]])
+        parts = (names[order[0]], names[order[1]])
         out.append(
             Touch(
                 f"{parts[0]}|{parts[1]}",

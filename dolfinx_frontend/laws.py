@@ -468,7 +468,8 @@ class Preload(Law):
     In the time steps up to `until` the normal force is the given one; afterwards the normal jump of every
     point stays what it was, and the force follows from the structure. Without `until` the force is
     given throughout. With `during` it is given in some intervals only, as where bolts are tightened one after
-    another, and again: before the first one the section has its original length (a bolt that just fits). (A shortening that is known is ``Elastic(jump=...)`` or ``Contact(jump=...)``.)
+    another, and again: before the first one the section has its original length (a bolt that just fits). (A
+    shortening that is known is ``Elastic(jump=...)`` or ``Contact(jump=...)``.)
 
     Parameters
     ----------

@@ -282,21 +282,22 @@ class StepAssembly:
             f"{len(self.touches)} interfaces proposed (gap up to {self.gap:.3g} mm)",
             "",
         ]
-        rows = [("part", "volume mm^3", "cells mm", "faces", "material")]
+        rows: list[tuple[str, ...]] = [("part", "volume mm^3", "cells mm", "faces", "material")]
         for name, solid in self.solids.items():
             body = self._bodies.get(name)
             material = "-" if body is None else type(body.material).__name__
             size = f"{self._size(name):.3g}"
             rows.append((name, f"{solid.volume:.5g}", size, str(len(solid.surfaces)), material))
         lines += _columns(_merged(rows), "<>>><")
-        rows = [("interface", "kind", "area mm^2", "gap mm", "face", "law")]
+        contacts: list[tuple[str, ...]] = [("interface", "kind", "area mm^2", "gap mm", "face", "law")]
         for name, touch in self.touches.items():
             join = self._joins.get(name)
             law = "-" if name not in self._joins else "left open"
             law = type(join.law).__name__ if join is not None else law
-            rows.append((name, touch.kind, f"{touch.area:.5g}", f"{touch.gap:.3g}", _shape(touch), law))
-        if len(rows) > 1:
-            lines += ["", *_columns(_merged(rows), "<<>><<")]
+            sizes = (f"{touch.area:.5g}", f"{touch.gap:.3g}")
+            contacts.append((name, touch.kind, *sizes, _shape(touch), law))
+        if len(contacts) > 1:
+            lines += ["", *_columns(_merged(contacts), "<<>><<")]
         lines += [f"nothing touches: {text}" for text in self._alone]
         return "\n".join(lines)
 
@@ -330,8 +331,8 @@ class StepAssembly:
             self._check_same(model, loaded)
             for name, tags in loaded.volumes.items():
                 model.addPhysicalGroup(3, tags, name=name)
-            for (part, face), tags in {**self._taken, **self._named}.items():
-                model.addPhysicalGroup(2, sorted(tags), name=f"{part}:{face}")
+            for (part, face), surfaces in {**self._taken, **self._named}.items():
+                model.addPhysicalGroup(2, sorted(surfaces), name=f"{part}:{face}")
             self._set_sizes(model, loaded)
             _generate(gmsh, loaded, order, progress)
             parts = from_gmsh(model).parts
@@ -601,8 +602,9 @@ def _some(names: Sequence[str]) -> str:
 
 def _columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(len(sides))]
+    forms = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
     return [
-        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True)).rstrip()
+        "  ".join(f"{cell:{form}}" for cell, form in zip(row, forms, strict=True)).rstrip()
         for row in rows
     ]
 
