@@ -18,6 +18,8 @@ SHORT = {
     "bolted_vessel.py": ["--size", "coarse", "--quick", "--output", "{}"],
     "bolted_lap_joint.py": ["--quick", "--output", "{}"],
     "hertz.py": ["--quick", "--output", "{}"],
+    "flange_from_step.py": ["--quick", "--output", "{}"],
+    "make_flange_step.py": ["{}/flange.step"],
 }
 WRITTEN = {
     "bolted_vessel.py": [
@@ -44,6 +46,15 @@ WRITTEN = {
         "slip_friction_preload.png",
         "slip_friction_stiffness.png",
     ],
+    "flange_from_step.py": [
+        "flange.step",
+        "flange.vtm",
+        "flange.png",
+        "deformed.png",
+        "tightening.png",
+        "leak.png",
+    ],
+    "make_flange_step.py": ["flange.step"],
     "hertz.py": [
         "hertz.vtm",
         "friction_loaded.vtm",
@@ -80,6 +91,9 @@ def test_demo(name: str, tmp_path: Path) -> None:
     if name == "bolted_lap_joint.py":
         assert printed.rstrip().endswith("all checks passed")
         assert max(len(line) for line in printed.splitlines()) <= 100
+    if name == "flange_from_step.py":
+        assert printed.rstrip().endswith("all checks passed")
+        assert "35 parts" in printed and "P(leak)" in printed
     if name == "bolted_vessel.py":
         assert printed.rstrip().endswith("all checks passed")
         assert max(len(line) for line in printed.splitlines()) <= 100
