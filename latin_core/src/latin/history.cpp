@@ -68,7 +68,8 @@ History::History(const Problem& problem, Index columns, Index depth)
       residual_(rows_ * columns, depth),
       traces_(rows_ * columns, depth),
       gram_(Matrix::Zero(depth, depth)),
-      metric_(problem.weights().cwiseQuotient(problem.directions())) {}
+      metric_(problem.weights().cwiseQuotient(problem.directions())),
+      work_(rows_ * columns) {}
 
 void History::clear() {
   size_ = 0;
@@ -81,19 +82,20 @@ Eigen::Map<const Matrix> History::block(const Matrix& store, Index slot) const {
   return {store.col(slot).data(), rows_, columns_};
 }
 
-double History::product(Index slot, ConstMatrixRef residual) const {
-  double sum = 0.0;
-  const auto past = block(residual_, slot);
+void History::weigh(ConstMatrixRef residual, Eigen::Ref<Vector> weighted) const {
   for (Index column = 0; column < columns_; ++column) {
-    sum += (past.col(column).array() * metric_.array() * residual.col(column).array()).sum();
+    weighted.segment(column * rows_, rows_) = metric_.cwiseProduct(residual.col(column));
   }
-  return sum;
+}
+
+Eigen::Map<Matrix> History::shaped(Vector& vector) const {
+  return {vector.data(), rows_, columns_};
 }
 
 double History::share_of_square(ConstMatrixRef residual) const {
   double sum = 0.0;
   for (Index column = 0; column < columns_; ++column) {
-    sum += (residual.col(column).array().square() * metric_.array()).sum();
+    sum += residual.col(column).cwiseAbs2().dot(metric_);
   }
   return sum;
 }
@@ -117,13 +119,14 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
   // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
   std::vector<double> sums(shares.begin(), shares.end());
   sums.push_back(share_of_square(residual));
-  for (Index slot = 0; slot < size_; ++slot) {
-    sums.push_back(product(slot, residual));
-  }
+  const auto add_products = [&](ConstMatrixRef with) {
+    weigh(with, work_);
+    const Vector products = residual_.leftCols(size_).transpose() * work_;
+    sums.insert(sums.end(), products.begin(), products.end());
+  };
+  add_products(residual);
   for (const Index slot : fresh_) {
-    for (Index other = 0; other < size_; ++other) {
-      sums.push_back(product(other, block(residual_, slot)));
-    }
+    add_products(block(residual_, slot));
   }
   problem_->communicator().sum(sums);
   auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
@@ -147,12 +150,9 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
 }
 
 State History::predicted_error() const {
-  State error{Matrix::Zero(rows_, columns_), Matrix::Zero(rows_, columns_)};
-  for (Index slot = 0; slot < gamma_.size(); ++slot) {
-    error.data += gamma_(slot) * block(data_, slot);
-    error.traces += gamma_(slot) * block(traces_, slot);
-  }
-  return error;
+  const Vector data = data_.leftCols(gamma_.size()) * gamma_;
+  const Vector traces = traces_.leftCols(gamma_.size()) * gamma_;
+  return {data.reshaped(rows_, columns_), traces.reshaped(rows_, columns_)};
 }
 
 double History::error(const Size& whole, double rounding) const {
@@ -183,23 +183,15 @@ double History::amplification(const Size& whole, double rounding) const {
   return worst > 0.0 ? worst : std::numeric_limits<double>::infinity();
 }
 
-void History::step(ConstMatrixRef residual, double beta, MatrixRef step) const {
-  if (!problem_->preconditions()) {
-    step = beta * residual;
-    for (Index slot = 0; slot < gamma_.size(); ++slot) {
-      step -= gamma_(slot) * (block(data_, slot) + beta * block(residual_, slot));
-    }
-    return;
+void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
+  const Index used = gamma_.size();
+  work_.noalias() = residual_.leftCols(used) * gamma_;
+  step = residual - shaped(work_);
+  if (problem_->preconditions()) {
+    problem_->precondition(step);
   }
-  step = residual;
-  for (Index slot = 0; slot < gamma_.size(); ++slot) {
-    step -= gamma_(slot) * block(residual_, slot);
-  }
-  problem_->precondition(step);
-  step *= beta;
-  for (Index slot = 0; slot < gamma_.size(); ++slot) {
-    step -= gamma_(slot) * block(data_, slot);
-  }
+  work_.noalias() = data_.leftCols(used) * gamma_;
+  step = beta * step - shaped(work_);
 }
 
 }  // namespace latin

@@ -78,7 +78,7 @@ class History {
   /// amplified as the worst of them was.
   [[nodiscard]] double error(const Size& whole, double rounding) const;
   /// step = beta r - (dS + beta dR) gamma: the predicted error taken off, the remainder mixed in.
-  void step(ConstMatrixRef residual, double beta, MatrixRef step) const;
+  void step(ConstMatrixRef residual, double beta, MatrixRef step);
 
   /// This rank's share of |r|^2 in W/k.
   [[nodiscard]] double share_of_square(ConstMatrixRef residual) const;
@@ -87,7 +87,9 @@ class History {
   /// Largest |dS| / |dR| in the history, |dS| relative to `whole`.
   [[nodiscard]] double amplification(const Size& whole, double rounding) const;
   [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
-  [[nodiscard]] double product(Index slot, ConstMatrixRef residual) const;
+  /// W/k r as one column.
+  void weigh(ConstMatrixRef residual, Eigen::Ref<Vector> weighted) const;
+  [[nodiscard]] Eigen::Map<Matrix> shaped(Vector& vector) const;
 
   const Problem* problem_;
   Index rows_;
@@ -101,6 +103,7 @@ class History {
   Matrix gram_;               ///< dR^T W/k dR, of the slots that a fit has seen
   std::vector<Index> fresh_;  ///< slots that it has not
   Vector metric_;             ///< W/k
+  Vector work_;
   Vector gamma_;
   double remainder_ = 1.0;
   double residual_norm_ = 0.0;
