@@ -188,11 +188,12 @@ def main() -> None:
     for random in (False, True):
         rows.append(row(arguments.cells, random, arguments.repeats, arguments.launches))
         one, two = rows[-1]["iteration_s"]
+        last = rows[-1]
         print(
-            f"{rows[-1]['unknowns']} unknowns, {rows[-1]['columns']} columns: {1e3 * one:.2f} ms an iteration "
-            f"on one rank, {1e3 * two:.2f} ms on two, {rows[-1]['ratio']:.2f} times faster (fastest iterations "
-            f"{rows[-1]['fastest_iteration_ratio']:.2f}, processor time of the global stage "
-            f"{rows[-1]['global_cpu_ratio']:.2f}), largest difference {rows[-1]['max_difference']:.1e}"
+            f"{last['unknowns']} unknowns, {last['columns']} columns: {1e3 * one:.2f} ms an iteration "
+            f"on one rank, {1e3 * two:.2f} ms on two, {last['ratio']:.2f} times faster (fastest "
+            f"iterations {last['fastest_iteration_ratio']:.2f}, processor time of the global stage "
+            f"{last['global_cpu_ratio']:.2f}), largest difference {last['max_difference']:.1e}"
         )
     record = {
         "environment": environment,
