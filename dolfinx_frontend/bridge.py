@@ -15,7 +15,8 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly import Problem, resolve, stiffnesses
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Elastic, UserLaw
+from dolfinx_frontend.laws import Displacement, Elastic, Perfect, Symmetry, UserLaw
+from dolfinx_frontend.macro import basis
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Plan
@@ -43,6 +44,10 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
+HELD, PUSHED = 1e3, 1e-3
+"""Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
+displacements far above the stiffness of any part, with prescribed forces far below."""
+
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, as a share of factor * E / L."""
 
@@ -56,20 +61,25 @@ def _scale(problem: Problem, plan: Plan) -> float:
     return modulus / length
 
 
-def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFields) -> Array:
+def _direction(
+    problem: Problem, plan: Plan, interface: Interface, fields: LawFields, bodies: int
+) -> Array:
     """Search direction k of an interface, (components * m,), the same on both sides."""
     given = plan.direction.given.get(interface.name)
     if given is not None:
         per_point = resolve(given, interface, 1, name="search direction")
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
-    k: Array = np.full(
-        (interface.num_points, fields.components), plan.direction.factor * _scale(problem, plan)
-    )
+    unit = plan.direction.factor * _scale(problem, plan)
+    if plan.macro and plan.direction.length is None:
+        unit *= bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
+    k: Array = np.full((interface.num_points, fields.components), unit)
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
+    if interface.name in plan.paired and len(interface.sides) == 1:
+        k *= HELD if isinstance(interface.law, (Displacement, Perfect, Symmetry)) else PUSHED
     if fields.softest is not None:
         k = np.maximum(k, fields.softest)
     return k.ravel()
@@ -198,7 +208,7 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
                 continue
             interface = own.interfaces[name]
             laws[name] = fields = active_fields(interface, plan)
-            direction = _direction(problem, plan, interface, fields)
+            direction = _direction(problem, plan, interface, fields, len(bodies))
             interfaces.append(
                 _core.Interface(
                     name=name,
@@ -216,6 +226,12 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
                         else _core.Side(member=side.substructure)
                         for side in interface.sides
                     ],
+                    basis=(
+                        basis(interface, fields.frames, fields.components, plan.moments)
+                        if name in plan.macro
+                        else None
+                    ),
+                    paired=name in plan.paired,
                 )
             )
     options = plan.options

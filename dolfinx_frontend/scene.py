@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, cast
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from dolfinx import mesh as dmesh
 
@@ -24,6 +25,9 @@ from dolfinx_frontend.laws import (
     is_plain,
 )
 from dolfinx_frontend.materials import Material
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.step import StepAssembly
 
 __all__ = [
     "CELLS",
@@ -180,6 +184,24 @@ class Scene:
     def __init__(self) -> None:
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
+
+    @staticmethod
+    def from_step(path: str | Path, **settings: Any) -> StepAssembly:
+        """Parts of a STEP file and the interfaces where they touch, to be completed and meshed.
+
+        Settings and errors are those of :func:`dolfinx_frontend.step.read_step`.
+
+        Examples
+        --------
+        >>> step = Scene.from_step("flange.step")
+        >>> print(step)
+        >>> step.material("*", LinearElastic(E=200e3, nu=0.3))
+        >>> step.join("*", Perfect())
+        >>> scene = step.scene()
+        """
+        from dolfinx_frontend.step import read_step  # which builds on this module
+
+        return read_step(path, **settings)
 
     def substructure(
         self,

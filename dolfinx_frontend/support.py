@@ -29,7 +29,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -38,7 +39,7 @@ from scipy.optimize import lsq_linear
 
 from dolfinx_frontend.assembly import Problem, forces, held
 from dolfinx_frontend.errors import SceneError, SceneWarning
-from dolfinx_frontend.laws import Array, Contact, Pressure, Traction
+from dolfinx_frontend.laws import Array, Contact, Perfect, Preload, Pressure, Traction
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.rigid import FreeMotions, Resistance, free_motions, quoted
@@ -107,6 +108,15 @@ class _Balance:
 
 
 @dataclass(frozen=True)
+class _Check:
+    """What is free at a time step, what holds the rest, and the loads."""
+
+    motions: FreeMotions
+    resistances: dict[str, Resistance]
+    balance: _Balance
+
+
+@dataclass(frozen=True)
 class _Reached:
     """An interface in contact in the answer, at one time step.
 
@@ -127,6 +137,19 @@ class _Reached:
 
 def _unilateral(interface: Interface) -> bool:
     return isinstance(interface.law, Contact)
+
+
+def _given_preload(interface: Interface, time: float | None) -> bool:
+    """Whether an interface is a pretension section whose force is given at a time."""
+    law = interface.law
+    return isinstance(law, Preload) and (time is None or law.controlled(time))
+
+
+def _locked(interface: Interface, given: frozenset[str]) -> Interface:
+    """The interface, as a rigid one if it is a pretension section that keeps its length."""
+    if isinstance(interface.law, Preload) and interface.name not in given:
+        return replace(interface, law=Perfect())
+    return interface
 
 
 def _decide(problem: Problem, work: Callable[[], T]) -> T:
@@ -178,11 +201,17 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
     }
 
 
-def _loads(problem: Problem, motions: FreeMotions) -> tuple[Array, float]:
+def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[Array, float]:
     """Work (q,) of the loads in the motions, and the sum of their sizes."""
     nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
-    for interface in problem.own.interfaces.values():
-        if isinstance(interface.law, (Pressure, Traction)):
+    for name, interface in problem.own.interfaces.items():
+        if _given_preload(problem.interfaces[name], time):
+            force = law_fields(interface, time=time).parameters["force"][:, :1]
+            pull = interface.weights[:, None] * force * interface.normals
+            for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
+                if side.substructure in nodal:
+                    nodal[side.substructure] += sign * (side.shape.T @ pull)
+        elif isinstance(interface.law, (Pressure, Traction)):
             local = forces(interface, interface.law) * interface.weights[:, None]
             vectors = np.einsum("pij,pi->pj", interface.frames, local)
             side = interface.sides[0]
@@ -420,62 +449,77 @@ def check_support(result: Result) -> None:
     contacts = [name for name, i in problem.interfaces.items() if _unilateral(i)]
     if not contacts:
         return
-    own = {
-        name: held(problem, i)
-        for name, i in problem.own.interfaces.items()
-        if name not in contacts and problem.speaks_for(name)
-    }
-    resistances = problem.gather(own)
-    motions = _decide(problem, lambda: _free(problem, resistances))
-    if not len(motions):
-        return
-    jumps = _relative(problem, contacts, motions)
     times = result.plan.times
-    steps = [("", problem)]
+    steps: list[tuple[str, float | None, Problem]] = [("", None, problem)]
     if times is not None:
-        steps = [(f" at step {k}, t = {t:g}", problem.at(float(t))) for k, t in enumerate(times)]
-    balances = [_Balance(_grips(now, jumps), *_loads(now, motions)) for _, now in steps]
+        numbered = [(k, float(t)) for k, t in enumerate(times)]
+        steps = [(f" at step {k}, t = {t:g}", t, problem.at(t)) for k, t in numbered]
+    # what is free depends on the preloads that are locked, and on no other time
+    alike: dict[frozenset[str], list[int]] = {}
+    for k, (_, time, _) in enumerate(steps):
+        given = frozenset(n for n, i in problem.interfaces.items() if _given_preload(i, time))
+        alike.setdefault(given, []).append(k)
+    checks: dict[int, _Check] = {}
+    for given, members in alike.items():
+        own = {
+            name: held(problem, _locked(i, given))
+            for name, i in problem.own.interfaces.items()
+            if name not in contacts and problem.speaks_for(name)
+        }
+        resistances = problem.gather(own)
+        motions = _decide(problem, partial(_free, problem, resistances))
+        if not len(motions):
+            continue
+        jumps = _relative(problem, contacts, motions)
+        for k in members:
+            _, time, now = steps[k]
+            balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
+            checks[k] = _Check(motions, resistances, balance)
+    if not checks:
+        return
 
     def loads_are_balanced() -> None:
-        for (when, _), balance in zip(steps, balances, strict=True):
-            _check_loads(motions, balance.grips, balance.work, balance.size, when)
+        for k, each in sorted(checks.items()):
+            balance = each.balance
+            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0])
 
     _decide(problem, loads_are_balanced)
     if result.status == "diverged":
         return  # its forces say nothing
     answers = problem.gather(
         {
-            name: _answers(result, problem.interfaces[name], steps)
-            for name in jumps
-            if problem.speaks_for(name)
+            name: _answers(result, problem.interfaces[name], [now for _, _, now in steps])
+            for name in contacts
+            if name in problem.own.interfaces and problem.speaks_for(name)
         },
     )
     if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
         return
 
     def parts_are_held() -> None:
-        for k, ((when, _), balance) in enumerate(zip(steps, balances, strict=True)):
+        for k, each in sorted(checks.items()):
+            when, balance = steps[k][0], each.balance
             reached = {name: found[k] for name, found in answers.items()}
-            pushed = {name: each.force for name, each in reached.items()}
-            if _check_slip(motions, balance.grips, balance.work, balance.size, pushed, when):
+            pushed = {name: one.force for name, one in reached.items()}
+            if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
                 return
             loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
             if not (result.converged and loaded):
                 continue
-            if _check_undetermined(problem, resistances, reached, when):
+            if _check_undetermined(problem, each.resistances, reached, when):
                 return
 
     _decide(problem, parts_are_held)
 
 
-def _answers(result: Result, interface: Interface, steps: list[tuple[str, Problem]]) -> list[_Reached]:
+def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list[_Reached]:
     """What an interface has reached at every step."""
     force, jump = (
         each.reshape(len(steps), interface.num_points, -1)
         for each in (result.force(interface.name), result.jump(interface.name))
     )
     found = []
-    for k, (_, now) in enumerate(steps):
+    for k, now in enumerate(steps):
         closed = force[k, :, 0] < 0.0
         if result.plan.times is not None:  # what is loaded later on may well lie there unloaded at first
             closed |= _touching(now.interfaces[interface.name], jump[k])

@@ -98,14 +98,20 @@ void bind_descriptions(py::module_& m) {
   py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
       .def(py::init([](std::string name, std::variant<std::string, std::shared_ptr<latin::Law>> law,
                        latin::Vector weights, latin::Matrix frames,
-                       std::vector<latin::SideDescription> sides) {
+                       std::vector<latin::SideDescription> sides,
+                       std::optional<latin::Matrix> basis, bool paired) {
              auto source = std::visit([](auto&& each) { return latin::LawSource(std::move(each)); },
                                       std::move(law));
-             return latin::InterfaceDescription{std::move(name), std::move(source),
-                                                std::move(weights), std::move(frames),
-                                                std::move(sides)};
+             return latin::InterfaceDescription{std::move(name),
+                                                std::move(source),
+                                                std::move(weights),
+                                                std::move(frames),
+                                                std::move(sides),
+                                                basis ? std::move(*basis) : latin::Matrix{},
+                                                paired};
            }),
-           py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a);
+           py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a,
+           "basis"_a.none(true), "paired"_a);
 }
 
 void bind_iteration(py::module_& m) {
@@ -208,6 +214,7 @@ void bind_problem(py::module_& m) {
       .def_property_readonly("loads", &latin::Problem::loads)
       .def_property_readonly("unknowns", &latin::Problem::unknowns)
       .def_property_readonly("active_unknowns", &latin::Problem::active_unknowns)
+      .def_property_readonly("macro_size", &latin::Problem::macro_size)
       .def_property_readonly("weights", &latin::Problem::weights)
       .def_property_readonly("directions", &latin::Problem::directions)
       .def_property_readonly("costs",

@@ -72,6 +72,8 @@ def problem(owner: list[int], rank: int, comm: int | None, spoil: int = -1) -> A
                     else _core.Side(member=f"bar{p}")
                     for p, node in ends
                 ],
+                basis=None,
+                paired=False,
             )
         )
         values += [(name, key, value * ones) for key, value in given.items()]

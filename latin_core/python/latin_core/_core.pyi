@@ -93,6 +93,8 @@ class Interface:
         weights: Array,  # (points,), areas
         frames: Array,  # (components * points, d)
         sides: Sequence[Side],
+        basis: Array | None,  # (components * points, moments) of the coarse problem; None: not in it
+        paired: bool,  # residual solved for, with both bodies
     ) -> None: ...
 
 class Iteration:
@@ -205,6 +207,8 @@ class Problem:
     def unknowns(self) -> int: ...
     @property
     def active_unknowns(self) -> int: ...
+    @property
+    def macro_size(self) -> int: ...
     @property
     def weights(self) -> Array: ...
     @property

@@ -41,6 +41,14 @@ class Options:
     together
         Points of a sweep (samples of a sampling) that are tried side by side, as columns of one global
         stage, once their first iterates are answers already; 1: one after the other.
+    macro
+        Coarse problem that balances the forces between the parts at every iteration: ``"linear"`` (their
+        moments, too), ``"resultants"``, ``"none"``, or ``"automatic"``: linear where the accelerated
+        iteration runs on several interfaces between parts.
+    directions
+        ``"matrix"``: interfaces that are linear and fixed but kept take the step that solves them with
+        both of their parts; ``"diagonal"``: every interface takes its residual as it is;
+        ``"automatic"``: matrix where the iteration is accelerated.
     operator
         ``"condensed"`` (dense factor of the Schur complement on the active unknowns),
         ``"factored"`` (sparse solves) or ``"automatic"``.
@@ -59,6 +67,8 @@ class Options:
     newton: int = 1500
     snapshots: int = 15
     together: int = 32
+    macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
+    directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
     backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
     memory_limit: float = 8e9
@@ -85,6 +95,14 @@ class Options:
         if self.criterion not in ("error", "indicator"):
             raise ValueError(
                 f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'"
+            )
+        if self.macro not in ("automatic", "none", "resultants", "linear"):
+            raise ValueError(
+                f"macro {self.macro!r} is not known: use 'automatic', 'none', 'resultants' or 'linear'"
+            )
+        if self.directions not in ("automatic", "diagonal", "matrix"):
+            raise ValueError(
+                f"directions {self.directions!r} is not known: use 'automatic', 'diagonal' or 'matrix'"
             )
 
     def kernel(self) -> _core.Options:

@@ -131,11 +131,16 @@ std::vector<Advanced> advance_together(const Problem& problem, const Options& op
     combined.col(set) = residuals.fit(set, others, start.col(set)).gamma;
     step.col(set).noalias() -= residuals.of(set, others) * combined.col(set);
   }
-  step = residuals.scale().cwiseInverse().asDiagonal() * step * options.relaxation;
+  step = residuals.scale().cwiseInverse().asDiagonal() * step;
+  problem.precondition(Eigen::Map<Matrix>(step.data(), rows, sets * columns));
+  step *= options.relaxation;
   step.noalias() -= data_differences.leftCols(others) * combined;
   data_of += step;
   Matrix moved(rows, sets * columns);
   problem.global_stage(data, repeated(amplitudes, sets), moved);
+  if (problem.balances()) {
+    step += problem.balance(data, moved).reshaped(size, sets);
+  }
   problem.local_stage(data, moved, residual);
   const Matrix left = residuals.scaled(residual);
   residuals.keep(others, left - start);

@@ -184,9 +184,21 @@ double History::amplification(const Size& whole, double rounding) const {
 }
 
 void History::step(ConstMatrixRef residual, double beta, MatrixRef step) const {
-  step = beta * residual;
+  if (!problem_->preconditions()) {
+    step = beta * residual;
+    for (Index slot = 0; slot < gamma_.size(); ++slot) {
+      step -= gamma_(slot) * (block(data_, slot) + beta * block(residual_, slot));
+    }
+    return;
+  }
+  step = residual;
   for (Index slot = 0; slot < gamma_.size(); ++slot) {
-    step -= gamma_(slot) * (block(data_, slot) + beta * block(residual_, slot));
+    step -= gamma_(slot) * block(residual_, slot);
+  }
+  problem_->precondition(step);
+  step *= beta;
+  for (Index slot = 0; slot < gamma_.size(); ++slot) {
+    step -= gamma_(slot) * block(data_, slot);
   }
 }
 

@@ -20,6 +20,8 @@ constexpr double strain_free = 1e-12;
 /// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
 constexpr std::array<double, 2> differences{1e-7, 1e-3};
 constexpr double same_slope = 1e-7;
+/// A law that takes up all but this share of a free jump is a perfect connection.
+constexpr double rounding_of_share = 1e-14;
 
 void check_interface(const InterfaceDescription& interface, const auto& is_here) {
   const auto fail = [&interface](const std::string& text) {
@@ -154,6 +156,21 @@ void Problem::build(std::vector<BodyDescription> bodies,
                              entry.geometry.weights, std::move(side.direction)});
       owner[body].emplace_back(i, s);
     }
+    if (interface.basis.size() > 0 && interface.basis.rows() != points * components) {
+      throw InputError("interface '" + interface.name + "': a coarse basis of " +
+                       std::to_string(interface.basis.rows()) + " rows, expected " +
+                       std::to_string(points * components));
+    }
+    if ((interface.paired || interface.basis.size() > 0) && !communicator_.alone()) {
+      throw InputError("interface '" + interface.name +
+                       "': a coarse problem and paired interfaces are not spread over ranks");
+    }
+    if (interface.paired && !entry.geometry.law->linear()) {
+      throw InputError("interface '" + interface.name + "': law '" + entry.geometry.law->name() +
+                       "' is not linear and cannot be paired");
+    }
+    entry.basis = std::move(interface.basis);
+    entry.paired = interface.paired;
     entry.first_unknown = interface_unknowns_;
     interface_unknowns_ += points * components;
     interfaces_.push_back(std::move(entry));
@@ -395,6 +412,76 @@ void Problem::global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, Matri
     auto of_body = traces.middleRows(body_rows_[b], body.rows());
     body.apply(data.middleRows(body_rows_[b], body.rows()), of_body);
     of_body.noalias() += body.load_traces() * amplitudes;
+  }
+}
+
+bool Problem::balances() const {
+  return std::ranges::any_of(interfaces_, [](const Entry& each) { return each.basis.size() > 0; });
+}
+
+Matrix Problem::balance(MatrixRef data, MatrixRef traces) const {
+  if (!macro_) {
+    std::vector<MacroInterface> interfaces;
+    for (const Entry& entry : interfaces_) {
+      if (entry.basis.size() > 0) {
+        interfaces.push_back({entry.rows, entry.basis});
+      }
+    }
+    macro_ = std::make_unique<Macro>(bodies_, body_rows_, interfaces);
+  }
+  Matrix forces = data - directions_.asDiagonal() * traces;
+  Matrix of_law;
+  for (const Entry& entry : interfaces_) {
+    if (entry.basis.size() > 0 && entry.rows.size() == 1) {
+      resolve(entry, free_jump(entry, data, traces, Matrix()), of_law);
+      forces.middleRows(entry.rows.front(), of_law.rows()) -= of_law;
+    }
+  }
+  return macro_->correct(forces, data, traces);
+}
+
+bool Problem::preconditions() const {
+  return std::ranges::any_of(interfaces_, [](const Entry& each) { return each.paired; });
+}
+
+std::size_t Problem::body_of(Index row) const {
+  return static_cast<std::size_t>(std::ranges::upper_bound(body_rows_, row) - body_rows_.begin()) -
+         1;
+}
+
+Pair Problem::make_pair(const Entry& entry) const {
+  const Index rows = entry.flexibility.size();
+  // f = kappa (j - jump) answers a free jump with kappa / (1 + c kappa)
+  Matrix at_rest(rows, 1);
+  Matrix moved(rows, 1);
+  const Index components = entry.geometry.components;
+  const Matrix zero = Matrix::Zero(rows, 1);
+  const Matrix jump = entry.flexibility;
+  entry.geometry.law->resolve({components, zero, entry.flexibility, 1, entry.geometry.name},
+                              at_rest);
+  entry.geometry.law->resolve({components, jump, entry.flexibility, 1, entry.geometry.name}, moved);
+  const Vector share = (moved - at_rest).cwiseMax(0.0).cwiseMin(1.0);
+  const Vector stiffness =
+      share.array() / (entry.flexibility.array() * (1.0 - share.array()).max(rounding_of_share));
+  std::array<PairSide, 2> sides{};
+  for (std::size_t s = 0; s < 2; ++s) {
+    const std::size_t b = body_of(entry.rows[s]);
+    sides[s] = {&bodies_[b], entry.rows[s] - body_rows_[b], entry.rows[s]};
+  }
+  return {sides, entry.geometry.weights, stiffness};
+}
+
+void Problem::precondition(MatrixRef residual) const {
+  const bool first = pairs_.empty();
+  for (const Entry& entry : interfaces_) {
+    if (entry.paired && entry.rows.size() == 1) {
+      residual.middleRows(entry.rows.front(), entry.flexibility.size()) *= 0.5;
+    } else if (entry.paired && first) {
+      pairs_.push_back(make_pair(entry));
+    }
+  }
+  for (const Pair& pair : pairs_) {
+    pair.apply(residual);
   }
 }
 

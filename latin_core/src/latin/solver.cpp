@@ -326,7 +326,12 @@ class Run {
 
   void global() {
     const auto start = Clock::now();
-    attempt([&] { problem_.global_stage(state_.data, amplitudes_, state_.traces); });
+    attempt([&] {
+      problem_.global_stage(state_.data, amplitudes_, state_.traces);
+      if (problem_.balances()) {
+        added_ = problem_.balance(state_.data, state_.traces);
+      }
+    });
     summary_.global_s += since(start);
     ++summary_.iterations;
   }
@@ -354,7 +359,9 @@ class Run {
     } else if (options_.acceleration > 0) {
       step_ = std::min(options_.relaxation, averaged) * residual_;
     } else {
-      step_ = options_.relaxation * residual_;
+      step_ = residual_;
+      problem_.precondition(step_);
+      step_ *= options_.relaxation;
     }
     const Matrix old_residual = residual_;
     const Matrix old_traces = state_.traces;
@@ -363,6 +370,9 @@ class Run {
     global();
     local();
     const auto pushing = Clock::now();
+    if (problem_.balances()) {
+      step_ += added_;
+    }
     history_.push(step_, residual_ - old_residual, state_.traces - old_traces);
     ++own_;
     summary_.other_s += since(pushing);
@@ -405,6 +415,7 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
+  Matrix added_;          ///< to the data, by the coarse problem
   Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
   Newton newton_;

@@ -10,6 +10,8 @@
 #include "latin/common/communicator.hpp"
 #include "latin/interface/interface.hpp"
 #include "latin/latin/flexibility.hpp"
+#include "latin/latin/macro.hpp"
+#include "latin/latin/pair.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin {
@@ -44,6 +46,13 @@ struct InterfaceDescription {
   Vector weights;                      ///< (points) areas, > 0
   Matrix frames;                       ///< (components * points, dim), orthonormal rows
   std::vector<SideDescription> sides;  ///< one or two
+  /// Z (components * points, moments) of the coarse problem, any unit; empty: not in it. On a boundary
+  /// interface the forces are balanced against those of its law, which must not depend on the jump.
+  Matrix basis{};
+  /// Whether its residual is solved for instead of taken as it is (Pair); for linear laws. On a boundary
+  /// interface half the residual is taken: the step for a k far above (prescribed displacement) or below
+  /// (prescribed force) the stiffness of the body.
+  bool paired = false;
 };
 
 /// How the columns of a run become columns in which the law of an interface is deterministic, and back,
@@ -138,6 +147,18 @@ class Problem {
 
   /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
+  /// Whether the global stage is followed by a coarse problem.
+  [[nodiscard]] bool balances() const;
+  /// Balance the moments of the interface forces after a global stage, see Macro. The coarse problem is
+  /// factorised when first asked for: not to be called from two threads then.
+  /// @return what was added to the data, (rows, c)
+  Matrix balance(MatrixRef data, MatrixRef traces) const;
+  [[nodiscard]] Index macro_size() const { return macro_ ? macro_->size() : 0; }
+  /// Whether some interfaces are paired.
+  [[nodiscard]] bool preconditions() const;
+  /// Residual (rows, c) into a step on the data: paired interfaces are solved with their laws as they were
+  /// when first asked for, the others take the residual as it is.
+  void precondition(MatrixRef residual) const;
   /// r = f^ + k w^ - s, (rows, c). Collective among neighbours.
   void local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual) const;
 
@@ -190,6 +211,8 @@ class Problem {
     std::vector<Index> rows;  ///< first row of each side
     Vector flexibility;       ///< 1/k1 (+ 1/k2)
     Index first_unknown = 0;  ///< among the points and components of all interfaces
+    Matrix basis;
+    bool paired = false;
     std::vector<LawColumns> groups;
     std::vector<std::shared_ptr<Law>> group_laws;
     /// The side on another rank, with its slot in the exchange; rank -1: none.
@@ -233,7 +256,12 @@ class Problem {
   Index loads_ = 0;
   Index steps_ = 1;
   Index interface_unknowns_ = 0;
+  [[nodiscard]] std::size_t body_of(Index row) const;
+  [[nodiscard]] Pair make_pair(const Entry& entry) const;
+
   mutable std::unique_ptr<Flexibility> flexibility_;
+  mutable std::unique_ptr<Macro> macro_;
+  mutable std::vector<Pair> pairs_;
 };
 
 }  // namespace latin
