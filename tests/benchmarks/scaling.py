@@ -89,7 +89,7 @@ def work(cells: int, random: bool, repeats: int, folder: Path) -> None:
     best: dict[str, Any] = {}
     fastest = np.inf
     for _ in range(repeats):
-        settings: dict[str, Any] = {"active": joints, "options": Options(rtol=1e-10)}
+        settings: dict[str, Any] = {"active": joints, "options": Options(rtol=1e-10, macro="none", directions="diagonal")}
         if random:
             settings["chaos"] = Chaos(order=3)
         result = solve(problem, **settings)

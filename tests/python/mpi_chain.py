@@ -37,6 +37,8 @@ PARTS = 5
 WORLD = MPI.COMM_WORLD
 MADE: list[int] = []
 
+DIAGONAL = {"macro": "none", "directions": "diagonal"}
+
 
 def part(k: int, cells: int = 3) -> Any:
     """Block k, which is counted."""
@@ -83,7 +85,8 @@ def compare(times: Any, space: Any, friction: float) -> None:
     pull: Any = (-0.05, 0.04)
     if times is not None:
         pull = Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, 0.9]) * (0.0, 0.2) + np.array([-0.05, 0.0])
-    options = Options(rtol=1e-12, max_iterations=400, newton=0)
+    # one rank alone would take the coarse problem and matrix directions
+    options = Options(rtol=1e-12, max_iterations=400, newton=0).with_(**DIAGONAL)
     scene = chain(pull, space=space, friction=friction)
     problem = assemble(scene, comm=WORLD)
     made = MADE.copy()
@@ -129,7 +132,7 @@ def compare(times: Any, space: Any, friction: float) -> None:
 
 def columns() -> None:
     """Sweeps, samples and chaos: what varies touches one rank or two, the digits are those of one rank."""
-    options = Options(rtol=1e-11, max_iterations=400, newton=0, together=1)
+    options = Options(rtol=1e-11, max_iterations=400, newton=0, together=1).with_(**DIAGONAL)
     scene = chain((-0.05, 0.02), friction=0.4)
     scene.interface("bed", "b2:y0", Elastic(normal=LogNormal("bed", 50.0, cov=0.3), tangential=20.0))
     scene.interfaces["j1"] = replace(
