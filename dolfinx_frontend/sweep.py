@@ -174,7 +174,8 @@ def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParamete
     add("factors", plan.factors())
     for name, interface in problem.interfaces.items():
         law = interface.law
-        add(f"{name} {type(law).__name__} {bridge.law_fields(interface, law.nominal).kind}", interface.weights)
+        kind = bridge.law_fields(interface, law.nominal).kind
+        add(f"{name} {type(law).__name__} {kind}", interface.weights)
         columns = [bridge.law_fields(interface, law.at(t), t) for t in moments]
         if not columns or not (law.varying or law.history):
             columns = [bridge.law_fields(interface)]

@@ -26,8 +26,8 @@ from time import perf_counter
 from typing import Any
 
 import common
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from dolfinx_frontend import (
     Chaos,
@@ -48,8 +48,6 @@ from dolfinx_frontend import (
     sweep,
 )
 
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 
 # mm: about 5, 24, 60, 100, 200 and 500 thousand unknowns
 SIZES = ("18", "9.6", "6.2", "5", "4", "3.1")
@@ -342,7 +340,8 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
         "sweep": "sweep of 91 points",
         "monte_carlo": "10 000 samples",
     }
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    axes = figure.subplots(1, 2)
     for method, label in labels.items():
         x = [row["dof"] for row in record["sizes"]]
         for axis, key, scale in ((axes[0], "seconds", 1.0), (axes[1], "peak", 1e-6)):
@@ -358,7 +357,8 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
         axis.grid(alpha=0.3, which="both")
     figure.savefig(folder / "performance_sizes.png", dpi=130)
 
-    figure, axis = plt.subplots(figsize=(5.5, 4), layout="constrained")
+    figure = Figure(figsize=(5.5, 4), layout="constrained")
+    axis = figure.subplots()
     x = [row["modes"] for row in record["modes"]]
     y = [row["units"] for row in record["modes"]]
     found["modes"]["units"] = exponent(x, y, 2)
@@ -368,7 +368,8 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
     axis.grid(alpha=0.3, which="both")
     figure.savefig(folder / "performance_modes.png", dpi=130)
 
-    figure, axis = plt.subplots(figsize=(5.5, 4), layout="constrained")
+    figure = Figure(figsize=(5.5, 4), layout="constrained")
+    axis = figure.subplots()
     x = [row["parts"] for row in record["parts"]]
     y = [row["seconds"] for row in record["parts"]]
     found["parts"]["seconds"] = exponent(x, y)
@@ -379,7 +380,6 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
     axis.legend()
     axis.grid(alpha=0.3, which="both")
     figure.savefig(folder / "performance_parts.png", dpi=130)
-    plt.close("all")
     return found
 
 
@@ -401,23 +401,23 @@ def markdown(record: dict[str, Any], path: Path) -> None:
     text = [
         "# Performance, measured",
         "",
-        "Made by `./run bench performance --json FILE --markdown docs/performance.md`; the numbers and figures "
-        "on this page are those of one run.",
+        "Made by `./run bench performance --json FILE --markdown docs/performance.md`; the numbers and "
+        "figures on this page are those of one run.",
         "",
         f"Machine: {e['processor']}, {e['cpus']} cores, {e['threads']} thread(s), shared with other work "
         f"(load {e['load']:.1f} at the end): times are medians and vary by some tens of percent. "
         f"{', '.join(e['blas'])}, dolfinx {e['dolfinx']}, PETSc {e['petsc']}.",
         "",
-        "A *unit* is one direct solution (analysis, factorisation, one solve) of the assembled structure on the same "
-        "mesh, by the faster of CHOLMOD and MUMPS. Seconds begin with the matrices of the parts. Errors are true "
-        "ones: in the energy norm, all chaos coefficients together, against SSFEM converged to 1e-11; for the sweep "
-        "the worst force on the joint (rms over the interface) of all 91 points. Peak memory is what a process "
-        "takes beyond the matrices of the parts.",
+        "A *unit* is one direct solution (analysis, factorisation, one solve) of the assembled structure "
+        "on the same mesh, by the faster of CHOLMOD and MUMPS. Seconds begin with the matrices of the "
+        "parts. Errors are true ones: in the energy norm, all chaos coefficients together, against SSFEM "
+        "converged to 1e-11; for the sweep the worst force on the joint (rms over the interface) of all "
+        "91 points. Peak memory is what a process takes beyond the matrices of the parts.",
         "",
         "## Against size",
         "",
-        "The bolted vessel; two random stiffnesses, order 3 (10 modes); the Monte Carlo row is 10 000 samples, "
-        "extrapolated from 1 200 at the tolerance of the sweep.",
+        "The bolted vessel; two random stiffnesses, order 3 (10 modes); the Monte Carlo row is 10 000 "
+        "samples, extrapolated from 1 200 at the tolerance of the sweep.",
         "",
     ]
     rows = []
