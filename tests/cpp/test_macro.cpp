@@ -121,7 +121,7 @@ TEST(Macro, BalancesForcesAndIsAProjection) {
   Matrix traces(problem.rows(), 3);
   problem.global_stage(data, none, traces);
   ASSERT_TRUE(problem.balances());
-  problem.balance(data, traces);
+  static_cast<void>(problem.balance(data, traces));
   // traces are those of the data
   Matrix again(problem.rows(), 3);
   problem.global_stage(data, none, again);

@@ -1,6 +1,6 @@
 #include "latin/latin/macro.hpp"
 
-#include "latin/common/error.hpp"
+#include <algorithm>
 
 namespace latin {
 

@@ -37,7 +37,7 @@ class Macro {
   /// @param forces f (rows, c), less what a boundary interface has to carry
   /// @param data   s (rows, c), corrected  @param traces w (rows, c), corrected
   /// @return what was added to the data (rows, c)
-  Matrix correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) const;
+  [[nodiscard]] Matrix correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) const;
 
  private:
   struct Part {

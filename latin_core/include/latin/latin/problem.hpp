@@ -152,7 +152,7 @@ class Problem {
   /// Balance the moments of the interface forces after a global stage, see Macro. The coarse problem is
   /// factorised when first asked for: not to be called from two threads then.
   /// @return what was added to the data, (rows, c)
-  Matrix balance(MatrixRef data, MatrixRef traces) const;
+  [[nodiscard]] Matrix balance(MatrixRef data, MatrixRef traces) const;
   [[nodiscard]] Index macro_size() const { return macro_ ? macro_->size() : 0; }
   /// Whether some interfaces are paired.
   [[nodiscard]] bool preconditions() const;
