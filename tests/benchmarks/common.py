@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import statistics
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,6 +62,7 @@ def demo(name: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise FileNotFoundError(f"there is no demo named {name}")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # its dataclasses look themselves up
     spec.loader.exec_module(module)
     return module
 

@@ -1,6 +1,8 @@
 #include "latin/latin/newton.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "latin/latin/flexibility.hpp"
 
@@ -10,75 +12,211 @@ namespace {
 /// Tangents closer than this are the same: they come from differences.
 constexpr double same_tangent = 1e-6;
 constexpr double with_mu = 1.0 + 2.0 * Flexibility::mu;
-
-/// M y,  M = 2 E^T k^-1 E - (1 + 2 mu) E^T k^-1 N+ E
-Vector times_m(const Flexibility& flexibility, const Vector& y) {
-  return 2.0 * flexibility.direct().cwiseProduct(y) - with_mu * (flexibility.matrix() * y);
-}
+constexpr double modal = with_mu / (1.0 + Flexibility::mu);
+/// Steps without a better residual before another tangent is tried, and a residual that counts as better.
+constexpr Index patience = 5;
+constexpr double better = 0.7;
+/// A residual that grew by so much is not followed.
+constexpr double growth = 1e4;
+constexpr Index most_steps = 40;
+/// A residual that no step makes better is rounding if it is below this share of the forces.
+constexpr double rounding = 1e-11;
+/// Share by which the tangents are reduced: forces that the meshes do not determine get a unique, bounded change.
+constexpr double softening_first = 1e-5;
+constexpr double softening_then = 1e-3;
+/// A column whose residual is below this share of the forces starts where it is.
+constexpr double close = 1e-2;
 
 }  // namespace
 
-bool Newton::step(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef residual,
-                  double softening, bool settled, MatrixRef step) {
-  const Flexibility& flexibility = problem_.flexibility();
-  const Tangents tangents = problem_.tangents(data, traces);
+Newton::Newton(const Problem& problem, const Matrix& amplitudes)
+    : problem_(problem),
+      amplitudes_(amplitudes),
+      flexibility_(problem.flexibility()),
+      layout_(problem.layout()),
+      own_(problem.law_flexibility(flexibility_.own())),
+      shift_(own_ + flexibility_.direct()),
+      metric_(own_.cwiseProduct(flexibility_.areas())),
+      zones_(static_cast<std::size_t>(amplitudes.cols())) {}
+
+double Newton::norm(const Vector& force) const {
+  return std::sqrt(force.cwiseAbs2().dot(metric_));
+}
+
+Vector Newton::times(const Matrix& tangent, const Vector& p) const {
+  Vector result(p.size());
+  for (Index row = 0; row < p.size(); ++row) {
+    const auto at = static_cast<std::size_t>(row);
+    const Index count = layout_.components[at];
+    result(row) = tangent.row(row).head(count).dot(p.segment(layout_.first[at], count));
+  }
+  return result;
+}
+
+/// Change of j0 with changes of the forces and of the amplitudes.
+Vector Newton::moved(const Vector& y, const Vector& a) const {
+  Vector result = shift_.cwiseProduct(y);
+  result.noalias() -= with_mu * (flexibility_.matrix() * y);
+  result.noalias() -= modal * (flexibility_.modal_jumps() * a);
+  return result;
+}
+
+Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index index) {
+  Column column;
+  column.index = index;
+  // as the iteration sees it: the forces of the laws at the jumps of this iterate
+  const Matrix all = problem_.free_jumps(data, traces);
+  column.before = problem_.forces(all, flexibility_.direct()).col(index);
+  const Vector free = all.col(index);
+  // F / 2 = E f - (s - k w)
+  const Vector half_residual =
+      flexibility_.spread(column.before) - data.col(index) +
+      problem_.directions().cwiseProduct(traces.col(index));
+  column.half = flexibility_.solve(half_residual);
+  column.start = free + flexibility_.jump(2.0 * half_residual) -
+                 with_mu * flexibility_.jump(column.half) +
+                 (own_ - flexibility_.direct()).cwiseProduct(column.before);
+  column.loads = flexibility_.modal_loads(half_residual);
+  column.y = Vector::Zero(free.size());
+  column.a = Vector::Zero(column.loads.size());
+  evaluate(column);
+  return column;
+}
+
+void Newton::evaluate(Column& column) {
+  column.jump = column.start + moved(column.y, column.a);
+  jumps_.col(column.index) = column.jump;
+  column.phi =
+      problem_.forces(jumps_, own_).col(column.index) - column.before - column.y;
+  column.norm = norm(column.phi);
+}
+
+Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
+  Outcome outcome;
   const Index columns = data.cols();
   const Index steps = problem_.steps();
-  const Index unknowns = flexibility.unknowns();
-  const Index modes = flexibility.modal_stiffness().size();
-  zones_.resize(static_cast<std::size_t>(columns));
-
-  // P ds = b + M y - g E^T V a, theta a = V^T W (r / 2 + E y)
-  const Matrix half = flexibility.solve(0.5 * residual);
-  const Matrix b = flexibility.jump(residual) - with_mu * flexibility.jump(half);
-  const Matrix modal = flexibility.modal_loads(0.5 * residual);
-
-  Matrix y = Matrix::Zero(unknowns, columns);
-  Matrix amplitudes(modes, columns);
-  Matrix jumps(unknowns, columns);  // P ds
+  const Matrix jumps = problem_.free_jumps(data, traces);
+  const Matrix forces = problem_.forces(jumps, flexibility_.direct());
+  jumps_ = jumps + (own_ - flexibility_.direct()).asDiagonal() * forces;
+  double scale = 0.0;
   for (Index column = 0; column < columns; ++column) {
-    const std::vector<Matrix>& of_column = tangents.blocks[static_cast<std::size_t>(column)];
-    // what the earlier steps of the history do to the forces of this one
-    Vector given = Vector::Zero(unknowns);
-    for (Index lag = 1; lag <= column % steps; ++lag) {
-      given += (1.0 - softening) * tangents.times(of_column[static_cast<std::size_t>(lag)],
-                                                  jumps.col(column - lag));
-    }
-    Vector free = b.col(column);
-    Vector loads = modal.col(column);
-    if (!given.isZero(0.0)) {
-      free += times_m(flexibility, given);
-      loads += flexibility.modal_loads(flexibility.spread(given));
-    }
-    const Matrix& tangent = of_column.front();
-    Zone& zone = zones_[static_cast<std::size_t>(column)];
-    if (!zone.fits(tangent, softening)) {
-      factorise(tangents, tangent, softening, zone);
-    }
-    const auto closed = static_cast<Index>(zone.rows.size());
-    Vector right(closed + modes);
-    right << ((1.0 - softening) * tangents.times(tangent, free))(zone.rows), loads;
-    Vector answer = right.size() > 0 ? zone.lu.solve(right) : right;
-    if (settled && closed > 0) {
-      // forces that move nothing were divided by the softening alone, rounding and all: with K the system
-      // without it, K_eps^-1 K leaves them out and everything else as it is
-      Vector forces = Vector::Zero(unknowns);
-      forces(zone.rows) = answer.head(closed);
-      const Vector moved = times_m(flexibility, forces) -
-                           with_mu / (1.0 + Flexibility::mu) *
-                               (flexibility.modal_jumps() * answer.tail(modes));
-      right.head(closed) -= softening * tangents.times(tangent, moved)(zone.rows);
-      answer = zone.lu.solve(right);
-    }
-    y.col(column) = given;
-    y(zone.rows, column) += answer.head(closed);
-    amplitudes.col(column) = answer.tail(modes);
-    jumps.col(column) = b.col(column) + times_m(flexibility, y.col(column)) -
-                        with_mu / (1.0 + Flexibility::mu) *
-                            (flexibility.modal_jumps() * amplitudes.col(column));
+    scale = std::max(scale, norm(forces.col(column)));
   }
-  step = half + flexibility.solve(flexibility.spread(y)) + flexibility.modal_data(amplitudes);
-  return step.allFinite();
+  double stages = 0.0;
+  for (Index index = 0; index < columns; ++index) {
+    Column column = begin(data, traces, index);
+    stages += 1.0;
+    scale = std::max(scale, norm(column.before + column.phi));
+    if (index % steps > 0 && !(column.norm < close * scale)) {
+      // the answer of the step before, under the loads of this one
+      Matrix other_data = data;
+      Matrix other_traces = traces;
+      other_data.col(index) = data.col(index - 1);
+      Matrix trace(data.rows(), 1);
+      problem_.global_stage(other_data.col(index), amplitudes_.col(index), trace);
+      other_traces.col(index) = trace;
+      Column other = begin(other_data, other_traces, index);
+      stages += 2.0;
+      if (other.norm < column.norm) {
+        data.col(index) = other_data.col(index);
+        traces.col(index) = trace;
+        column = std::move(other);
+      }
+    }
+    const bool solved = iterate(column, tolerance * scale, outcome.steps);
+    if (!solved) {
+      break;
+    }
+    data.col(index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
+                       flexibility_.modal_data(column.a);
+    Matrix trace(data.rows(), 1);
+    problem_.global_stage(data.col(index), amplitudes_.col(index), trace);
+    traces.col(index) = trace;
+    stages += 2.0;
+    jumps_.col(index) = column.jump;
+    ++outcome.solved;
+  }
+  outcome.stages = (stages + static_cast<double>(outcome.steps)) / static_cast<double>(columns);
+  return outcome;
+}
+
+bool Newton::iterate(Column& column, double tolerance, Index& steps) {
+  for (const double softening : {softening_first, softening_then}) {
+    for (const bool whole : {true, false}) {
+      if (attempt(column, tolerance, whole, softening, steps)) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
+bool Newton::attempt(Column& column, double tolerance, bool whole, double softening,
+                     Index& steps) {
+  Column now = column;
+  Index since = 0;
+  for (Index count = 0; count < most_steps; ++count) {
+    // equilibrium of the modes holds from the first step on, and what the step changes is an estimate of the error
+    if (now.norm <= tolerance && count > 0) {
+      column = std::move(now);
+      return true;
+    }
+    jumps_.col(now.index) = now.jump;
+    Matrix tangent = problem_.slopes(jumps_, own_, now.index);
+    if (!whole) {
+      for (Index row = 0; row < tangent.rows(); ++row) {
+        const Index own = row - layout_.first[static_cast<std::size_t>(row)];
+        if (own > 0) {
+          tangent(row, 0) = 0.0;
+        } else {
+          tangent.row(row).tail(tangent.cols() - 1).setZero();
+        }
+      }
+    }
+    Vector dy;
+    Vector da;
+    if (!step(now, tangent, softening, dy, da)) {
+      return false;
+    }
+    now.y += dy;
+    now.a += da;
+    evaluate(now);
+    ++steps;
+    if (!std::isfinite(now.norm) || now.norm > growth * column.norm) {
+      return false;
+    }
+    if (now.norm < better * column.norm) {
+      column = now;
+      since = 0;
+    } else if (++since >= patience) {
+      // no better: rounding, or in circles
+      const double size = norm(column.before + column.y);
+      return column.norm <= std::max(tolerance, rounding * size);
+    }
+  }
+  return false;
+}
+
+bool Newton::step(Column& column, const Matrix& tangent, double softening, Vector& dy,
+                  Vector& da) {
+  Zone& zone = zones_[static_cast<std::size_t>(column.index)];
+  if (!zone.fits(tangent, softening)) {
+    factorise(tangent, softening, zone);
+  }
+  // dy = Phi + z,  z = S (M (Phi + z) - G a),  theta a = loads + V^T W E (y + dy)
+  const Vector none = Vector::Zero(column.a.size());
+  const auto closed = static_cast<Index>(zone.rows.size());
+  Vector right(closed + none.size());
+  const Vector free = moved(column.phi, none);
+  right << ((1.0 - softening) * times(tangent, free))(zone.rows),
+      column.loads + flexibility_.modal_loads(flexibility_.spread(column.y + column.phi)) -
+          flexibility_.modal_stiffness().cwiseProduct(column.a);
+  const Vector answer =
+      right.size() > 0 ? Vector(zone.lu.transpose().solve(right)) : right;
+  dy = column.phi;
+  dy(zone.rows) += answer.head(closed);
+  da = answer.tail(none.size());
+  return answer.allFinite();
 }
 
 bool Newton::Zone::fits(const Matrix& now, double softened) const {
@@ -86,9 +224,7 @@ bool Newton::Zone::fits(const Matrix& now, double softened) const {
          (tangent - now).cwiseAbs().maxCoeff() <= same_tangent * now.cwiseAbs().maxCoeff();
 }
 
-void Newton::factorise(const Tangents& tangents, const Matrix& tangent, double softening,
-                       Zone& zone) const {
-  const Flexibility& flexibility = problem_.flexibility();
+void Newton::factorise(const Matrix& tangent, double softening, Zone& zone) const {
   zone.tangent = tangent;
   zone.softening = softening;
   zone.rows.clear();
@@ -98,20 +234,25 @@ void Newton::factorise(const Tangents& tangents, const Matrix& tangent, double s
     }
   }
   const auto closed = static_cast<Index>(zone.rows.size());
-  const Index modes = flexibility.modal_stiffness().size();
-  const Matrix& jumps = flexibility.modal_jumps();
+  const Index modes = flexibility_.modal_stiffness().size();
+  const Matrix& matrix = flexibility_.matrix();
+  const Vector areas = flexibility_.areas()(zone.rows);
+  // transposed, so that rows of the (symmetric but for the areas) flexibility are read as columns
   Matrix system = Matrix::Zero(closed + modes, closed + modes);
   for (Index i = 0; i < closed; ++i) {
     const Index row = zone.rows[static_cast<std::size_t>(i)];
-    const Index first = tangents.first[static_cast<std::size_t>(row)];
-    for (Index a = 0; a < tangents.components[static_cast<std::size_t>(row)]; ++a) {
-      const double slope = (1.0 - softening) * tangent(row, a);
+    const Index first = layout_.first[static_cast<std::size_t>(row)];
+    for (Index c = 0; c < layout_.components[static_cast<std::size_t>(row)]; ++c) {
+      const double slope = (1.0 - softening) * tangent(row, c);
       if (slope != 0.0) {
-        system.row(i).head(closed) += slope * with_mu * flexibility.matrix()(first + a, zone.rows);
-        system.row(i).tail(modes) += slope * with_mu / (1.0 + Flexibility::mu) * jumps.row(first + a);
-        const auto own = std::ranges::lower_bound(zone.rows, first + a);
-        if (own != zone.rows.end() && *own == first + a) {
-          system(i, own - zone.rows.begin()) -= slope * 2.0 * flexibility.direct()(first + a);
+        const Index at = first + c;
+        system.col(i).head(closed) +=
+            (slope * with_mu / flexibility_.areas()(at)) *
+            matrix.col(at)(zone.rows).cwiseProduct(areas);
+        system.col(i).tail(modes) += slope * modal * flexibility_.modal_jumps().row(at).transpose();
+        const auto own = std::ranges::lower_bound(zone.rows, at);
+        if (own != zone.rows.end() && *own == at) {
+          system(own - zone.rows.begin(), i) -= slope * shift_(at);
         }
       }
     }
@@ -123,8 +264,9 @@ void Newton::factorise(const Tangents& tangents, const Matrix& tangent, double s
     for (Index i = 0; i < closed; ++i) {
       unit(zone.rows[static_cast<std::size_t>(i)], i) = 1.0;
     }
-    system.bottomLeftCorner(modes, closed) = -flexibility.modal_loads(flexibility.spread(unit));
-    system.bottomRightCorner(modes, modes) = flexibility.modal_stiffness().asDiagonal();
+    system.topRightCorner(closed, modes) =
+        -flexibility_.modal_loads(flexibility_.spread(unit)).transpose();
+    system.bottomRightCorner(modes, modes) = flexibility_.modal_stiffness().asDiagonal();
   }
   if (system.size() > 0) {
     zone.lu.compute(system);

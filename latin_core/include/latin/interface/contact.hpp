@@ -17,6 +17,7 @@ namespace latin {
 /// (length^3 / force, >= 0, 0 = rigid).
 struct Contact {
   static constexpr const char* name = "contact";
+  static constexpr bool monotone = true;
   static constexpr std::array parameters{Parameter{"gap"}, Parameter{"compliance", 0.0}};
   static void resolve(PointValues jump, PointValues flexibility, const std::array<double, 2>& p,
                       PointForce force) {

@@ -21,6 +21,7 @@ namespace latin {
 /// `friction` mu and `threshold` tau (force / area), all but the gap >= 0.
 struct Coulomb {
   static constexpr const char* name = "coulomb";
+  static constexpr bool monotone = true;
   static constexpr std::array parameters{Parameter{"gap"}, Parameter{"compliance", 0.0},
                                          Parameter{"friction", 0.0}, Parameter{"threshold", 0.0}};
   static constexpr std::size_t memory = 2;

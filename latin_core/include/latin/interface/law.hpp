@@ -80,6 +80,8 @@ class LATIN_SHARED Law {
   [[nodiscard]] virtual std::unique_ptr<Law> blank() const = 0;
   /// Whether the force is an affine function of the jump, so that nothing is won by linearising it.
   [[nodiscard]] virtual bool linear() const { return false; }
+  /// Whether the law is known to have one answer for every flexibility, and one that is cheap to ask for.
+  [[nodiscard]] virtual bool monotone() const { return linear(); }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
 
@@ -136,7 +138,7 @@ std::unique_ptr<Law> make_law(const std::string& name);
 /// What a module of a user and the kernel must have in common: layout of Law, of Eigen's matrices and of
 /// the standard library. Both see this macro, each compiled in its own way.
 inline constexpr const char* law_abi =
-    "laws 1, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
+    "laws 2, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
         EIGEN_MAJOR_VERSION) "." LATIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " LATIN_TEXT(EIGEN_MAX_ALIGN_BYTES)
 #ifdef _GLIBCXX_USE_CXX11_ABI
         ", strings " LATIN_TEXT(_GLIBCXX_USE_CXX11_ABI)

@@ -44,7 +44,8 @@ inline constexpr std::size_t memory_of<L> = L::memory;
 /// where resolve() writes the force f = R(jump - flexibility f), see Law; `p` holds the parameters in their
 /// order. A law with memory says `static constexpr std::size_t memory = M;` and takes a further argument
 /// `std::array<double, M>& state` before the force: zeros in the first step of a history, and in each later
-/// one what the step before left in it. resolve() may throw std::exception: the message is given the
+/// one what the step before left in it. `static constexpr bool monotone = true` says that it has one answer for
+/// every flexibility, so that a solver may choose that freely. resolve() may throw std::exception: the message is given the
 /// interface, the law and the point. It may be called for several interfaces at once.
 template <class L>
 concept PointwiseLaw =
@@ -69,6 +70,12 @@ class PointwiseLawAdapter final : public Law {
 
   [[nodiscard]] std::string name() const override { return L::name; }
   [[nodiscard]] bool history() const override { return memory > 0; }
+  [[nodiscard]] bool monotone() const override {
+    if constexpr (requires { L::monotone; }) {
+      return L::monotone;
+    }
+    return false;
+  }
   [[nodiscard]] std::unique_ptr<Law> blank() const override {
     return std::make_unique<PointwiseLawAdapter>();
   }
