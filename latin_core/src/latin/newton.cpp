@@ -1,3 +1,4 @@
+#include <unistd.h>
 #include "latin/latin/newton.hpp"
 
 #include <algorithm>
@@ -23,9 +24,13 @@ constexpr Index most_steps = 40;
 constexpr double rounding = 1e-11;
 /// Share by which the tangents are reduced: forces that the meshes do not determine get a unique, bounded change.
 constexpr double softening_first = 1e-5;
-constexpr double softening_then = 1e-3;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
+/// Accelerated steps between two attempts at a column, their history, and how the first of them is averaged.
+constexpr Index first_relaxation = 6;
+constexpr Index last_relaxation = 48;
+constexpr Index depth = 10;
+constexpr double averaged = 0.8;
 
 }  // namespace
 
@@ -79,12 +84,12 @@ Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index i
   column.loads = flexibility_.modal_loads(half_residual);
   column.y = Vector::Zero(free.size());
   column.a = Vector::Zero(column.loads.size());
+  column.jump = column.start;
   evaluate(column);
   return column;
 }
 
 void Newton::evaluate(Column& column) {
-  column.jump = column.start + moved(column.y, column.a);
   jumps_.col(column.index) = column.jump;
   column.phi =
       problem_.forces(jumps_, own_).col(column.index) - column.before - column.y;
@@ -107,31 +112,37 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
     Column column = begin(data, traces, index);
     stages += 1.0;
     scale = std::max(scale, norm(column.before + column.phi));
+    bool solved = false;
     if (index % steps > 0 && !(column.norm < close * scale)) {
       // the answer of the step before, under the loads of this one
-      Matrix other_data = data;
-      Matrix other_traces = traces;
-      other_data.col(index) = data.col(index - 1);
-      Matrix trace(data.rows(), 1);
-      problem_.global_stage(other_data.col(index), amplitudes_.col(index), trace);
-      other_traces.col(index) = trace;
-      Column other = begin(other_data, other_traces, index);
+      State other{data, traces};
+      other.data.col(index) = data.col(index - 1);
+      apply(other.data, other.traces, index);
+      Column start = begin(other.data, other.traces, index);
       stages += 2.0;
-      if (other.norm < column.norm) {
-        data.col(index) = other_data.col(index);
-        traces.col(index) = trace;
-        column = std::move(other);
+      solved = iterate(start, tolerance * scale, outcome.steps);
+      if (solved || start.norm < column.norm) {
+        data.col(index) = other.data.col(index);
+        traces.col(index) = other.traces.col(index);
+        column = std::move(start);
       }
     }
-    const bool solved = iterate(column, tolerance * scale, outcome.steps);
+    solved = solved || iterate(column, tolerance * scale, outcome.steps);
+    if (!solved && columns > 1) {
+      History history(problem_, 1, depth);
+      for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
+        relax(data, traces, index, history, count);
+        column = begin(data, traces, index);
+        stages += 1.0 + static_cast<double>(count);
+        solved = iterate(column, tolerance * scale, outcome.steps);
+      }
+    }
     if (!solved) {
       break;
     }
     data.col(index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
                        flexibility_.modal_data(column.a);
-    Matrix trace(data.rows(), 1);
-    problem_.global_stage(data.col(index), amplitudes_.col(index), trace);
-    traces.col(index) = trace;
+    apply(data, traces, index);
     stages += 2.0;
     jumps_.col(index) = column.jump;
     ++outcome.solved;
@@ -140,15 +151,39 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
   return outcome;
 }
 
-bool Newton::iterate(Column& column, double tolerance, Index& steps) {
-  for (const double softening : {softening_first, softening_then}) {
-    for (const bool whole : {true, false}) {
-      if (attempt(column, tolerance, whole, softening, steps)) {
-        return true;
-      }
+void Newton::apply(const Matrix& data, Matrix& traces, Index index) const {
+  Matrix trace(data.rows(), 1);
+  problem_.global_stage(data.col(index), amplitudes_.col(index), trace);
+  traces.col(index) = trace;
+}
+
+/// Accelerated steps of the two stages, of one column alone.
+void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history,
+                   Index count) const {
+  Matrix residuals(data.rows(), data.cols());
+  problem_.local_stage(data, traces, residuals);
+  Matrix residual = residuals.col(index);
+  Matrix step(data.rows(), 1);
+  for (Index i = 0; i < count; ++i) {
+    history.fit(residual);
+    if (history.size() > 0) {
+      history.step(residual, 1.0, step);
+    } else {
+      step = averaged * residual;
     }
+    const Vector trace = traces.col(index);
+    data.col(index) += step;
+    apply(data, traces, index);
+    problem_.local_stage(data, traces, residuals);
+    const Matrix now = residuals.col(index);
+    history.push(step, now - residual, traces.col(index) - trace);
+    residual = now;
   }
-  return false;
+}
+
+bool Newton::iterate(Column& column, double tolerance, Index& steps) {
+  return attempt(column, tolerance, true, softening_first, steps) ||
+         attempt(column, tolerance, false, softening_first, steps);
 }
 
 bool Newton::attempt(Column& column, double tolerance, bool whole, double softening,
@@ -162,26 +197,31 @@ bool Newton::attempt(Column& column, double tolerance, bool whole, double soften
       return true;
     }
     jumps_.col(now.index) = now.jump;
-    Matrix tangent = problem_.slopes(jumps_, own_, now.index);
-    if (!whole) {
-      for (Index row = 0; row < tangent.rows(); ++row) {
-        const Index own = row - layout_.first[static_cast<std::size_t>(row)];
-        if (own > 0) {
-          tangent(row, 0) = 0.0;
-        } else {
-          tangent.row(row).tail(tangent.cols() - 1).setZero();
-        }
-      }
-    }
+    const Matrix tangent = problem_.slopes(jumps_, own_, now.index);
     Vector dy;
     Vector da;
     if (!step(now, tangent, softening, dy, da)) {
       return false;
     }
-    now.y += dy;
-    now.a += da;
-    evaluate(now);
+    const Column from = now;
+    const Vector change = moved(dy, da);
+    double best = std::numeric_limits<double>::infinity();
+    for (double share = 1.0; share > 0.05; share *= 0.5) {
+      Column trial = from;
+      trial.y += share * dy;
+      trial.a += share * da;
+      trial.jump += share * change;
+      evaluate(trial);
+      if (trial.norm < best) {
+        best = trial.norm;
+        now = std::move(trial);
+      }
+      if (whole || best < (1.0 - 0.5 * share) * from.norm) {
+        break;
+      }
+    }
     ++steps;
+    if (access("/tmp/wt/newton_debug", 0) == 0) fprintf(stderr, "   col %ld whole %d soft %g: %.3e (best %.3e, tol %.1e)\n", (long)now.index, whole, softening, now.norm, column.norm, tolerance);
     if (!std::isfinite(now.norm) || now.norm > growth * column.norm) {
       return false;
     }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
+#include "latin/latin/history.hpp"
 #include "latin/latin/problem.hpp"
 
 namespace latin {
@@ -67,6 +68,8 @@ class Newton {
   [[nodiscard]] bool attempt(Column& column, double tolerance, bool whole, double softening,
                              Index& steps);
   void evaluate(Column& column);
+  void apply(const Matrix& data, Matrix& traces, Index index) const;
+  void relax(Matrix& data, Matrix& traces, Index index, History& history, Index count) const;
   bool step(Column& column, const Matrix& tangent, double softening, Vector& dy, Vector& da);
   void factorise(const Matrix& tangent, double softening, Zone& zone) const;
   [[nodiscard]] Vector moved(const Vector& y, const Vector& a) const;
