@@ -20,10 +20,12 @@ constexpr double better = 0.7;
 /// A residual that grew by so much is not followed.
 constexpr double growth = 1e4;
 constexpr Index most_steps = 40;
+/// Shortest step of the line search.
+constexpr double shortest = 0.06;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
 constexpr double rounding = 1e-11;
 /// Share by which the tangents are reduced: forces that the meshes do not determine get a unique, bounded change.
-constexpr double softening_first = 1e-5;
+constexpr double softening = 1e-5;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
 /// Accelerated steps between two attempts at a column, their history, and how the first of them is averaged.
@@ -112,23 +114,22 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
     Column column = begin(data, traces, index);
     stages += 1.0;
     scale = std::max(scale, norm(column.before + column.phi));
-    bool solved = false;
-    if (index % steps > 0 && !(column.norm < close * scale)) {
+    const bool far = !(column.norm < close * scale);
+    if (far && index % steps > 0) {
       // the answer of the step before, under the loads of this one
       State other{data, traces};
       other.data.col(index) = data.col(index - 1);
       apply(other.data, other.traces, index);
       Column start = begin(other.data, other.traces, index);
       stages += 2.0;
-      solved = iterate(start, tolerance * scale, outcome.steps);
-      if (solved || start.norm < column.norm) {
+      if (start.norm < column.norm) {
         data.col(index) = other.data.col(index);
         traces.col(index) = other.traces.col(index);
         column = std::move(start);
       }
     }
-    solved = solved || iterate(column, tolerance * scale, outcome.steps);
-    if (!solved && columns > 1) {
+    bool solved = false;
+    if (far && columns > 1) {
       History history(problem_, 1, depth);
       for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
         relax(data, traces, index, history, count);
@@ -136,6 +137,8 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
         stages += 1.0 + static_cast<double>(count);
         solved = iterate(column, tolerance * scale, outcome.steps);
       }
+    } else {
+      solved = iterate(column, tolerance * scale, outcome.steps);
     }
     if (!solved) {
       break;
@@ -182,46 +185,28 @@ void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history,
 }
 
 bool Newton::iterate(Column& column, double tolerance, Index& steps) {
-  return attempt(column, tolerance, true, softening_first, steps) ||
-         attempt(column, tolerance, false, softening_first, steps);
+  return attempt(column, tolerance, true, steps) || attempt(column, tolerance, false, steps);
 }
 
-bool Newton::attempt(Column& column, double tolerance, bool whole, double softening,
-                     Index& steps) {
+/// Newton's steps from here, as long as they lead somewhere; `searched`: shorter ones where those make the residual
+/// fall and whole ones do not, which is the better way far from the answer but may end in a local minimum.
+bool Newton::attempt(Column& column, double tolerance, bool searched, Index& steps) {
   Column now = column;
   Index since = 0;
   for (Index count = 0; count < most_steps; ++count) {
-    // equilibrium of the modes holds from the first step on, and what the step changes is an estimate of the error
+    // equilibrium of the modes holds from the first step on, and what that changes estimates the error
     if (now.norm <= tolerance && count > 0) {
       column = std::move(now);
       return true;
     }
     jumps_.col(now.index) = now.jump;
-    const Matrix tangent = problem_.slopes(jumps_, own_, now.index);
     Vector dy;
     Vector da;
-    if (!step(now, tangent, softening, dy, da)) {
+    if (!step(now, problem_.slopes(jumps_, own_, now.index), dy, da)) {
       return false;
     }
-    const Column from = now;
-    const Vector change = moved(dy, da);
-    double best = std::numeric_limits<double>::infinity();
-    for (double share = 1.0; share > 0.05; share *= 0.5) {
-      Column trial = from;
-      trial.y += share * dy;
-      trial.a += share * da;
-      trial.jump += share * change;
-      evaluate(trial);
-      if (trial.norm < best) {
-        best = trial.norm;
-        now = std::move(trial);
-      }
-      if (whole || best < (1.0 - 0.5 * share) * from.norm) {
-        break;
-      }
-    }
+    take(now, dy, da, searched);
     ++steps;
-    if (access("/tmp/wt/newton_debug", 0) == 0) fprintf(stderr, "   col %ld whole %d soft %g: %.3e (best %.3e, tol %.1e)\n", (long)now.index, whole, softening, now.norm, column.norm, tolerance);
     if (!std::isfinite(now.norm) || now.norm > growth * column.norm) {
       return false;
     }
@@ -230,18 +215,36 @@ bool Newton::attempt(Column& column, double tolerance, bool whole, double soften
       since = 0;
     } else if (++since >= patience) {
       // no better: rounding, or in circles
-      const double size = norm(column.before + column.y);
-      return column.norm <= std::max(tolerance, rounding * size);
+      return column.norm <= std::max(tolerance, rounding * norm(column.before + column.y));
     }
   }
   return false;
 }
 
-bool Newton::step(Column& column, const Matrix& tangent, double softening, Vector& dy,
-                  Vector& da) {
+void Newton::take(Column& column, const Vector& dy, const Vector& da, bool searched) {
+  const Column from = column;
+  const Vector change = moved(dy, da);
+  column.norm = std::numeric_limits<double>::infinity();
+  for (double share = 1.0; share >= shortest; share *= 0.5) {
+    Column trial = from;
+    trial.y += share * dy;
+    trial.a += share * da;
+    trial.jump += share * change;
+    evaluate(trial);
+    const bool enough = !searched || trial.norm < (1.0 - 0.5 * share) * from.norm;
+    if (trial.norm < column.norm || !searched) {
+      column = std::move(trial);
+    }
+    if (enough) {
+      return;
+    }
+  }
+}
+
+bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da) {
   Zone& zone = zones_[static_cast<std::size_t>(column.index)];
-  if (!zone.fits(tangent, softening)) {
-    factorise(tangent, softening, zone);
+  if (!zone.fits(tangent)) {
+    factorise(tangent, zone);
   }
   // dy = Phi + z,  z = S (M (Phi + z) - G a),  theta a = loads + V^T W E (y + dy)
   const Vector none = Vector::Zero(column.a.size());
@@ -249,7 +252,9 @@ bool Newton::step(Column& column, const Matrix& tangent, double softening, Vecto
   Vector right(closed + none.size());
   const Vector free = moved(column.phi, none);
   right << ((1.0 - softening) * times(tangent, free))(zone.rows),
-      column.loads + flexibility_.modal_loads(flexibility_.spread(column.y + column.phi)) -
+      column.loads +
+          flexibility_.modal_jumps().transpose() *
+              flexibility_.areas().cwiseProduct(column.y + column.phi) -
           flexibility_.modal_stiffness().cwiseProduct(column.a);
   const Vector answer =
       right.size() > 0 ? Vector(zone.lu.transpose().solve(right)) : right;
@@ -259,14 +264,13 @@ bool Newton::step(Column& column, const Matrix& tangent, double softening, Vecto
   return answer.allFinite();
 }
 
-bool Newton::Zone::fits(const Matrix& now, double softened) const {
-  return tangent.size() == now.size() && softening == softened &&
+bool Newton::Zone::fits(const Matrix& now) const {
+  return tangent.size() == now.size() &&
          (tangent - now).cwiseAbs().maxCoeff() <= same_tangent * now.cwiseAbs().maxCoeff();
 }
 
-void Newton::factorise(const Matrix& tangent, double softening, Zone& zone) const {
+void Newton::factorise(const Matrix& tangent, Zone& zone) const {
   zone.tangent = tangent;
-  zone.softening = softening;
   zone.rows.clear();
   for (Index unknown = 0; unknown < tangent.rows(); ++unknown) {
     if ((tangent.row(unknown).array() != 0.0).any()) {
@@ -276,7 +280,8 @@ void Newton::factorise(const Matrix& tangent, double softening, Zone& zone) cons
   const auto closed = static_cast<Index>(zone.rows.size());
   const Index modes = flexibility_.modal_stiffness().size();
   const Matrix& matrix = flexibility_.matrix();
-  const Vector areas = flexibility_.areas()(zone.rows);
+  const Vector& areas = flexibility_.areas();
+  const Matrix& jumps = flexibility_.modal_jumps();
   // transposed, so that rows of the (symmetric but for the areas) flexibility are read as columns
   Matrix system = Matrix::Zero(closed + modes, closed + modes);
   for (Index i = 0; i < closed; ++i) {
@@ -284,30 +289,25 @@ void Newton::factorise(const Matrix& tangent, double softening, Zone& zone) cons
     const Index first = layout_.first[static_cast<std::size_t>(row)];
     for (Index c = 0; c < layout_.components[static_cast<std::size_t>(row)]; ++c) {
       const double slope = (1.0 - softening) * tangent(row, c);
-      if (slope != 0.0) {
-        const Index at = first + c;
-        system.col(i).head(closed) +=
-            (slope * with_mu / flexibility_.areas()(at)) *
-            matrix.col(at)(zone.rows).cwiseProduct(areas);
-        system.col(i).tail(modes) += slope * modal * flexibility_.modal_jumps().row(at).transpose();
-        const auto own = std::ranges::lower_bound(zone.rows, at);
-        if (own != zone.rows.end() && *own == at) {
-          system(own - zone.rows.begin(), i) -= slope * shift_(at);
+      if (slope == 0.0) {
+        continue;
+      }
+      const Index at = first + c;
+      const double factor = slope * with_mu / areas(at);
+      for (Index j = 0; j < closed; ++j) {
+        const Index other = zone.rows[static_cast<std::size_t>(j)];
+        system(j, i) += factor * areas(other) * matrix(other, at);
+        if (other == at) {
+          system(j, i) -= slope * shift_(at);
         }
       }
+      system.col(i).tail(modes) += slope * modal * jumps.row(at).transpose();
     }
     system(i, i) += 1.0;
+    // V^T W E
+    system.row(i).tail(modes) = -areas(row) * jumps.row(row);
   }
-  if (modes > 0) {
-    // V^T W E for the closed unknowns
-    Matrix unit = Matrix::Zero(tangent.rows(), closed);
-    for (Index i = 0; i < closed; ++i) {
-      unit(zone.rows[static_cast<std::size_t>(i)], i) = 1.0;
-    }
-    system.topRightCorner(closed, modes) =
-        -flexibility_.modal_loads(flexibility_.spread(unit)).transpose();
-    system.bottomRightCorner(modes, modes) = flexibility_.modal_stiffness().asDiagonal();
-  }
+  system.bottomRightCorner(modes, modes) = flexibility_.modal_stiffness().asDiagonal();
   if (system.size() > 0) {
     zone.lu.compute(system);
   }

@@ -16,11 +16,11 @@ namespace latin {
 /// equilibrium of those as further equations. The flexibility c at which the laws are asked is free; it is that of
 /// the bodies at the point itself, so that nothing here depends on the search direction. Since a law with memory
 /// looks back only, the columns of a history are solved in their order, each from the better of two starts:
-/// where it is, and the answer of the step before it under its own loads.
+/// where it is, and the answer of the step before it under its own loads. Some accelerated steps of the two stages,
+/// of that column alone, come before Newton's, and more of them wherever those fail.
 ///
 /// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: a dense system of the size of the zone
-/// where R' is not zero. Where the whole tangent of friction leads in circles, that of the lagged bound is tried
-/// (no change of the bound in the tangent: Tresca's problem, a symmetric system).
+/// where R' is not zero.
 ///
 /// In terms of the iteration, with N = 1 - k A_b (A_b: the global stage) and E the map of a force per area onto
 /// both sides (+1, -1): forces f + y on the bodies give N ds = F / 2 + E y. N is singular where a body
@@ -45,10 +45,9 @@ class Newton {
   struct Zone {
     std::vector<Index> rows;
     Matrix tangent;
-    double softening = -1.0;
     Eigen::PartialPivLU<Matrix> lu;  ///< of the transposed system
 
-    [[nodiscard]] bool fits(const Matrix& now, double softened) const;
+    [[nodiscard]] bool fits(const Matrix& now) const;
   };
   /// One column: where it starts, and what Newton changes.
   struct Column {
@@ -64,14 +63,14 @@ class Newton {
     double norm = 0.0;
   };
   [[nodiscard]] Column begin(ConstMatrixRef data, ConstMatrixRef traces, Index index);
-  bool iterate(Column& column, double tolerance, Index& steps);
-  [[nodiscard]] bool attempt(Column& column, double tolerance, bool whole, double softening,
-                             Index& steps);
+  [[nodiscard]] bool iterate(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool attempt(Column& column, double tolerance, bool searched, Index& steps);
   void evaluate(Column& column);
+  [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
+  void take(Column& column, const Vector& dy, const Vector& da, bool searched);
   void apply(const Matrix& data, Matrix& traces, Index index) const;
   void relax(Matrix& data, Matrix& traces, Index index, History& history, Index count) const;
-  bool step(Column& column, const Matrix& tangent, double softening, Vector& dy, Vector& da);
-  void factorise(const Matrix& tangent, double softening, Zone& zone) const;
+  void factorise(const Matrix& tangent, Zone& zone) const;
   [[nodiscard]] Vector moved(const Vector& y, const Vector& a) const;
   [[nodiscard]] Vector times(const Matrix& tangent, const Vector& p) const;
   [[nodiscard]] double norm(const Vector& force) const;
