@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly import Problem, resolve, stiffnesses
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Elastic, UserLaw
+from dolfinx_frontend.laws import Contact, Elastic, UserLaw
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.reduction import Body, reduce
@@ -50,9 +50,13 @@ def _scale(problem: Problem, plan: Plan) -> float:
     """E / L of the scene: geometric mean of the moduli, over the scene's length."""
     parts = problem.substructures.values()
     modulus = float(np.exp(np.mean([np.log(part.modulus) for part in parts])))
-    dim = next(iter(parts)).dim
-    length = plan.direction.length or sum(part.volume for part in parts) ** (1.0 / dim)
-    return modulus / length
+    return modulus / (plan.direction.length or _length(problem))
+
+
+def _length(problem: Problem) -> float:
+    """L of the scene: (sum of volumes)^(1/d)."""
+    parts = problem.substructures.values()
+    return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
 
 
 def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFields) -> Array:
@@ -62,9 +66,12 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
         per_point = resolve(given, interface, 1, name="search direction")
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
-    k: Array = np.full(
-        (interface.num_points, fields.components), plan.direction.factor * _scale(problem, plan)
-    )
+    scale = _scale(problem, plan)
+    if isinstance(interface.law, Contact) and plan.direction.length is None:
+        # bodies give way to a contact as over its own size, where that is smaller than theirs
+        size = interface.area ** (1.0 / (interface.dim - 1))
+        scale *= max(1.0, _length(problem) / size)
+    k: Array = np.full((interface.num_points, fields.components), plan.direction.factor * scale)
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]

@@ -58,7 +58,8 @@ class Direction:
         k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one (measured).
         Elastic interfaces softer than that take twice their own stiffness when accelerated.
     length
-        L; None: the size of the scene, (sum of volumes)^(1/d).
+        L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
+        smaller.
     given
         Interface name -> k, a number or one value a point; goes before the factor.
     """

@@ -185,12 +185,13 @@ void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history,
 }
 
 bool Newton::iterate(Column& column, double tolerance, Index& steps) {
-  return attempt(column, tolerance, true, steps) || attempt(column, tolerance, false, steps);
+  return attempt(column, tolerance, Way::searched, steps) ||
+         attempt(column, tolerance, Way::whole, steps) ||
+         attempt(column, tolerance, Way::tied, steps);
 }
 
-/// Newton's steps from here, as long as they lead somewhere; `searched`: shorter ones where those make the residual
-/// fall and whole ones do not, which is the better way far from the answer but may end in a local minimum.
-bool Newton::attempt(Column& column, double tolerance, bool searched, Index& steps) {
+/// Newton's steps from here, as long as they lead somewhere.
+bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
   Column now = column;
   Index since = 0;
   for (Index count = 0; count < most_steps; ++count) {
@@ -200,17 +201,27 @@ bool Newton::attempt(Column& column, double tolerance, bool searched, Index& ste
       return true;
     }
     jumps_.col(now.index) = now.jump;
+    const bool tie = way == Way::tied && count == 0;
+    if (tie) {
+      // far closed
+      const double far = 10.0 * now.jump.cwiseAbs().maxCoeff();
+      for (Index row = 0; row < now.jump.size(); ++row) {
+        if (layout_.first[static_cast<std::size_t>(row)] == row) {
+          jumps_(row, now.index) -= far;
+        }
+      }
+    }
     Vector dy;
     Vector da;
     if (!step(now, problem_.slopes(jumps_, own_, now.index), dy, da)) {
       return false;
     }
-    take(now, dy, da, searched);
+    take(now, dy, da, way == Way::searched);
     ++steps;
-    if (!std::isfinite(now.norm) || now.norm > growth * column.norm) {
+    if (!std::isfinite(now.norm) || (now.norm > growth * column.norm && !tie)) {
       return false;
     }
-    if (now.norm < better * column.norm) {
+    if (now.norm < better * column.norm || tie) {
       column = now;
       since = 0;
     } else if (++since >= patience) {

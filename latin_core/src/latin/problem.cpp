@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -14,8 +15,11 @@ namespace {
 
 /// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
-/// Step of the difference quotients, as a share of the largest free jump of the column.
-constexpr double difference = 1e-6;
+/// Steps of the difference quotients, as shares of the largest free jump. The short one seldom crosses a
+/// branch of the law, the long one has no rounding to speak of and is taken where both agree to
+/// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
+constexpr std::array<double, 2> differences{1e-7, 1e-3};
+constexpr double same_slope = 1e-7;
 
 void check_interface(const InterfaceDescription& interface) {
   const auto fail = [&interface](const std::string& text) {
@@ -442,6 +446,12 @@ Matrix Problem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index c
     const Index rows = entry.flexibility.size();
     const Matrix jump = jumps.middleRows(entry.first_unknown, rows);
     const Vector own = flexibility.segment(entry.first_unknown, rows);
+    const LocalProblem local{entry.geometry.components, jump, own, steps_, entry.geometry.name};
+    Matrix known(rows, entry.geometry.components);
+    if (entry.geometry.law->slopes(local, column, known)) {
+      result.block(entry.first_unknown, 0, rows, known.cols()) = known;
+      continue;
+    }
     ask(entry, jump, own, force);
     double size = jump.col(column).cwiseAbs().maxCoeff();
     if (size == 0.0) {
@@ -451,12 +461,20 @@ Matrix Problem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index c
     for (Index component = 0; component < entry.geometry.components; ++component) {
       const auto of_component =
           Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
-      Matrix other = jump;
-      // towards closing, so that a point that just touches counts as closed
-      other(of_component, column).array() -= difference * size;
-      ask(entry, other, own, moved);
-      result.col(component).segment(entry.first_unknown, rows) =
-          (force.col(column) - moved.col(column)) / (difference * size);
+      auto slope = result.col(component).segment(entry.first_unknown, rows);
+      for (const double difference : differences) {
+        Matrix other = jump;
+        // towards closing, so that a point that just touches counts as closed
+        other(of_component, column).array() -= difference * size;
+        ask(entry, other, own, moved);
+        const Vector now = (force.col(column) - moved.col(column)) / (difference * size);
+        if (difference == differences.front()) {
+          slope = now;
+        } else {
+          slope = ((now - slope).cwiseAbs().cwiseProduct(own).array() < same_slope)
+                      .select(now, slope);
+        }
+      }
     }
   }
   return result;

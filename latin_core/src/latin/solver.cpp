@@ -52,9 +52,11 @@ constexpr double averaged = 0.8;
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 
-/// Steps before Newton's method is tried: averaged ones from zero, which find most of what is open and closed, and
-/// accelerated ones from elsewhere, which are often enough.
+/// Averaged steps from zero before Newton's method is tried: they find most of what is open and closed.
 constexpr Index steps_before_newton = 2;
+/// From elsewhere (another parameter set) a few accelerated steps are often enough, and cheaper than dense
+/// factorisations: so many more for each of the unknowns.
+constexpr double steps_per_unknown = 0.05;
 /// Accelerated steps after Newton's method failed; twice as many after the next time.
 constexpr Index steps_after_failure = 8;
 /// Accuracy of Newton's method, as a share of that of the run.
@@ -115,6 +117,9 @@ class Run {
     local();
     if (newton_helps_ && state_.data.isZero(0.0)) {
       pause_ = steps_before_newton;
+    } else {
+      newton_wait_ += static_cast<Index>(steps_per_unknown *
+                                         static_cast<double>(problem_.interface_unknowns()));
     }
     double first_norm = -1.0;
     double norm_then = std::numeric_limits<double>::infinity();

@@ -84,6 +84,16 @@ class LATIN_SHARED Law {
   [[nodiscard]] virtual bool monotone() const { return linear(); }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
+  /// Write df/dj0 of one column (rows, components) into `slopes`: row = a component of the force, column = one
+  /// of the free jump at the same point and in the same time step. Where the law has a kink, any side; a
+  /// point that just touches is best taken as closed and sticking.
+  /// @return false if the law does not know: they are taken by differences
+  virtual bool slopes(const LocalProblem& problem, Index column, MatrixRef slopes) const {
+    static_cast<void>(problem);
+    static_cast<void>(column);
+    static_cast<void>(slopes);
+    return false;
+  }
 
   /// Whether values below a parameter's minimum are refused.
   enum class Range { admissible, any };

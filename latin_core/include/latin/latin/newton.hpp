@@ -64,7 +64,11 @@ class Newton {
   };
   [[nodiscard]] Column begin(ConstMatrixRef data, ConstMatrixRef traces, Index index);
   [[nodiscard]] bool iterate(Column& column, double tolerance, Index& steps);
-  [[nodiscard]] bool attempt(Column& column, double tolerance, bool searched, Index& steps);
+  /// `searched`: shorter steps where those make the residual fall and whole ones do not, which is the better way
+  /// far from the answer but may end in a local minimum; `tied`: whole steps, the first as if everything were
+  /// closed and stuck, for bodies that nothing else holds.
+  enum class Way { searched, whole, tied };
+  [[nodiscard]] bool attempt(Column& column, double tolerance, Way way, Index& steps);
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
