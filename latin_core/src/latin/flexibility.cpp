@@ -184,6 +184,10 @@ Matrix Flexibility::spread(ConstMatrixRef y) const {
   return result;
 }
 
+Vector Flexibility::force(ConstVectorRef v) const {
+  return jump(v).cwiseQuotient(direct_);
+}
+
 Matrix Flexibility::jump(ConstMatrixRef v) const {
   Matrix result = Matrix::Zero(unknowns(), v.cols());
   for (Index row = 0; row < v.rows(); ++row) {

@@ -109,11 +109,16 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
   for (Index column = 0; column < columns; ++column) {
     scale = std::max(scale, norm(forces.col(column)));
   }
+  if (scale == 0.0) {  // all open: the data, as forces
+    for (Index column = 0; column < columns; ++column) {
+      scale = std::max(scale, norm(flexibility_.force(data.col(column))));
+    }
+  }
+  scale_ = scale;
   double stages = 0.0;
   for (Index index = 0; index < columns; ++index) {
     Column column = begin(data, traces, index);
     stages += 1.0;
-    scale = std::max(scale, norm(column.before + column.phi));
     const bool far = !(column.norm < close * scale);
     if (far && index % steps > 0) {
       // the answer of the step before, under the loads of this one
@@ -218,7 +223,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     }
     take(now, dy, da, way == Way::searched);
     ++steps;
-    if (!std::isfinite(now.norm) || (now.norm > growth * column.norm && !tie)) {
+    if (!std::isfinite(now.norm) || now.norm > growth * std::max(column.norm, tie ? scale_ : 0.0)) {
       return false;
     }
     if (now.norm < better * column.norm || tie) {
@@ -226,7 +231,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       since = 0;
     } else if (++since >= patience) {
       // no better: rounding, or in circles
-      return column.norm <= std::max(tolerance, rounding * norm(column.before + column.y));
+      return column.norm <= std::max(tolerance, rounding * scale_);
     }
   }
   return false;
@@ -267,8 +272,16 @@ bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vecto
           flexibility_.modal_jumps().transpose() *
               flexibility_.areas().cwiseProduct(column.y + column.phi) -
           flexibility_.modal_stiffness().cwiseProduct(column.a);
-  const Vector answer =
-      right.size() > 0 ? Vector(zone.lu.transpose().solve(right)) : right;
+  Vector answer = right.size() > 0 ? Vector(zone.lu.transpose().solve(right)) : right;
+  if (closed > 0) {
+    // forces that move nothing were divided by the softening alone, rounding and all: with K the system
+    // without it, K_eps^-1 K leaves them out and everything else as it is
+    Vector forces = Vector::Zero(column.y.size());
+    forces(zone.rows) = answer.head(closed);
+    right.head(closed) -=
+        softening * times(tangent, moved(forces, answer.tail(none.size())))(zone.rows);
+    answer = zone.lu.transpose().solve(right);
+  }
   dy = column.phi;
   dy(zone.rows) += answer.head(closed);
   da = answer.tail(none.size());

@@ -63,6 +63,8 @@ constexpr Index steps_after_failure = 8;
 constexpr double newton_accuracy = 1e-3;
 /// A Newton step that leaves less than this of the residual is the error of the iterate before it.
 constexpr double believable = 0.5;
+/// A step so much larger than the data is a body that flies off.
+constexpr double absurd = 1e6;
 /// Below this share of the data the residual need not fall.
 constexpr double settled = 1e-10;
 
@@ -192,7 +194,8 @@ class Run {
       return 0.0;
     }
     const double least = summary_.indicator * least_of_indicator;
-    if (proposed_ && proposed_columns_ == step_.cols()) {
+    if (proposed_ && proposed_columns_ == step_.cols() &&
+        history_.norm(step_) < absurd * (norm + history_.norm(state_.data))) {
       // the step is the error as far as the linearisation holds: the residual that it leaves says so
       const double after = history_.norm(step_residual_);
       const double left = after > settled * history_.norm(state_.data) ? after / norm : 0.0;
@@ -240,7 +243,9 @@ class Run {
   bool follow(double norm) {
     const double now = history_.norm(step_residual_);
     const bool all = proposed_columns_ == step_.cols();
-    const bool good = all ? now < norm : proposed_columns_ > solved_columns_ && std::isfinite(now);
+    const bool sane =
+        history_.norm(step_) < absurd * (norm + history_.norm(state_.data));
+    const bool good = sane && (all ? now < norm : proposed_columns_ > solved_columns_);
     if (!all || !good) {
       ++failures_;
       newton_wait_ = wait_;

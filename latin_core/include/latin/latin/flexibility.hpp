@@ -52,6 +52,8 @@ class Flexibility {
   [[nodiscard]] Matrix modal_data(ConstMatrixRef amplitudes) const;
   /// E y: (unknowns, c) -> (rows, c)
   [[nodiscard]] Matrix spread(ConstMatrixRef y) const;
+  /// Mean of the sides, with their signs: (rows) -> (unknowns)
+  [[nodiscard]] Vector force(ConstVectorRef v) const;
   /// E^T k^-1 v: (rows, c) -> (unknowns, c)
   [[nodiscard]] Matrix jump(ConstMatrixRef v) const;
 

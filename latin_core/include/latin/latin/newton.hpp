@@ -87,6 +87,7 @@ class Newton {
   Vector shift_;       ///< own_ + E^T k^-1 E
   Vector metric_;      ///< areas * own_
   Matrix jumps_;       ///< j0 of all columns at the laws' flexibility
+  double scale_ = 0.0; ///< size of the forces
   std::vector<Zone> zones_;
 };
 
