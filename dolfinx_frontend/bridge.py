@@ -67,7 +67,7 @@ def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFi
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
     scale = _scale(problem, plan)
-    if isinstance(interface.law, Contact) and plan.direction.length is None:
+    if isinstance(interface.law, Contact | UserLaw) and plan.direction.length is None:
         # bodies give way to a contact as over its own size, where that is smaller than theirs
         size = interface.area ** (1.0 / (interface.dim - 1))
         scale *= max(1.0, _length(problem) / size)

@@ -207,18 +207,24 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     }
     jumps_.col(now.index) = now.jump;
     const bool tie = way == Way::tied && count == 0;
-    if (tie) {
-      // far closed
+    Vector shift = Vector::Zero(now.jump.size());
+    if (tie) {  // linearise far in the closed branch
       const double far = 10.0 * now.jump.cwiseAbs().maxCoeff();
-      for (Index row = 0; row < now.jump.size(); ++row) {
+      for (Index row = 0; row < shift.size(); ++row) {
         if (layout_.first[static_cast<std::size_t>(row)] == row) {
-          jumps_(row, now.index) -= far;
+          shift(row) = far;
         }
       }
+      jumps_.col(now.index) -= shift;
+    }
+    const Matrix tangent = problem_.slopes(jumps_, own_, now.index);
+    if (tie) {
+      now.phi = problem_.forces(jumps_, own_).col(now.index) + times(tangent, shift) - now.before -
+                now.y;
     }
     Vector dy;
     Vector da;
-    if (!step(now, problem_.slopes(jumps_, own_, now.index), dy, da)) {
+    if (!step(now, tangent, dy, da)) {
       return false;
     }
     take(now, dy, da, way == Way::searched);

@@ -43,6 +43,8 @@ constexpr double progress = 0.9;
 /// nothing, so no estimate is believed that lies further than this below the distance of the stages.
 constexpr double least_of_indicator = 0.3;
 constexpr Index longest_pause = 64;
+/// Accelerated steps so much longer than the residual are not taken.
+constexpr double longest_step = 1e7;
 /// A residual below this share of the data is rounding.
 constexpr double rounding = 2e-13;
 /// Accelerated iterations without a better residual before the safeguard steps in.
@@ -304,6 +306,11 @@ class Run {
     }
     if (accelerate) {
       history_.step(residual_, options_.relaxation, step_);
+      if (history_.norm(step_) > longest_step * norm) {
+        // nothing answers yet (a body flies through a gap): the history says nothing
+        history_.clear();
+        step_ = std::min(options_.relaxation, averaged) * residual_;
+      }
     } else if (options_.acceleration > 0) {
       step_ = std::min(options_.relaxation, averaged) * residual_;
     } else {
