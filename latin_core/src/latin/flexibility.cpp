@@ -16,6 +16,8 @@ constexpr Index most_modes = 12;
 constexpr double soft = 1e-4;
 /// Least flexibility of a point, as a share of the mean.
 constexpr double least_own = 1e-2;
+/// Least stiffness of a mode, in the same terms: rounding of a rigid one.
+constexpr double floating = 1e-13;
 /// Steps of the subspace iteration: what is soft is 1 / mu times larger after each.
 constexpr int subspace_steps = 3;
 
@@ -118,7 +120,9 @@ void Flexibility::find_modes(Part& part, const SparseRows& springs) {
   modal_traces_.block(part.first_row, before, part.body->rows(), modes) =
       part.body->active_traces() * part.modes;
   modal_stiffness_.conservativeResize(before + modes);
-  modal_stiffness_.tail(modes) = inverse.cwiseInverse();
+  // without the springs mu k: beside soft supports they would carry a share of the load
+  modal_stiffness_.tail(modes) =
+      ((inverse.cwiseInverse().array() - mu) / ((1.0 + mu) * (1.0 + mu))).max(floating);
 }
 
 void Flexibility::add_matrix(const Part& part) {

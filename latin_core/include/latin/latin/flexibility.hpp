@@ -42,7 +42,7 @@ class Flexibility {
   [[nodiscard]] const Vector& areas() const { return areas_; }
   /// N+ v, (rows, c)
   [[nodiscard]] Matrix solve(ConstMatrixRef v) const;
-  /// theta (r)
+  /// theta (r), without the springs mu k
   [[nodiscard]] const Vector& modal_stiffness() const { return modal_stiffness_; }
   /// E^T V, (unknowns, r)
   [[nodiscard]] const Matrix& modal_jumps() const { return modal_jumps_; }
