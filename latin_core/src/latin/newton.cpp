@@ -23,7 +23,7 @@ constexpr Index most_steps = 40;
 /// Shortest step of the line search.
 constexpr double shortest = 0.06;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
-constexpr double rounding = 1e-11;
+constexpr double rounding = 1e-9;
 /// Share by which the tangents are reduced: forces that the meshes do not determine get a unique, bounded change.
 constexpr double softening = 1e-5;
 /// A column whose residual is below this share of the forces starts where it is.
