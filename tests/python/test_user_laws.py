@@ -147,7 +147,7 @@ def test_an_elastic_law_by_its_force_equals_the_built_in_one() -> None:
 def test_contact_by_its_resolvent_equals_the_built_in_one(gap: float) -> None:
     problem = blocks(Contact(gap=gap), load=(-5.0, 0.0, 0.0))
     law = UserLaw(resolve=stop, values={"gap": gap}, components="normal")
-    plain = TIGHT.with_(newton=0)  # Newton's method asks the built-in one for its derivatives, at its own flexibility
+    plain = TIGHT.with_(newton=0)  # Newton's method asks the two at different flexibilities
     built = solve(problem, options=plain)
     own = solve(with_law(problem, law), options=plain)
     assert own.iterations == built.iterations
@@ -445,8 +445,8 @@ def test_a_history_of_a_user_law_equals_friction() -> None:
     slipping = np.linalg.norm(force[..., 1:], axis=-1) > 0.3 * -force[..., 0] * (1 - 1e-9)
     assert slipping.any() and not slipping.all()
     assert expected.converged and result.converged
-    # the displacements determine the forces on the nodes only, and there are more points than nodes: two ways to
-    # the answer end in forces of the points that differ by some that move nothing
+    # the displacements determine the forces on the nodes only, and there are more points than nodes:
+    # two ways to the answer end in forces of the points that differ by some that move nothing
     for name, u in expected.displacements.items():
         assert np.allclose(result.displacements[name], u, rtol=0.0, atol=1e-9 * np.abs(u).max())
     weights = built.interfaces["joint"].weights

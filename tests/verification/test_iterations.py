@@ -214,7 +214,7 @@ def test_iterations_of_a_contact_far_smaller_than_its_bodies(load: str) -> None:
 
 @pytest.mark.parametrize("factor", [0.3, 3.0, 30.0])
 def test_a_stiff_block_on_a_soft_spring_is_right_or_not_converged(factor: float) -> None:
-    """The scene's E/L is ten thousand times the stiffness that friction acts against: errors hide in rigid motions."""
+    """The scene's E/L is ten thousand times what friction acts against: errors hide in rigid motions."""
     block = geometry.box((10.0, 10.0, 2.0), (2, 2, 1), cell="hexahedron")
     draw = Amplitude([1.0, 2.0, 3.0, 4.0], [0.0, 0.25, -0.25, 0.25])
     scene = Scene()

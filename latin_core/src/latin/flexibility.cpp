@@ -176,8 +176,7 @@ Matrix Flexibility::modal_loads(ConstMatrixRef v) const {
 }
 
 Matrix Flexibility::modal_data(ConstMatrixRef amplitudes) const {
-  return inverse_direction_.cwiseInverse().asDiagonal() * (modal_traces_ * amplitudes) /
-         (1.0 + mu);
+  return inverse_direction_.cwiseInverse().asDiagonal() * (modal_traces_ * amplitudes) / (1.0 + mu);
 }
 
 Matrix Flexibility::spread(ConstMatrixRef y) const {
@@ -188,9 +187,7 @@ Matrix Flexibility::spread(ConstMatrixRef y) const {
   return result;
 }
 
-Vector Flexibility::force(ConstVectorRef v) const {
-  return jump(v).cwiseQuotient(direct_);
-}
+Vector Flexibility::force(ConstVectorRef v) const { return jump(v).cwiseQuotient(direct_); }
 
 Matrix Flexibility::jump(ConstMatrixRef v) const {
   Matrix result = Matrix::Zero(unknowns(), v.cols());

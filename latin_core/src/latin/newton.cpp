@@ -1,5 +1,5 @@
-#include <unistd.h>
 #include "latin/latin/newton.hpp"
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -46,9 +46,7 @@ Newton::Newton(const Problem& problem, const Matrix& amplitudes)
       metric_(own_.cwiseProduct(flexibility_.areas())),
       zones_(static_cast<std::size_t>(amplitudes.cols())) {}
 
-double Newton::norm(const Vector& force) const {
-  return std::sqrt(force.cwiseAbs2().dot(metric_));
-}
+double Newton::norm(const Vector& force) const { return std::sqrt(force.cwiseAbs2().dot(metric_)); }
 
 Vector Newton::times(const Matrix& tangent, const Vector& p) const {
   Vector result(p.size());
@@ -76,9 +74,8 @@ Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index i
   column.before = problem_.forces(all, flexibility_.direct()).col(index);
   const Vector free = all.col(index);
   // F / 2 = E f - (s - k w)
-  const Vector half_residual =
-      flexibility_.spread(column.before) - data.col(index) +
-      problem_.directions().cwiseProduct(traces.col(index));
+  const Vector half_residual = flexibility_.spread(column.before) - data.col(index) +
+                               problem_.directions().cwiseProduct(traces.col(index));
   column.half = flexibility_.solve(half_residual);
   column.start = free + flexibility_.jump(2.0 * half_residual) -
                  with_mu * flexibility_.jump(column.half) +
@@ -93,8 +90,7 @@ Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index i
 
 void Newton::evaluate(Column& column) {
   jumps_.col(column.index) = column.jump;
-  column.phi =
-      problem_.forces(jumps_, own_).col(column.index) - column.before - column.y;
+  column.phi = problem_.forces(jumps_, own_).col(column.index) - column.before - column.y;
   column.norm = norm(column.phi);
 }
 
@@ -166,8 +162,7 @@ void Newton::apply(const Matrix& data, Matrix& traces, Index index) const {
 }
 
 /// Accelerated steps of the two stages, of one column alone.
-void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history,
-                   Index count) const {
+void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history, Index count) const {
   Matrix residuals(data.rows(), data.cols());
   problem_.local_stage(data, traces, residuals);
   Matrix residual = residuals.col(index);
@@ -219,8 +214,8 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     }
     const Matrix tangent = problem_.slopes(jumps_, own_, now.index);
     if (tie) {
-      now.phi = problem_.forces(jumps_, own_).col(now.index) + times(tangent, shift) - now.before -
-                now.y;
+      now.phi =
+          problem_.forces(jumps_, own_).col(now.index) + times(tangent, shift) - now.before - now.y;
     }
     Vector dy;
     Vector da;

@@ -471,8 +471,8 @@ Matrix Problem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index c
         if (difference == differences.front()) {
           slope = now;
         } else {
-          slope = ((now - slope).cwiseAbs().cwiseProduct(own).array() < same_slope)
-                      .select(now, slope);
+          slope =
+              ((now - slope).cwiseAbs().cwiseProduct(own).array() < same_slope).select(now, slope);
         }
       }
     }

@@ -229,7 +229,8 @@ class Run {
       summary_.iterations += static_cast<Index>(std::ceil(outcome.stages));
       summary_.newton_steps += outcome.steps;
     } catch (const NumericalError&) {
-      newton_helps_ = false;  // a body without a usable flexibility: the accelerated iteration goes on alone
+      newton_helps_ =
+          false;  // a body without a usable flexibility: the accelerated iteration goes on alone
       return;
     }
     proposed_ = true;
@@ -245,8 +246,7 @@ class Run {
   bool follow(double norm) {
     const double now = history_.norm(step_residual_);
     const bool all = proposed_columns_ == step_.cols();
-    const bool sane =
-        history_.norm(step_) < absurd * (norm + history_.norm(state_.data));
+    const bool sane = history_.norm(step_) < absurd * (norm + history_.norm(state_.data));
     const bool good = sane && (all ? now < norm : proposed_columns_ > solved_columns_);
     if (!all || !good) {
       ++failures_;
@@ -386,13 +386,13 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
-  Matrix step_traces_;  ///< global image of a proposed step
+  Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
   std::unique_ptr<Newton> newton_;
-  bool newton_helps_;            ///< Newton steps are possible
-  bool proposed_ = false;        ///< `step_` is Newton's
-  Index proposed_columns_ = 0;   ///< that Newton's step has solved
-  Index solved_columns_ = 0;     ///< that Newton's method has solved before
+  bool newton_helps_;                        ///< Newton steps are possible
+  bool proposed_ = false;                    ///< `step_` is Newton's
+  Index proposed_columns_ = 0;               ///< that Newton's step has solved
+  Index solved_columns_ = 0;                 ///< that Newton's method has solved before
   Index newton_wait_ = steps_before_newton;  ///< iterations until Newton's method is tried again
   Index wait_ = steps_after_failure;         ///< after the next failure
   Index failures_ = 0;

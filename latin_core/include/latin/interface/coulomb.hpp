@@ -66,8 +66,7 @@ struct Coulomb {
         const double along = trial[a - 1] / length;
         slope[size * a] = -friction * slope[0] * along;
         for (std::size_t b = 1; b < size; ++b) {
-          slope[size * a + b] -=
-              bound / length * along * trial[b - 1] / length / flexibility[b];
+          slope[size * a + b] -= bound / length * along * trial[b - 1] / length / flexibility[b];
         }
       }
     }

@@ -75,31 +75,34 @@ class PointwiseLawAdapter final : public Law {
   bool slopes(const LocalProblem& problem, Index column, MatrixRef slopes) const override {
     if constexpr (memory > 0) {
       using State = std::array<double, memory>;
-      if constexpr (requires(const L& law, PointValues v, std::array<double, count> p, const State& s,
-                             PointForce f) { law.slopes(v, v, p, s, f); }) {
+      if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
+                             const State& s, PointForce f) { law.slopes(v, v, p, s, f); }) {
         // what the law remembers
         const Index first = column - column % problem.steps;
         Matrix force(problem.jump.rows(), 1);
         std::vector<State> states(problem.jump.rows() / problem.components);
         for (Index before = first; before < column; ++before) {
-          each(problem, before, [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
-            const PointForce answer(&force(problem.components * point, 0), jump.size());
-            L{}.resolve(jump, flexibility, p, states[point], answer);
-          });
+          each(problem, before,
+               [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
+                 const PointForce answer(&force(problem.components * point, 0), jump.size());
+                 L{}.resolve(jump, flexibility, p, states[point], answer);
+               });
         }
-        each(problem, column, [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
-          write(slopes, point, jump.size(), [&](PointForce answer) {
-            L{}.slopes(jump, flexibility, p, states[point], answer);
-          });
-        });
+        each(problem, column,
+             [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
+               write(slopes, point, jump.size(), [&](PointForce answer) {
+                 L{}.slopes(jump, flexibility, p, states[point], answer);
+               });
+             });
         return true;
       }
     } else if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
                                   PointForce f) { law.slopes(v, v, p, f); }) {
-      each(problem, column, [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
-        write(slopes, point, jump.size(),
-              [&](PointForce answer) { L{}.slopes(jump, flexibility, p, answer); });
-      });
+      each(problem, column,
+           [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
+             write(slopes, point, jump.size(),
+                   [&](PointForce answer) { L{}.slopes(jump, flexibility, p, answer); });
+           });
       return true;
     }
     return false;

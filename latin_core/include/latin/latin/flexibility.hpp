@@ -61,8 +61,9 @@ class Flexibility {
   struct Part {
     const Body* body;
     Index first_row;
-    Matrix factor;   ///< L of K = (1 + mu) S + mu T^T W k T
-    Matrix modes;    ///< Z: those of K Z = T^T W k T Z theta with a small theta, Z^T (T^T W k T) Z = 1
+    Matrix factor;  ///< L of K = (1 + mu) S + mu T^T W k T
+    Matrix
+        modes;  ///< Z: those of K Z = T^T W k T Z theta with a small theta, Z^T (T^T W k T) Z = 1
     Matrix springs;  ///< T^T W k T Z
   };
   void find_modes(Part& part, const SparseRows& springs);

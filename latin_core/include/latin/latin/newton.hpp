@@ -83,11 +83,11 @@ class Newton {
   const Matrix& amplitudes_;
   const Flexibility& flexibility_;
   Problem::Layout layout_;
-  Vector own_;         ///< flexibility at which the laws are asked
-  Vector shift_;       ///< own_ + E^T k^-1 E
-  Vector metric_;      ///< areas * own_
-  Matrix jumps_;       ///< j0 of all columns at the laws' flexibility
-  double scale_ = 0.0; ///< size of the forces
+  Vector own_;          ///< flexibility at which the laws are asked
+  Vector shift_;        ///< own_ + E^T k^-1 E
+  Vector metric_;       ///< areas * own_
+  Matrix jumps_;        ///< j0 of all columns at the laws' flexibility
+  double scale_ = 0.0;  ///< size of the forces
   std::vector<Zone> zones_;
 };
 

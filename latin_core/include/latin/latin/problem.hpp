@@ -177,7 +177,8 @@ class Problem {
   };
   void resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const;
   /// The law without transforms, for any flexibility.
-  void ask(const Entry& entry, ConstMatrixRef free_jump, ConstVectorRef flexibility, Matrix& force) const;
+  void ask(const Entry& entry, ConstMatrixRef free_jump, ConstVectorRef flexibility,
+           Matrix& force) const;
   [[nodiscard]] Matrix free_jump(const Entry& entry, ConstMatrixRef data,
                                  ConstMatrixRef traces) const;
 

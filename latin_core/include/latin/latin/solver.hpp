@@ -51,10 +51,10 @@ struct Summary {
   double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
   double global_s = 0.0;
   double local_s = 0.0;
-  double newton_s = 0.0;  ///< tangents and dense systems of Newton steps
-  double other_s = 0.0;   ///< acceleration and error measure
+  double newton_s = 0.0;   ///< tangents and dense systems of Newton steps
+  double other_s = 0.0;    ///< acceleration and error measure
   Index newton_steps = 0;  ///< of single columns
-  Index restarts = 0;    ///< times the safeguard dropped the history
+  Index restarts = 0;      ///< times the safeguard dropped the history
   std::vector<Iteration> history;
 };
 
