@@ -5,7 +5,7 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here.
 """
 
-from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ssfem
+from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ssfem, step
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
 from dolfinx_frontend.chaos import (
     ChaosResult,
@@ -120,6 +120,7 @@ __all__ = [
     "solve",
     "sparse_quadrature",
     "ssfem",
+    "step",
     "sweep",
     "tensor_quadrature",
 ]

@@ -6,20 +6,23 @@ the traces, weights and frames of every interface.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import basix
 import dolfinx.fem as fem
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from dolfinx import mesh as dmesh
+from mpi4py import MPI
 
-from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.errors import SceneError, SceneWarning, unknown_name
 from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.laws import (
     Array,
@@ -33,16 +36,27 @@ from dolfinx_frontend.laws import (
 )
 from dolfinx_frontend.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.pairing import (
+    FaceCopy,
     Interface,
     Side,
     coordinate_element,
     csr,
+    face_copy,
     make_interface,
     quadrature,
     tabulate,
 )
-from dolfinx_frontend.rigid import check_rigid_bodies, rigid_modes
-from dolfinx_frontend.scene import PartLike, Scene, SubstructureSpec
+from dolfinx_frontend.parallel import (
+    Distribution,
+    PartSummary,
+    agreement,
+    bound_threads,
+    end_all_on_errors,
+    place,
+    swap,
+)
+from dolfinx_frontend.rigid import Resistance, check_resistances, resistance, rigid_modes
+from dolfinx_frontend.scene import PartLike, Scene, SubstructureSpec, check_face
 
 __all__ = [
     "Interface",
@@ -51,10 +65,14 @@ __all__ = [
     "Substructure",
     "assemble",
     "forces",
+    "held",
     "jumps",
     "resolve",
     "stiffnesses",
 ]
+
+T = TypeVar("T")
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -127,26 +145,127 @@ class Substructure:
 
 @dataclass(frozen=True)
 class Problem:
-    """An assembled scene."""
+    """An assembled scene.
+
+    On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
+    which those that touch no part of this rank have no traces here.
+    """
 
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
+    distribution: Distribution | None = field(default=None, repr=False)
+
+    @cached_property
+    def parts(self) -> Mapping[str, PartSummary]:
+        """What every rank knows of all parts."""
+        if self.distribution is not None:
+            return self.distribution.parts
+        return {name: _summary(s) for name, s in self.substructures.items()}
+
+    @cached_property
+    def own(self) -> Problem:
+        """What of the problem is on this rank, without the rest."""
+        if self.distribution is None:
+            return self
+        here = {
+            name: i
+            for name, i in self.interfaces.items()
+            if any(side.substructure in self.substructures for side in i.sides)
+        }
+        return Problem(self.substructures, here, self.distribution)
+
+    @property
+    def comm(self) -> Any:
+        """mpi4py communicator of the ranks that share the problem; None: there is one."""
+        return None if self.distribution is None else self.distribution.comm
+
+    def speaks_for(self, name: str) -> bool:
+        """Whether this rank has the first side of an interface: one rank has."""
+        return self.interfaces[name].sides[0].substructure in self.substructures
+
+    @property
+    def rank(self) -> int:
+        """This rank; 0 where there is one."""
+        return 0 if self.distribution is None else self.distribution.rank
+
+    def gather(self, own: Mapping[str, T]) -> dict[str, T]:
+        """What the ranks know of interfaces, put together, in the scene's order; collective."""
+        known = dict(own)
+        if self.comm is not None:
+            known = {n: each for found in self.comm.allgather(known) for n, each in found.items()}
+        return {name: known[name] for name in self.interfaces if name in known}
+
+    def everywhere(self, name: str, read: Callable[[], T]) -> T:
+        """What the rank of an interface's first side reads, on all ranks; collective."""
+        if self.distribution is None or name not in self.interfaces:
+            return read()
+        comm = self.distribution.comm
+        first = self.distribution.owner[self.interfaces[name].sides[0].substructure]
+        found: list[T] = []
+        with agreement(comm):
+            if self.rank == first:
+                found.append(read())
+        shared: list[T] = comm.bcast(found, root=first)
+        return shared[0]
+
+    def here(self, name: str) -> Interface:
+        """An interface that touches this rank.
+
+        Raises
+        ------
+        SceneError
+            It touches other ranks only.
+        """
+        interface = self.interfaces[name]
+        if self.distribution is not None and name not in self.own.interfaces:
+            ranks = self.distribution.ranks([side.substructure for side in interface.sides])
+            raise SceneError(
+                f"interface {name!r} is on rank {' and '.join(map(str, ranks))}, this is rank "
+                f"{self.distribution.rank}: ask there, or all ranks together for gathered(...)"
+            )
+        return interface
+
+    @cached_property
+    def cuts(self) -> tuple[str, ...]:
+        """Interfaces whose sides lie on two ranks."""
+        if self.distribution is None:
+            return ()
+        return tuple(
+            name
+            for name, i in self.interfaces.items()
+            if len(self.distribution.ranks([s.substructure for s in i.sides])) == 2
+        )
+
+    def on_one_rank(self, what: str) -> None:
+        """Raise SceneError unless everything is on this rank, which `what` needs."""
+        if self.distribution is not None:
+            raise SceneError(
+                f"{what} works on one rank only, this problem is spread over "
+                f"{self.distribution.comm.size}: assemble it without comm"
+            )
 
     @property
     def dim(self) -> int:
         """Space dimension d."""
-        return next(iter(self.substructures.values())).dim
+        return next(iter(self.parts.values())).dim
 
     @property
     def size(self) -> int:
         """Number of unknowns of all substructures."""
-        return sum(s.size for s in self.substructures.values())
+        return sum(s.size for s in self.parts.values())
+
+    @property
+    def load_amplitudes(self) -> tuple[Amplitude, ...]:
+        """Amplitudes of all body forces."""
+        if self.distribution is not None:
+            return self.distribution.load_amplitudes
+        return tuple(a for s in self.substructures.values() for a in s.varying_loads)
 
     @property
     def amplitudes(self) -> tuple[Amplitude, ...]:
         """The different amplitudes of all values that change in time."""
         varying = [v for i in self.interfaces.values() for v in i.law.varying.values()]
-        bodies = [Varying(((a, 0.0),)) for s in self.substructures.values() for a in s.varying_loads]
+        bodies = [Varying(((a, 0.0),)) for a in self.load_amplitudes]
         return tuple(amplitudes_of([*varying, *bodies]))
 
     def at(self, time: float) -> Problem:
@@ -163,6 +282,7 @@ class Problem:
                 for name, s in self.substructures.items()
             },
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
+            self.distribution,
         )
 
     @property
@@ -210,13 +330,13 @@ class Problem:
 
     def __repr__(self) -> str:
         lines = [
-            f"Problem: {self.size} unknowns in {len(self.substructures)} substructures, "
+            f"Problem: {self.size} unknowns in {len(self.parts)} substructures, "
             f"{len(self.interfaces)} interfaces, {self.dim}D",
             f"  {'substructure':<18}{'unknowns':>10}{'volume':>12}{'modulus':>12}{'length':>11}",
         ]
-        for s in self.substructures.values():
+        for name, s in self.parts.items():
             lines.append(
-                f"  {s.name:<18}{s.size:>10}{s.volume:>12.4g}{s.modulus:>12.4g}{s.length:>11.4g}"
+                f"  {name:<18}{s.size:>10}{s.volume:>12.4g}{s.modulus:>12.4g}{s.length:>11.4g}"
             )
         lines.append(f"  {'interface':<26}{'law':<14}{'points':>8}{'area':>12}  sides")
         for i in self.interfaces.values():
@@ -449,15 +569,20 @@ def _check_law(interface: Interface) -> None:
         resolve(law.value, interface, interface.dim, "all", "value")
 
 
-def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Problem:
+def assemble(
+    scene: Scene, progress: Callable[[str], None] | None = None, *, comm: Any = None
+) -> Problem:
     """Assemble a scene.
 
     Parameters
     ----------
     scene
-        The scene.
+        The scene; the same on all ranks.
     progress
         Called with a line before each substructure and interface.
+    comm
+        mpi4py communicator over which the parts are spread; collective. None: this process alone,
+        with a warning if it is one of several.
 
     Returns
     -------
@@ -468,41 +593,133 @@ def assemble(scene: Scene, progress: Callable[[str], None] | None = None) -> Pro
     ------
     SceneError
         Everything that is wrong with meshes, materials, faces, laws, and parts that can move
-        without resistance.
+        without resistance. If one rank fails, all raise.
     """
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     say = progress or (lambda line: None)
-    substructures = {}
-    for name, spec in scene.substructures.items():
-        say(f"substructure {name}")
-        substructures[name] = _substructure(spec)
-    interfaces = {}
-    for name, joint in scene.interfaces.items():
-        say(f"interface {name}")
-        members = [substructures[f.substructure] for f in joint.faces]
-        interface = make_interface(
-            name,
-            joint.law,
-            tuple(s.part for s in members),
-            tuple((f.substructure, f.face) for f in joint.faces),
-            tuple(s.space for s in members),
-            joint.quadrature_degree,
-            joint.max_distance,
-            joint.space,
-            joint.overlap,
+    if comm is None and MPI.COMM_WORLD.size > 1:
+        warnings.warn(
+            f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
+            "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
+            SceneWarning,
+            stacklevel=2,
         )
-        _check_law(interface)
-        interfaces[name] = interface
-    holds = {name: _held_rows(i) for name, i in interfaces.items()}
-    check_rigid_bodies(
-        {name: (s.centre, s.length) for name, s in substructures.items()},
-        {
-            name: (tuple(s.substructure for s in i.sides), i.points, i.weights, holds[name])
-            for name, i in interfaces.items()
-        },
+    comm = None if comm is None or comm.size == 1 else comm
+    owner = place(scene.substructures, 1 if comm is None else comm.size)
+    rank = 0 if comm is None else comm.rank
+    if comm is not None:
+        end_all_on_errors(comm)
+        bound_threads(comm.py2f())
+
+    substructures = {}
+    copies: dict[int, dict[tuple[str, int], FaceCopy]] = {}  # other rank -> (interface, side) -> face
+    with agreement(comm):
+        specs = {}
+        for name, spec in scene.substructures.items():
+            if owner[name] == rank:
+                say(f"substructure {name}")
+                specs[name] = spec.made()
+                substructures[name] = _substructure(specs[name])
+        for name, joint in scene.interfaces.items():
+            ranks = [owner[face.substructure] for face in joint.faces]
+            for number, face in enumerate(joint.faces):
+                if ranks[number] != rank:
+                    continue
+                where = f"interface {name!r}"
+                check_face(specs[face.substructure], face, where)
+                other = ranks[1 - number] if len(ranks) == 2 else rank
+                if other != rank:
+                    s = substructures[face.substructure]
+                    copies.setdefault(other, {})[name, number] = face_copy(
+                        s.part, face.face, s.space, where
+                    )
+    elsewhere = swap(comm, copies)
+
+    interfaces = {}
+    with agreement(comm):
+        for name, joint in scene.interfaces.items():
+            ranks = [owner[face.substructure] for face in joint.faces]
+            if rank not in ranks:
+                continue
+            say(f"interface {name}")
+            members = [
+                substructures[face.substructure] if r == rank else elsewhere[name, number]
+                for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))
+            ]
+            interface = make_interface(
+                name,
+                joint.law,
+                tuple(s.part if isinstance(s, Substructure) else s for s in members),
+                tuple((f.substructure, f.face) for f in joint.faces),
+                tuple(s.space for s in members),
+                joint.quadrature_degree,
+                joint.max_distance,
+                joint.space,
+                joint.overlap,
+            )
+            _check_law(interface)
+            interfaces[name] = interface
+    summaries = {name: _summary(s) for name, s in substructures.items()}
+    resistances = {
+        name: _resistance(i, substructures[i.sides[0].substructure].length)
+        for name, i in interfaces.items()
+        if owner[i.sides[0].substructure] == rank
+    }
+    if comm is not None:
+        bare = {name: _bare(interfaces[name]) for name in resistances}
+        for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
+            for each in comm.allgather(its):
+                known.update({n: value for n, value in each.items() if n not in known})
+        interfaces = {
+            name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()
+        }
+    parts = {name: summaries[name] for name in scene.substructures}
+    if len({part.dim for part in parts.values()}) > 1:
+        raise SceneError("the parts have different dimensions; a scene has one dimension")
+    check_resistances(
+        {name: (part.centre, part.length) for name, part in parts.items()},
+        [resistances[name] for name in scene.interfaces],
     )
-    return Problem(substructures, interfaces)
+    if comm is None:
+        return Problem(substructures, interfaces)
+    forces = [spec.body_force for spec in scene.substructures.values()]
+    amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
+    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+
+
+def _summary(s: Substructure) -> PartSummary:
+    return PartSummary(
+        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load))
+    )
+
+
+def _bare(interface: Interface) -> Interface:
+    """What other ranks must be told of an interface: no law, which they have, and no traces."""
+    nothing, none = sp.csr_matrix((0, 0)), np.zeros(0, dtype=np.int64)
+    return replace(
+        interface,
+        law=Perfect(),
+        matching=None if interface.matching is None else np.zeros((0, 2), dtype=np.int64),
+        sides=tuple(
+            replace(side, trace=None, shape=nothing, nodes=none, node_normals=side.node_normals[:0])
+            for side in interface.sides
+        ),
+    )
+
+
+def held(problem: Problem, interface: Interface, where: Flags | None = None) -> Resistance:
+    """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only."""
+    length = problem.parts[interface.sides[0].substructure].length
+    return _resistance(interface, length, where)
+
+
+def _resistance(interface: Interface, length: float, where: Flags | None = None) -> Resistance:
+    rows = _held_rows(interface)
+    if where is not None:
+        rows = rows * where[:, None, None]
+    sides = tuple(side.substructure for side in interface.sides)
+    return resistance(sides, interface.points, interface.weights, rows, length)
 
 
 def _held_rows(interface: Interface) -> Array:

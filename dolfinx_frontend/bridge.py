@@ -15,8 +15,10 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly import Problem, resolve, stiffnesses
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Contact, Elastic, UserLaw
+from dolfinx_frontend.laws import Contact, Displacement, Elastic, Perfect, Symmetry, UserLaw
+from dolfinx_frontend.macro import basis
 from dolfinx_frontend.pairing import Interface
+from dolfinx_frontend.parallel import agreement
 from dolfinx_frontend.plan import Plan
 from dolfinx_frontend.reduction import Body, reduce
 from dolfinx_frontend.translate import (
@@ -42,40 +44,53 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
+HELD, PUSHED = 1e3, 1e-3
+"""Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
+displacements far above the stiffness of any part, with prescribed forces far below."""
+
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, as a share of factor * E / L."""
 
 
 def _scale(problem: Problem, plan: Plan) -> float:
     """E / L of the scene: geometric mean of the moduli, over the scene's length."""
-    parts = problem.substructures.values()
+    parts = problem.parts.values()
     modulus = float(np.exp(np.mean([np.log(part.modulus) for part in parts])))
     return modulus / (plan.direction.length or _length(problem))
 
 
 def _length(problem: Problem) -> float:
     """L of the scene: (sum of volumes)^(1/d)."""
-    parts = problem.substructures.values()
+    parts = problem.parts.values()
     return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
 
 
-def _direction(problem: Problem, plan: Plan, interface: Interface, fields: LawFields) -> Array:
+def _direction(
+    problem: Problem, plan: Plan, interface: Interface, fields: LawFields, bodies: int
+) -> Array:
     """Search direction k of an interface, (components * m,), the same on both sides."""
     given = plan.direction.given.get(interface.name)
     if given is not None:
         per_point = resolve(given, interface, 1, name="search direction")
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
-    scale = _scale(problem, plan)
-    if isinstance(interface.law, Contact | UserLaw) and plan.direction.length is None:
-        # bodies give way to a contact as over its own size, where that is smaller than theirs
-        size = interface.area ** (1.0 / (interface.dim - 1))
-        scale *= max(1.0, _length(problem) / size)
-    k: Array = np.full((interface.num_points, fields.components), plan.direction.factor * scale)
+    unit = plan.direction.factor * _scale(problem, plan)
+    if plan.direction.length is None:
+        shorter = 1.0
+        if plan.macro:
+            shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
+        if isinstance(interface.law, Contact | UserLaw):
+            # bodies give way to a contact as over its own size, where that is smaller than theirs
+            size = interface.area ** (1.0 / (interface.dim - 1))
+            shorter = max(shorter, _length(problem) / size)
+        unit *= shorter
+    k: Array = np.full((interface.num_points, fields.components), unit)
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
         kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
+    if interface.name in plan.paired and len(interface.sides) == 1:
+        k *= HELD if isinstance(interface.law, (Displacement, Perfect, Symmetry)) else PUSHED
     if fields.softest is not None:
         k = np.maximum(k, fields.softest)
     return k.ravel()
@@ -192,28 +207,44 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     latin_core.NumericalError
         A body's operator is not positive definite.
     """
-    bodies = [_body(problem, patterns) for patterns in _reduced(problem, plan)]
+    own, comm = problem.own, None if problem.distribution is None else problem.distribution.comm
     scale = _scale(problem, plan)
+    bodies = []
     interfaces = []
     laws = {}
-    for name in plan.active:
-        interface = problem.interfaces[name]
-        laws[name] = fields = active_fields(interface, plan)
-        direction = _direction(problem, plan, interface, fields)
-        interfaces.append(
-            _core.Interface(
-                name=name,
-                law=_law(interface, fields),
-                weights=interface.weights,
-                frames=fields.frames,
-                sides=[
-                    _core.Side(
-                        member=side.substructure, trace=side.trace, direction=direction, scale=scale
-                    )
-                    for side in interface.sides
-                ],
+    with agreement(comm):
+        bodies = [_body(own, patterns) for patterns in _reduced(own, plan)]
+        for name in plan.active:
+            if name not in own.interfaces:
+                continue
+            interface = own.interfaces[name]
+            laws[name] = fields = active_fields(interface, plan)
+            direction = _direction(problem, plan, interface, fields, len(bodies))
+            interfaces.append(
+                _core.Interface(
+                    name=name,
+                    law=_law(interface, fields),
+                    weights=interface.weights,
+                    frames=fields.frames,
+                    sides=[
+                        _core.Side(
+                            member=side.substructure,
+                            trace=side.trace,
+                            direction=direction,
+                            scale=scale,
+                        )
+                        if side.substructure in own.substructures
+                        else _core.Side(member=side.substructure)
+                        for side in interface.sides
+                    ],
+                    basis=(
+                        basis(interface, fields.frames, fields.components, plan.moments)
+                        if name in plan.macro
+                        else None
+                    ),
+                    paired=name in plan.paired,
+                )
             )
-        )
     options = plan.options
     core = _core.Problem(
         bodies=bodies,
@@ -221,17 +252,19 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
         operator=options.operator,
         backend=options.backend,
         memory_limit=options.memory_limit,
+        comm=None if comm is None else comm.py2f(),
     )
     core.set_steps(plan.steps)
-    for name, fields in laws.items():
-        for parameter, values in fields.parameters.items():
-            core.set_parameter(name, parameter, values)
+    with agreement(comm):
+        for name, fields in laws.items():
+            for parameter, values in fields.parameters.items():
+                core.set_parameter(name, parameter, values)
     return core
 
 
 def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
-    chosen = set(plan.eliminated)
+    chosen = {name for name in plan.eliminated if name in problem.interfaces}
     found: list[dict[Amplitude | None, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}

@@ -37,7 +37,7 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol
-from dolfinx_frontend.solve import Result, start_states
+from dolfinx_frontend.solve import Result, fields_of_cuts, start_states
 from dolfinx_frontend.stochastic import RandomLaws, Source
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
 
@@ -188,6 +188,7 @@ def _guard(
         )
         for key, matrix in matrices.items()
     }
+    problem.on_one_rank("the proof that the structure is definite (indefinite='prove')")
     if not bridge.definite(problem, floors):
         raise IndefiniteError(
             "\n".join(bad) + "\nthe structure as a whole could not be proven definite either (Cholesky "
@@ -572,11 +573,7 @@ class ChaosResult(Result, StochasticResult):
 
     def _flexibility(self, name: str) -> Array:
         """1/k1 (+ 1/k2) of an interface, (m, components)."""
-        rows = self.core.local_fields(name, self.state)[0].shape[0]
-        inverse = sum(
-            1.0 / self.core.directions[first : first + rows] for first in self.core.first_rows(name)
-        )
-        return np.asarray(inverse).reshape(self.problem.interfaces[name].num_points, -1)
+        return self.core.flexibility(name).reshape(self.problem.interfaces[name].num_points, -1)
 
     def mode(self, substructure: str, index: int, step: int = -1) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
@@ -600,10 +597,9 @@ class ChaosResult(Result, StochasticResult):
         """Force and jump of an active interface, (m, components, P + 1, steps) each."""
         if name not in self.plan.active:
             raise unknown_name("active interface", name, self.plan.active, "chaos result")
-        points = self.problem.interfaces[name].num_points
+        points = self.problem.here(name).num_points
         force, jump = (
-            block.reshape(points, -1, self.modes, self._steps)
-            for block in self.core.local_fields(name, self.state)
+            block.reshape(points, -1, self.modes, self._steps) for block in self._kernel_fields(name)
         )
         return force, jump
 
@@ -660,6 +656,7 @@ class ChaosResult(Result, StochasticResult):
 
         The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
         """
+        self.problem.on_one_rank("save_chaos")
         fields = {}
         for name in self.plan.active:
             for what, block, unit in (
@@ -810,11 +807,12 @@ class ChaosResult(Result, StochasticResult):
         germs = self.space.sample(MOST_CHECKS * count, 1)
         for first, last in ((0, 1), (1, 2), (2, MOST_CHECKS)):
             self.checked += (self.sample(germs[first * count : last * count]),)
-            self.checks = {name: self._compared(name, self.checked) for name in self.plan.active}
+            own = [name for name in self.plan.active if self.problem.speaks_for(name)]
+            self.checks = self.problem.gather({n: self._compared(n, self.checked) for n in own})
             if self.trusted or any(not c.estimate <= tolerance for c in self.checks.values()):
                 break
         self.seconds["check"] = sum(sum(part.seconds.values()) for part in self.checked)
-        if self.trusted:
+        if self.trusted or self.problem.rank > 0:
             return
         solves = sum(len(part.germs) for part in self.checked)
         bad = [str(c) for c in self.checks.values() if not c.error <= tolerance]
@@ -854,7 +852,9 @@ def _amplitudes(plan: Plan, modes: int) -> Array:
 
 def _make_deterministic(core: Kernel, problem: Problem, plan: Plan) -> None:
     """Give the active interfaces of a kernel problem back the laws that they were built with."""
-    for name in plan.active:
+    for name in problem.own.interfaces:
+        if name not in plan.active:
+            continue
         core.set_columns(name, [])
         for parameter, values in bridge.active_fields(problem.interfaces[name], plan).parameters.items():
             core.set_parameter(name, parameter, values)
@@ -969,7 +969,7 @@ def solve_chaos(
     matrices = galerkin(random, basis)
     proven = _guard(problem, random, basis, matrices, indefinite)
     columns = {}
-    for name in plan.active:
+    for name in (n for n in plan.active if n in problem.own.interfaces):
         if name in collocations:
             fields = bridge.active_fields(problem.interfaces[name], plan)
             columns[name] = Columns({}, [collocations[name].group(random, fields, steps)])
@@ -993,6 +993,7 @@ def solve_chaos(
         state,
         seconds,
         core,
+        _cuts=fields_of_cuts(problem, core, state),
         random=random,
         chaos=chaos,
         basis=basis,

@@ -85,7 +85,13 @@ def _removed(interface: Interface) -> int:
     return nodes if kind == "Symmetry" else 0
 
 
-def predict(problem: Problem, active: Iterable[str], columns: int, depth: int) -> Cost:
+def predict(
+    problem: Problem,
+    active: Iterable[str],
+    columns: int,
+    depth: int,
+    paired: Iterable[str] = (),
+) -> Cost:
     """Cost of factorising and iterating with these active interfaces.
 
     Parameters
@@ -96,6 +102,8 @@ def predict(problem: Problem, active: Iterable[str], columns: int, depth: int) -
         Columns of every field.
     depth
         Depth of the acceleration, whose history is kept.
+    paired
+        Interfaces that are solved with both of their parts: a dense factor each.
     """
     kept = tuple(active)
     unknowns = touched = rows = 0
@@ -124,6 +132,13 @@ def predict(problem: Problem, active: Iterable[str], columns: int, depth: int) -
     for name in kept:
         interface = problem.interfaces[name]
         rows += len(interface.sides) * interface.num_points * interface.dim
+    for name in paired:
+        sides = problem.interfaces[name].sides
+        if len(sides) == 2:
+            block = float(problem.dim * sum(len(side.nodes) for side in sides)) ** 2
+            dense += block
+            products += 2.0 * block
+            flops += block**1.5
     history = 8.0 * rows * columns * (6.0 + 3.0 * depth)
     return Cost(
         unknowns=unknowns,

@@ -111,7 +111,8 @@ def write_fields(
     Parameters
     ----------
     fields
-        Result of a solve, or part -> displacement, a vector-valued Lagrange function.
+        Result of a solve, or part -> displacement, a vector-valued Lagrange function. On several ranks
+        each writes the grids of its parts.
     path
         Index file, ending in ``.vtm``; the grids go to a folder of the same name beside it.
     materials
@@ -133,22 +134,27 @@ def write_fields(
         raise ValueError(f"{target.name}: the name of the index file ends in .vtm")
     if isinstance(fields, Mapping):
         functions = dict(fields)
+        names, rank = list(functions), 0
     else:
         functions = {name: fields.displacement(name) for name in fields.problem.substructures}
-    if not functions:
+        names, rank = list(fields.problem.parts), fields.problem.rank
+    if not names:
         raise ValueError("there are no displacements to write")
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     folder = target.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
     blocks = []
-    for number, (name, function) in enumerate(functions.items()):
+    for number, name in enumerate(names):
         file = folder / f"{number}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name)}.vtu"
-        _write_grid(file, function, (materials or {}).get(name))
+        if name in functions:
+            _write_grid(file, functions[name], (materials or {}).get(name))
         blocks.append(
             f'    <DataSet index="{number}" name={quoteattr(name)} '
             f'file="{folder.name}/{file.name}"/>'
         )
+    if rank > 0:  # the first rank names the grids of all
+        return target
     target.write_text(
         '<?xml version="1.0"?>\n'
         '<VTKFile type="vtkMultiBlockDataSet" version="1.0">\n  <vtkMultiBlockDataSet>\n'

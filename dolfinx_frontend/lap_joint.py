@@ -113,14 +113,14 @@ def lap_joint(size: str | float = "coarse", *, geometry_order: int = 2, **dimens
     and each bolt is meshed by itself, so that the meshes of plates, heads and nuts do not match; head,
     shank and nut of a bolt match node for node.
 
-    ==================  ==================================================================================
+    ==================  =================================================================================
     part                faces besides ``symmetry`` (y = 0) and ``free``
-    ==================  ==================================================================================
+    ==================  =================================================================================
     lower, upper        end (x = -+ far), lap (in z = 0), seat1, seat2 (under nut or head), hole1, hole2
-    head1, head2        seat (annulus on the upper plate and its hole), shank (the disc that the shank ends in)
-    shank1, shank2      top (in the plane of the head's seat), thread (within the nut), side (within the holes)
+    head1, head2        seat (annulus on the upper plate and its hole), shank (the disc where the shank ends)
+    shank1, shank2      top (in the plane of the head's seat), thread (in the nut), side (in the holes)
     nut1, nut2          seat (annulus on the lower plate and its hole), thread
-    ==================  ==================================================================================
+    ==================  =================================================================================
 
     Interfaces, by name, with their kinds:
 

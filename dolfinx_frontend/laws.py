@@ -13,6 +13,7 @@ changes in time (:class:`dolfinx_frontend.Amplitude` times a value).
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
@@ -44,6 +45,10 @@ __all__ = [
 ]
 
 Array: TypeAlias = npt.NDArray[np.float64]
+
+
+SAME_TIME = 1e-9
+"""Times that differ by less than this share are the same."""
 
 
 @runtime_checkable
@@ -462,7 +467,9 @@ class Preload(Law):
 
     In the time steps up to `until` the normal force is the given one; afterwards the normal jump of every
     point stays what it was, and the force follows from the structure. Without `until` the force is
-    given throughout. (A shortening that is known is ``Elastic(jump=...)`` or ``Contact(jump=...)``.)
+    given throughout. With `during` it is given in some intervals only, as where bolts are tightened one after
+    another, and again: before the first one the section has its original length (a bolt that just fits). (A
+    shortening that is known is ``Elastic(jump=...)`` or ``Contact(jump=...)``.)
 
     Parameters
     ----------
@@ -472,20 +479,50 @@ class Preload(Law):
         Last time of force control; None: all times.
     total
         False: `force` is per area.
+    during
+        Intervals (start, end] of force control, in order; instead of `until`.
     """
 
     force: Any
     until: float | None = None
     total: bool = True
+    during: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
         self._check("force", self.force)
         if self.until is not None and number(self.until) is None:
             raise SceneError(f"Preload: until = {self.until!r} is not a time")
+        if self.during is None:
+            return
+        if self.until is not None:
+            raise SceneError("Preload: until and during are given: give one")
+        try:
+            spans = tuple((float(start), float(end)) for start, end in self.during)
+        except (TypeError, ValueError):
+            raise SceneError(
+                f"Preload: during = {self.during!r}; give intervals ((start, end), ...)"
+            ) from None
+        ends = [t for span in spans for t in span]
+        if not ends or not all(map(math.isfinite, ends)) or any(
+            b < a or (b == a and k % 2 == 0) for k, (a, b) in enumerate(zip(ends, ends[1:]))
+        ):
+            raise SceneError(f"Preload: during = {self.during!r}; intervals increase and do not overlap")
+        object.__setattr__(self, "during", spans)
+
+    def controlled(self, time: float) -> bool:
+        """Whether the force is the given one at a time of a history."""
+
+        def after(moment: float) -> bool:
+            # a step that should end the tightening may miss its time by rounding
+            return time > moment and not math.isclose(time, moment, rel_tol=SAME_TIME)
+
+        if self.during is not None:
+            return any(after(start) and not after(end) for start, end in self.during)
+        return self.until is None or not after(self.until)
 
     @property
     def history(self) -> bool:
-        return self.until is not None
+        return self.until is not None or self.during is not None
 
     def parameters(self) -> dict[str, Any]:
         return {"force": self.force}

@@ -11,6 +11,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import basix
@@ -27,11 +28,13 @@ from dolfinx_frontend.laws import Array, Elastic, Law
 from dolfinx_frontend.scene import Overlap, PartLike, Space
 
 __all__ = [
+    "FaceCopy",
     "FacetMap",
     "Interface",
     "Side",
     "coordinate_element",
     "csr",
+    "face_copy",
     "frames",
     "make_interface",
     "nodal_normals",
@@ -208,6 +211,73 @@ class Interface:
         return (self.rotation @ expanded).tocsr()
 
 
+@dataclass(frozen=True)
+class FaceCopy:
+    """The cells along a face with their unknowns: what another rank needs to pair it. Plain data.
+
+    Attributes
+    ----------
+    cell, order, variant
+        Cell name, degree and variant of its coordinate map.
+    nodes, local
+        (facets, nodes per cell, d) coordinates, and (facets,) number of the facet within its cell.
+    degree, lagrange
+        Degree and variant of the displacements.
+    dofs, coordinates
+        (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
+    """
+
+    cell: str
+    order: int
+    variant: int
+    nodes: Array = field(repr=False)
+    local: Ints = field(repr=False)
+    degree: int
+    lagrange: int
+    dofs: Ints = field(repr=False)
+    coordinates: Array = field(repr=False)
+
+    @property
+    def space(self) -> Any:
+        """Stands for the function space in the pairing."""
+        variant = basix.LagrangeVariant(self.lagrange)
+        element = basix.create_element(
+            basix.ElementFamily.P, basix.CellType[self.cell], self.degree, variant
+        )
+        return SimpleNamespace(
+            element=SimpleNamespace(basix_element=element),
+            dofmap=SimpleNamespace(
+                list=self.dofs, index_map=SimpleNamespace(size_local=len(self.coordinates))
+            ),
+            tabulate_dof_coordinates=lambda: self.coordinates,
+        )
+
+
+def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
+    """Copy of a face for another rank.
+
+    Raises
+    ------
+    SceneError
+        The face has no facets, or some inside the part.
+    """
+    facets = FacetMap(part, face, where)
+    element = space.element.basix_element
+    nodes, dofs = np.unique(np.asarray(space.dofmap.list)[facets.cells], return_inverse=True)
+    cmap = part.mesh.geometry.cmap
+    return FaceCopy(
+        cell=facets.cell.name,
+        order=facets.order,
+        variant=int(cmap.variant),
+        nodes=facets.nodes,
+        local=facets.local,
+        degree=int(element.degree),
+        lagrange=int(element.lagrange_variant),
+        dofs=dofs.reshape(len(facets), -1),
+        coordinates=space.tabulate_dof_coordinates()[nodes],
+    )
+
+
 class FacetMap:
     """The facets of one face of a part, as images of the reference facet.
 
@@ -228,7 +298,45 @@ class FacetMap:
         (facets, nodes per cell, d), coordinates of the cells.
     """
 
-    def __init__(self, part: PartLike, face: str, where: str) -> None:
+    def __init__(self, part: PartLike | FaceCopy, face: str, where: str) -> None:
+        if isinstance(part, FaceCopy):
+            self._take(part)
+        else:
+            self._read(part, face, where)
+        tdim = self.dim
+        corners = np.asarray(basix.geometry(self.cell))
+        vertices = np.array(basix.topology(self.cell)[tdim - 1])
+        self.origin: Array = corners[vertices[:, 0]]
+        # (facets of the cell, tdim, fdim): tangents of the reference facet
+        self.tangents: Array = np.stack(
+            [corners[vertices[:, k]] - self.origin for k in range(1, tdim)], axis=2
+        )
+        gram = np.swapaxes(self.tangents, 1, 2) @ self.tangents
+        self.scale: Array = np.sqrt(np.linalg.det(gram))
+        self.conormal: Array = np.asarray(
+            basix.cell.facet_outward_normals(self.cell), dtype=np.float64
+        )
+        self.facet_cell: basix.CellType = {
+            "triangle": basix.CellType.interval,
+            "quadrilateral": basix.CellType.interval,
+            "tetrahedron": basix.CellType.triangle,
+            "hexahedron": basix.CellType.quadrilateral,
+        }[self.cell.name]
+
+    def _take(self, copy: FaceCopy) -> None:
+        """The facets of a copy, whose cells are numbered by facet."""
+        self.dim = int(copy.nodes.shape[2])
+        self.cell = basix.CellType[copy.cell]
+        self.cells: Ints = np.arange(len(copy.local))
+        self.local: Ints = copy.local
+        self.element = basix.create_element(
+            basix.ElementFamily.P, self.cell, copy.order, basix.LagrangeVariant(copy.variant)
+        )
+        self.order = copy.order
+        self.nodes: Array = copy.nodes
+
+    def _read(self, part: PartLike, face: str, where: str) -> None:
+        """The facets of a mesh."""
         mesh = part.mesh
         tdim = mesh.topology.dim
         self.dim = int(mesh.geometry.dim)
@@ -248,32 +356,13 @@ class FacetMap:
                 f"{where}: {np.count_nonzero(count != 1)} facets of face {face!r} are inside the "
                 "part; a face consists of exterior facets"
             )
-        self.cells: Ints = to_cell.array[to_cell.offsets[facets]].astype(np.int64)
-        self.local: Ints = np.argmax(to_facet[self.cells] == facets[:, None], axis=1)
+        self.cells = to_cell.array[to_cell.offsets[facets]].astype(np.int64)
+        self.local = np.argmax(to_facet[self.cells] == facets[:, None], axis=1)
         cmap = mesh.geometry.cmap
         self.element = coordinate_element(mesh)
         self.order = int(cmap.degree)
         x = np.asarray(mesh.geometry.x, dtype=np.float64)
-        self.nodes: Array = x[mesh.geometry.dofmap[self.cells]][:, :, : self.dim]
-
-        corners = np.asarray(basix.geometry(self.cell))
-        vertices = np.array(basix.topology(self.cell)[tdim - 1])
-        self.origin: Array = corners[vertices[:, 0]]
-        # (facets of the cell, tdim, fdim): tangents of the reference facet
-        self.tangents: Array = np.stack(
-            [corners[vertices[:, k]] - self.origin for k in range(1, tdim)], axis=2
-        )
-        gram = np.swapaxes(self.tangents, 1, 2) @ self.tangents
-        self.scale: Array = np.sqrt(np.linalg.det(gram))
-        self.conormal: Array = np.asarray(
-            basix.cell.facet_outward_normals(self.cell), dtype=np.float64
-        )
-        self.facet_cell = {
-            "triangle": basix.CellType.interval,
-            "quadrilateral": basix.CellType.interval,
-            "tetrahedron": basix.CellType.triangle,
-            "hexahedron": basix.CellType.quadrilateral,
-        }[self.cell.name]
+        self.nodes = x[mesh.geometry.dofmap[self.cells]][:, :, : self.dim]
 
     def __len__(self) -> int:
         return len(self.cells)
@@ -743,7 +832,7 @@ def _sample_points(
 def make_interface(
     name: str,
     law: Law,
-    parts: tuple[PartLike, ...],
+    parts: tuple[PartLike | FaceCopy, ...],
     labels: tuple[tuple[str, str], ...],
     spaces: tuple[Any, ...],
     quadrature_degree: int | None = None,
@@ -758,7 +847,8 @@ def make_interface(
     name, law
         Name and law.
     parts, labels, spaces
-        One or two parts, their (substructure, face) names and vector-valued Lagrange spaces.
+        One or two parts, their (substructure, face) names and vector-valued Lagrange spaces; of a part
+        on another rank a copy of the face, with its space.
     quadrature_degree
         Degree of the facet rule; None: 2 degree + geometry order - 1, so that the mass matrix of a
         straight simplex is exact.

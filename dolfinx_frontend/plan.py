@@ -26,6 +26,7 @@ from dolfinx_frontend.laws import (
     Traction,
     is_plain,
 )
+from dolfinx_frontend.macro import Moments
 from latin_core import Options
 
 if TYPE_CHECKING:
@@ -38,6 +39,15 @@ Method = Literal["auto", "direct", "accelerated", "latin"]
 
 _PLAIN_FACTOR = 2.0
 _ACCELERATED_FACTOR = 3.0
+_MACRO_FACTOR = 10.0
+_FEW, _MANY = 2, 3
+"""Interfaces between parts from which a coarse problem pays: with matrix directions, and without."""
+_UNMATCHED = "its meshes do not match"
+_UNGLUED = "its jump cannot be glued"
+_ASKED = "asked for"
+_PAPER = "the paper keeps them all"
+_CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER)
+"""Reasons to keep an interface whose law is linear and fixed."""
 
 
 class Decision(NamedTuple):
@@ -55,11 +65,12 @@ class Direction:
     Attributes
     ----------
     factor
-        k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one (measured).
+        k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one, 10 with a coarse
+        problem (measured).
         Elastic interfaces softer than that take twice their own stiffness when accelerated.
     length
         L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
-        smaller.
+        smaller; with a coarse problem, which sees the scene as a whole, the mean size of a body.
     given
         Interface name -> k, a number or one value a point; goes before the factor.
     """
@@ -96,6 +107,10 @@ class Plan:
         Columns of every field: 1 when nothing is random and nothing has a history.
     direction, options
         Search direction and settings of the iteration.
+    macro, moments
+        Interfaces in the coarse problem, and whether it balances resultants or linear moments.
+    paired
+        Linear, fixed interfaces whose step is solved for with both of their parts.
     decisions
         All of it with reasons; ``print(plan)`` shows them.
     times
@@ -120,6 +135,9 @@ class Plan:
     patterns: tuple[Amplitude | None, ...] = (None,)
     history: Literal["none", "patterns", "steps"] = "none"
     cost: Cost | None = None
+    macro: tuple[str, ...] = ()
+    moments: Moments = "linear"
+    paired: tuple[str, ...] = ()
 
     @property
     def steps(self) -> int:
@@ -243,7 +261,7 @@ def make_plan(
         raise SceneError(
             f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
         )
-    reasons: dict[str, str] = {}
+    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
     for name, interface in problem.interfaces.items():
@@ -251,10 +269,10 @@ def make_plan(
             reasons.setdefault(name, "its law changes in time")
     if active == "all" or (active is None and method == "latin"):
         for name in problem.interfaces:
-            reasons.setdefault(name, "asked for" if active == "all" else "the paper keeps them all")
+            reasons.setdefault(name, _ASKED if active == "all" else _PAPER)
     elif active is not None:
         for name in _names(problem, active, "plan"):
-            reasons.setdefault(name, "asked for")
+            reasons.setdefault(name, _ASKED)
     elif method == "accelerated":
         for name, interface in problem.interfaces.items():
             if isinstance(interface.law, Elastic) and len(interface.sides) == 2:
@@ -275,9 +293,9 @@ def make_plan(
         how = _how(name, law, interface.matching is not None)
         if how is None:
             if unmatched:
-                reasons[name] = "its meshes do not match"
+                reasons[name] = _UNMATCHED
             elif isinstance(law, Perfect):
-                reasons[name] = "its jump cannot be glued"
+                reasons[name] = _UNGLUED
             else:
                 reasons[name] = "its law is not linear"
         else:
@@ -304,8 +322,12 @@ def make_plan(
     else:
         chosen = "accelerated"
         reason = "Anderson needs 4 to 8 times fewer iterations than the plain one"
+    cut = [n for n in kept if reasons[n] in _CUT and _superposes(problem.interfaces[n].law)]
+    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, random is None)
     if direction.factor is None:
         factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
+        if macro:
+            factor = _MACRO_FACTOR
         direction = Direction(factor, direction.length, direction.given)
 
     decisions = [
@@ -338,6 +360,9 @@ def make_plan(
         what, _, why = text.partition(": ")
         decisions.append(Decision("dropped", what, why))
     decisions.append(Decision("iteration", chosen, reason))
+    if problem.distribution is not None:
+        options = options.with_(newton=0)
+        decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
         decisions.append(
             Decision(
@@ -348,10 +373,12 @@ def make_plan(
                 "the answer does not depend on it, the number of iterations does",
             )
         )
+        decisions += reach
         decisions.append(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         )
-    cost = predict(problem, kept, columns, options.acceleration if kept else 0)
+    here = [name for name in kept if name in problem.own.interfaces]
+    cost = predict(problem.own, here, columns, options.acceleration if kept else 0, paired)
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
@@ -367,7 +394,84 @@ def make_plan(
         patterns,
         history,
         cost,
+        macro,
+        balanced,
+        paired,
     )
+
+
+def _ranks(problem: Problem) -> tuple[str, str]:
+    """How a problem is spread over ranks, and what follows from that."""
+    assert problem.distribution is not None
+    spread = problem.distribution
+    sizes = [0] * spread.comm.size
+    for name, part in problem.parts.items():
+        sizes[spread.owner[name]] += part.size
+    cuts = ", ".join(problem.cuts) or "no interface"
+    return (
+        f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {cuts}",
+        "a part belongs to one rank; no Newton steps (their system spans the ranks), points of a sweep "
+        "one by one",
+    )
+
+
+def _reach(
+    problem: Problem,
+    kept: Sequence[str],
+    cut: Sequence[str],
+    chosen: str,
+    options: Options,
+    plain_columns: bool,
+) -> tuple[tuple[str, ...], Moments, tuple[str, ...], list[Decision]]:
+    """How far an iteration reaches: interfaces in the coarse problem, its moments, paired ones, and why."""
+    decisions: list[Decision] = []
+    paired: tuple[str, ...] = ()
+    if problem.distribution is not None:
+        if options.macro in ("resultants", "linear") or options.directions == "matrix":
+            raise SceneError(
+                "a coarse problem and matrix directions are not spread over ranks yet: use "
+                "macro='automatic' and directions='automatic', or one rank"
+            )
+        return (), "linear", (), decisions
+    if options.directions != "diagonal" and cut:
+        if chosen == "accelerated" or options.directions == "matrix":
+            paired = tuple(cut)
+            decisions.append(
+                Decision(
+                    "matrix directions",
+                    f"{len(paired)} interfaces",
+                    "linear and fixed but kept: solved with both of their parts at every iteration",
+                )
+            )
+    between = [n for n in kept if len(problem.interfaces[n].sides) == 2]
+    why = "asked for"
+    if options.macro == "automatic":
+        unknowns = sum(
+            i.num_points * (1 if getattr(i.law, "rubs", True) is False else i.dim)
+            for i in (problem.interfaces[n] for n in kept)
+        )
+        newton = (
+            plain_columns
+            and unknowns <= options.newton
+            and not all(_superposes(problem.interfaces[n].law) for n in kept)
+        )
+        wanted = chosen == "accelerated" and len(between) >= (_FEW if paired else _MANY) and not newton
+        why = f"{len(between)} interfaces between parts: else an iteration reaches the next part only"
+    else:
+        wanted = options.macro != "none"
+    if not (wanted and between):
+        return (), "linear", paired, decisions
+    loaded = [n for n in kept if isinstance(problem.interfaces[n].law, (Pressure, Traction))]
+    moments: Moments = "resultants" if options.macro == "resultants" else "linear"
+    decisions.append(
+        Decision(
+            "coarse problem",
+            f"{'resultants' if moments == 'resultants' else 'linear moments'} of "
+            f"{len(between) + len(loaded)} interfaces",
+            why,
+        )
+    )
+    return (*between, *loaded), moments, paired, decisions
 
 
 def _history(
@@ -390,7 +494,7 @@ def _history(
     # active interfaces are told their values at every time; only what is assembled has patterns
     assembled = [i.law for n, i in problem.interfaces.items() if n not in kept]
     values = [v for law in assembled for v in law.varying.values()]
-    loads = [Varying(((a, 0.0),)) for s in problem.substructures.values() for a in s.varying_loads]
+    loads = [Varying(((a, 0.0),)) for a in problem.load_amplitudes]
     patterns = (*constant, *amplitudes_of([*values, *loads])) or (None,)
     why = "there are not more time steps than load patterns"
     if nonlinear:
@@ -406,7 +510,7 @@ def _superposes(law: Law) -> bool:
 
 def _constant_loads(problem: Problem) -> bool:
     """Whether any loading is constant in time and not zero."""
-    if any(np.any(s.load) for s in problem.substructures.values()):
+    if any(part.loaded for part in problem.parts.values()):
         return True
     for interface in problem.interfaces.values():
         law = interface.law

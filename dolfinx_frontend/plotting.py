@@ -48,12 +48,13 @@ KIND_COLOURS = {
     "perfect": "#2166ac",
     "elastic": "#35c4b5",
     "contact": "#d6604d",
+    "preload": "#7b3294",
     "pressure": "#f48fb1",
     "symmetry": "#ffffff",
     "support": "#e08a00",
     "free": "#8b9199",
 }
-"""Colour of a face by the kind of its interface: those of the paper, and two more."""
+"""Colour of a face by the kind of its interface: those of the paper, and three more."""
 
 _LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 _DASHES = ("-", "--", "-.", ":")
@@ -421,6 +422,7 @@ def assembly_figure(
     path: str | Path,
     *,
     explode: float = 0.08,
+    lift: Mapping[str, float] | None = None,
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
@@ -435,6 +437,8 @@ def assembly_figure(
     explode
         Gap between the parts, which are lifted apart along z, as a fraction of the height of the
         assembly; 0 leaves them in place.
+    lift
+        Part -> shift along z, instead of `explode`; parts that are not named stay in place.
     title
         Above the figure.
     renderer
@@ -454,7 +458,13 @@ def assembly_figure(
         for name, p in assembly.parts.items()
     }
     height = max(b for _, b in bounds.values()) - min(a for a, _ in bounds.values())
-    shifts = _stacked(bounds, explode * height) if explode else dict.fromkeys(bounds, 0.0)
+    shifts = dict.fromkeys(bounds, 0.0)
+    if lift is not None:
+        if not set(lift) <= set(bounds):
+            raise ValueError(f"lift names parts that are not there: {sorted(set(lift) - set(bounds))}")
+        shifts |= lift
+    elif explode:
+        shifts = _stacked(bounds, explode * height)
     solids = []
     for name, part in assembly.parts.items():
         tags = {int(f): int(t) for f, t in zip(part.facet_tags.indices, part.facet_tags.values)}

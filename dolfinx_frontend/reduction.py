@@ -135,6 +135,8 @@ def _free_basis(rows: Array) -> Array:
 def _groups(problem: Problem, eliminate: set[str]) -> list[list[str]]:
     """Substructures by body, in the order of the problem."""
     names = list(problem.substructures)
+    if not names:  # a rank without parts
+        return []
     number = {n: k for k, n in enumerate(names)}
     pairs = [
         [number[s.substructure] for s in i.sides]

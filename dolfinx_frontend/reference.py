@@ -183,6 +183,7 @@ class Monolithic:
     """
 
     def __init__(self, problem: Problem, solver: str | None = None) -> None:
+        problem.on_one_rank("a monolithic solve")
         self.problem = problem
         self.solver = solver
         self._key: Any = None

@@ -24,7 +24,16 @@ from dolfinx_frontend.laws import Array
 
 Ints = npt.NDArray[np.int64]
 
-__all__ = ["FreeMotions", "check_rigid_bodies", "free_motions", "quoted", "rigid_modes"]
+__all__ = [
+    "FreeMotions",
+    "Resistance",
+    "check_resistances",
+    "check_rigid_bodies",
+    "free_motions",
+    "quoted",
+    "resistance",
+    "rigid_modes",
+]
 
 _TOLERANCE = 1e-10
 """Eigenvalues of a Gram matrix with unit diagonal below this are zero (thin faces reach 1e-8)."""
@@ -204,6 +213,33 @@ def _describe(motions: Array, origin: tuple[Array, float], d: int) -> list[str]:
     return out
 
 
+Resistance = tuple[tuple[str, ...], Array, tuple[Array, float]]
+"""Names of the parts of an interface, Gram matrix of the rigid motions that it resists, and what about."""
+
+
+def resistance(
+    sides: tuple[str, ...], x: Array, weights: Array, rows: Array, size: float
+) -> Resistance:
+    """What an interface resists.
+
+    Parameters
+    ----------
+    sides
+        Names of one or two parts.
+    x, weights, rows
+        Points (m, d), weights (m,), and (m, r, d) directions in which the interface holds.
+    size
+        Length of the first part.
+    """
+    share = weights / weights.sum()
+    centre = share @ x
+    length = float(np.sqrt(share @ np.sum((x - centre) ** 2, axis=1)))
+    origin = (centre, max(length, 1e-12 * size))
+    G = np.einsum("pri,pij->prj", rows, rigid_modes(x, *origin)) * np.sqrt(share)[:, None, None]
+    G = G.reshape(-1, G.shape[2])
+    return sides, G.T @ G, origin
+
+
 @dataclass(frozen=True)
 class FreeMotions:
     """Rigid motions that a set of interfaces does not resist.
@@ -244,10 +280,9 @@ class FreeMotions:
 
 
 def free_motions(
-    parts: Mapping[str, tuple[Array, float]],
-    interfaces: Mapping[str, tuple[tuple[str, ...], Array, Array, Array]],
+    parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]
 ) -> FreeMotions:
-    """Rigid motions of the parts that no interface resists; arguments as check_rigid_bodies."""
+    """Rigid motions of the parts that no interface resists; arguments as check_resistances."""
     names = list(parts)
     first_centre, _ = next(iter(parts.values()))
     d = len(first_centre)
@@ -255,15 +290,9 @@ def free_motions(
     nothing = FreeMotions((), (), np.zeros((0, r, 0)))
     number = {name: k + 1 for k, name in enumerate(names)}  # 0 is the ground
     links: list[_Link] = []
-    for sides, x, weights, rows in interfaces.values():
-        share = weights / weights.sum()
-        centre = share @ x
-        length = float(np.sqrt(share @ np.sum((x - centre) ** 2, axis=1)))
-        origin = (centre, max(length, 1e-12 * parts[sides[0]][1]))
-        G = np.einsum("pri,pij->prj", rows, rigid_modes(x, *origin)) * np.sqrt(share)[:, None, None]
-        G = G.reshape(-1, G.shape[2])
+    for sides, gram, origin in resistances:
         second = number[sides[1]] if len(sides) == 2 else 0
-        links.append(_Link(number[sides[0]], second, G.T @ G, origin))
+        links.append(_Link(number[sides[0]], second, gram, origin))
     labels = _merge(links, np.arange(len(names) + 1), d)
     clusters = int(labels.max())
     if clusters == 0:
@@ -341,7 +370,24 @@ def check_rigid_bodies(
     SceneError
         Names the parts, their free motions and the mend.
     """
-    motions = free_motions(parts, interfaces)
+    check_resistances(
+        parts, [resistance(*each, parts[each[0][0]][1]) for each in interfaces.values()]
+    )
+
+
+def check_resistances(
+    parts: Mapping[str, tuple[Array, float]], resistances: Sequence[Resistance]
+) -> None:
+    """Raise if parts can move without any resistance, see :func:`check_rigid_bodies`.
+
+    Parameters
+    ----------
+    parts
+        Name -> (centre, length).
+    resistances
+        What every interface resists, see :func:`resistance`.
+    """
+    motions = free_motions(parts, resistances)
     messages = [
         f"{quoted(names)} can move freely: {'; '.join(words)}"
         for names, words in motions.describe(np.eye(len(motions)))

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from latin_core import Options, State, SweepPoints, SweptParameter, stochastic
 from latin_core import Problem as Kernel
 from latin_core import sweep as kernel_sweep
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend import bridge
@@ -231,7 +231,7 @@ def _short_steps(germs: Array) -> list[int]:
     edges = np.maximum(distances[:, 1:].ravel(), 1e-300)
     matrix = sp.csr_matrix((edges, (rows, columns[:, 1:].ravel())), shape=(count, count))
     tree = minimum_spanning_tree(matrix)
-    walk = breadth_first_order(tree, first, directed=False, return_predecessors=False)
+    walk = depth_first_order(tree, first, directed=False, return_predecessors=False)
     seen = np.zeros(count, dtype=bool)
     seen[walk] = True
     return [int(i) for i in walk] + [int(i) for i in np.flatnonzero(~seen)]
@@ -341,12 +341,13 @@ def sample_on(
     parameters = _swept(random, plan, points)
     header = None
     if checkpoint is not None:
+        problem.on_one_rank("a checkpoint")
         header = {
             "fingerprint": fingerprint(problem, plan, parameters),
             "criterion": plan.options.criterion,
             "rtol": plan.options.rtol,
         }
-    bar = Progress(len(points), "samples") if progress else None
+    bar = Progress(len(points), "samples") if progress and problem.rank == 0 else None
 
     def done(point: int, summary: Any) -> None:
         warn_unconverged("sample", point, summary)
@@ -360,7 +361,7 @@ def sample_on(
             plan.amplitudes,
             parameters,
             _short_steps(points),
-            plan.active,
+            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
             checkpoint,
             header,

@@ -7,8 +7,9 @@ where it is made.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from dolfinx import mesh as dmesh
 
@@ -25,6 +26,9 @@ from dolfinx_frontend.laws import (
 )
 from dolfinx_frontend.materials import Material
 
+if TYPE_CHECKING:
+    from dolfinx_frontend.step import StepAssembly
+
 __all__ = [
     "CELLS",
     "Face",
@@ -34,6 +38,7 @@ __all__ = [
     "Scene",
     "Space",
     "SubstructureSpec",
+    "check_face",
 ]
 
 Overlap = Literal["full", "partial"]
@@ -67,10 +72,22 @@ class SubstructureSpec:
     """A part with its material; see :meth:`Scene.substructure`."""
 
     name: str
-    part: PartLike
+    source: PartLike | Callable[[], PartLike]
     material: Material | Callable[[Any, Any], Any]
     degree: int
     body_force: Any
+    rank: int | None = None
+
+    @property
+    def lazy(self) -> bool:
+        """Whether the part is still to be made."""
+        return callable(self.source)
+
+    @property
+    def part(self) -> PartLike:
+        """The part, once it is made."""
+        assert not self.lazy
+        return cast(PartLike, self.source)
 
     @property
     def dim(self) -> int:
@@ -81,6 +98,45 @@ class SubstructureSpec:
     def cell(self) -> str:
         """Cell name."""
         return str(self.part.mesh.topology.cell_name())
+
+    def made(self) -> SubstructureSpec:
+        """The same with its part made, and checked.
+
+        Raises
+        ------
+        SceneError
+            What is no part, or does not fit the material.
+        """
+        spec = replace(self, source=self.source()) if callable(self.source) else self
+        where, part = f"substructure {self.name!r}", spec.source
+        for attribute in ("mesh", "facet_tags", "names"):
+            if not hasattr(part, attribute):
+                raise SceneError(
+                    f"{where}: {type(part).__name__} is not a part (it has no {attribute!r}); pass "
+                    "one of the parts that a geometry function returns"
+                )
+        if spec.cell not in CELLS:
+            raise SceneError(
+                f"{where}: cells of type {spec.cell!r} are not supported; use {', '.join(CELLS)}"
+            )
+        if int(spec.part.mesh.topology.dim) != spec.dim:
+            raise SceneError(
+                f"{where}: {spec.cell} cells in {spec.dim} dimensions (a shell); use solid cells"
+            )
+        if spec.part.mesh.comm.size != 1:
+            raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        check = getattr(spec.material, "check", None)
+        if check is not None:
+            try:
+                check(spec.dim)
+            except SceneError as err:
+                raise SceneError(f"{where}: {err}") from None
+        varies = isinstance(spec.body_force, Varying)
+        for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:
+            if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
+                if not hasattr(force, "__len__") or len(force) != spec.dim:
+                    raise SceneError(f"{where}: body_force = {force!r}; give {spec.dim} numbers")
+        return spec
 
 
 @dataclass(frozen=True)
@@ -107,6 +163,13 @@ class InterfaceSpec:
     overlap: Overlap = "full"
 
 
+def check_face(spec: SubstructureSpec, face: Face, where: str) -> None:
+    """Raise SceneError unless the part has the face."""
+    names = spec.part.names
+    if face.face not in names:
+        raise unknown_name("face", face.face, names, f"{where}, substructure {spec.name!r}")
+
+
 class Scene:
     """Substructures and interfaces.
 
@@ -122,13 +185,32 @@ class Scene:
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
 
+    @staticmethod
+    def from_step(path: str | Path, **settings: Any) -> StepAssembly:
+        """Parts of a STEP file and the interfaces where they touch, to be completed and meshed.
+
+        Settings and errors are those of :func:`dolfinx_frontend.step.read_step`.
+
+        Examples
+        --------
+        >>> step = Scene.from_step("flange.step")
+        >>> print(step)
+        >>> step.material("*", LinearElastic(E=200e3, nu=0.3))
+        >>> step.join("*", Perfect())
+        >>> scene = step.scene()
+        """
+        from dolfinx_frontend.step import read_step  # which builds on this module
+
+        return read_step(path, **settings)
+
     def substructure(
         self,
         name: str,
-        part: PartLike,
+        part: PartLike | Callable[[], PartLike],
         material: Material | Callable[[Any, Any], Any],
         degree: int = 2,
         body_force: Any = None,
+        rank: int | None = None,
     ) -> None:
         """Add a part.
 
@@ -137,13 +219,16 @@ class Scene:
         name
             Its name; without a colon.
         part
-            Mesh with named faces.
+            Mesh with named faces, or a function that makes it: on several MPI ranks it is called on
+            the rank that owns the part only, when the scene is assembled.
         material
             Object with ``bilinear(u, v)``, or callable (u, v) -> UFL integrand or form.
         degree
             Degree of the Lagrange displacements, 1 to 3.
         body_force
             Force per volume: d numbers or a UFL vector, or an amplitude times one; None: none.
+        rank
+            MPI rank that owns the part; None: a share of equal cost.
 
         Raises
         ------
@@ -155,47 +240,22 @@ class Scene:
             raise SceneError(f"{where}: a name is not empty and has no colon")
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
-        for attribute in ("mesh", "facet_tags", "names"):
-            if not hasattr(part, attribute):
-                raise SceneError(
-                    f"{where}: {type(part).__name__} is not a part (it has no {attribute!r}); pass "
-                    "one of the parts that a geometry function returns"
-                )
-        spec = SubstructureSpec(name, part, material, degree, body_force)
-        if spec.cell not in CELLS:
-            raise SceneError(
-                f"{where}: cells of type {spec.cell!r} are not supported; use {', '.join(CELLS)}"
-            )
-        if int(part.mesh.topology.dim) != spec.dim:
-            raise SceneError(
-                f"{where}: {spec.cell} cells in {spec.dim} dimensions (a shell); use solid cells"
-            )
-        if part.mesh.comm.size != 1:
-            raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        spec = SubstructureSpec(name, part, material, degree, body_force, rank)
         if isinstance(degree, bool) or degree not in (1, 2, 3):
             raise SceneError(f"{where}: degree {degree!r} is not supported; use 1, 2 or 3")
-        for other in self.substructures.values():
-            if other.dim != spec.dim:
-                raise SceneError(
-                    f"{where} has {spec.dim} dimensions, {other.name!r} has {other.dim}; "
-                    "a scene has one dimension"
-                )
         if not isinstance(material, Material) and not callable(material):
             raise SceneError(
                 f"{where}: {type(material).__name__} is not a material; give LinearElastic(E, nu) "
                 "or a callable (u, v) -> UFL integrand"
             )
-        check = getattr(material, "check", None)
-        if check is not None:
-            try:
-                check(spec.dim)
-            except SceneError as err:
-                raise SceneError(f"{where}: {err}") from None
-        varies = isinstance(body_force, Varying)
-        for force in [v for _, v in body_force.terms] if varies else [body_force]:
-            if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
-                if not hasattr(force, "__len__") or len(force) != spec.dim:
-                    raise SceneError(f"{where}: body_force = {force!r}; give {spec.dim} numbers")
+        if not spec.lazy:
+            spec = spec.made()
+            for other in self.substructures.values():
+                if not other.lazy and other.dim != spec.dim:
+                    raise SceneError(
+                        f"{where} has {spec.dim} dimensions, {other.name!r} has {other.dim}; "
+                        "a scene has one dimension"
+                    )
         self.substructures[name] = spec
 
     def _face(self, text: str, where: str) -> Face:
@@ -204,10 +264,10 @@ class Scene:
         part, face = text.split(":")
         if part not in self.substructures:
             raise unknown_name("substructure", part, self.substructures, where)
-        names = self.substructures[part].part.names
-        if face not in names:
-            raise unknown_name("face", face, names, f"{where}, substructure {part!r}")
-        return Face(part, face)
+        found = Face(part, face)
+        if not self.substructures[part].lazy:
+            check_face(self.substructures[part], found, where)
+        return found
 
     def interface(
         self,
@@ -273,7 +333,8 @@ class Scene:
         if len(found) == 2 and found[0] == found[1]:
             raise SceneError(f"{where}: both sides are {found[0]}; join two different faces")
         axes = law.components if isinstance(law, Displacement) else None
-        dim = self.substructures[found[0].substructure].dim
+        spec = self.substructures[found[0].substructure]
+        dim = 3 if spec.lazy else spec.dim
         if axes is not None and max(axes) >= dim:
             raise SceneError(f"{where}: components = {axes} in {dim} dimensions; 0 is x")
         if quadrature_degree is not None and not 1 <= quadrature_degree <= 30:
@@ -335,9 +396,11 @@ class Scene:
             f"Scene: {len(self.substructures)} substructures, {len(self.interfaces)} interfaces"
         ]
         for s in self.substructures.values():
-            cells = s.part.mesh.topology.index_map(s.dim).size_local
             material = type(s.material).__name__ if isinstance(s.material, Material) else "UFL form"
-            lines.append(f"  {s.name:<16} {cells:>8} {s.cell}s, degree {s.degree}, {material}")
+            what = "        not made yet"
+            if not s.lazy:
+                what = f"{s.part.mesh.topology.index_map(s.dim).size_local:>8} {s.cell}s"
+            lines.append(f"  {s.name:<16} {what}, degree {s.degree}, {material}")
         for i in self.interfaces.values():
             sides = " | ".join(str(f) for f in i.faces)
             lines.append(f"  {i.name:<24} {sides:<36} {type(i.law).__name__}")

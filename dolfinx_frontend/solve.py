@@ -54,6 +54,7 @@ class Result:
     seconds: dict[str, float]
     core: Kernel = field(repr=False)
     _displacements: dict[str, Array] | None = field(default=None, repr=False)
+    _cuts: dict[str, tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
     @property
     def status(self) -> str:
@@ -107,12 +108,24 @@ class Result:
         """Force and jump (m, components) of an interface."""
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.interfaces[name]
+        interface = self.problem.here(name)
         if name in self.plan.active:
-            force, jump = self.core.local_fields(name, self.state)
+            force, jump = self._kernel_fields(name)
             points = interface.num_points
             return force.reshape(points, -1), jump.reshape(points, -1)
         return self._eliminated(interface, interface.law, self.displacements)
+
+    def _kernel_fields(self, name: str) -> tuple[Array, Array]:
+        return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
+
+    def gathered(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
+
+        Collective: to be called on all of them.
+        """
+        return self.problem.everywhere(
+            interface, lambda: (self.force(interface), self.jump(interface))
+        )
 
     def _eliminated(
         self, interface: Interface, law: Law, displacements: Mapping[str, Array]
@@ -219,10 +232,10 @@ class HistoryResult(Result):
     def _local(self, name: str) -> tuple[Array, Array]:
         if name not in self.problem.interfaces:
             raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.interfaces[name]
+        interface = self.problem.here(name)
         if name in self.plan.active:
             points = interface.num_points
-            blocks = self.core.local_fields(name, self.state)
+            blocks = self._kernel_fields(name)
             force, jump = (self.plan.in_time(b.reshape(points, -1, b.shape[1])) for b in blocks)
             return force, jump
         fields = self.displacements
@@ -367,10 +380,16 @@ def solve(
         callback=callback,
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
+    cuts = fields_of_cuts(problem, core, state)
     kind = Result if plan.times is None else HistoryResult
-    result = kind(problem, plan, summary, state, seconds, core)
+    result = kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
     check_support(result)
     return result
+
+
+def fields_of_cuts(problem: Problem, core: Kernel, state: State) -> dict[str, tuple[Array, Array]]:
+    """Fields of the interfaces between this rank and others, which both work out together: collective."""
+    return {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
 
 
 def start_states(start: Result | State | None) -> list[State]:

@@ -181,6 +181,7 @@ class _System:
     """
 
     def __init__(self, problem: Problem, chaos: Chaos) -> None:
+        problem.on_one_rank("monolithic SSFEM")
         self.problem = problem
         self.random = RandomLaws.of(problem)
         # Krylov vectors, products and a right-hand side for each mode

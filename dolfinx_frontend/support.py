@@ -28,19 +28,21 @@ count unless it is an interface of the scene.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
-from dolfinx_frontend.assembly import Problem, _held_rows, forces
+from dolfinx_frontend.assembly import Problem, forces, held
 from dolfinx_frontend.errors import SceneError, SceneWarning
-from dolfinx_frontend.laws import Array, Contact, Pressure, Traction
+from dolfinx_frontend.laws import Array, Contact, Perfect, Preload, Pressure, Traction
 from dolfinx_frontend.pairing import Interface
-from dolfinx_frontend.rigid import FreeMotions, free_motions, quoted
+from dolfinx_frontend.parallel import agreement
+from dolfinx_frontend.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.translate import law_fields
 
 if TYPE_CHECKING:
@@ -67,19 +69,25 @@ _TOUCHING = 1e-6
 """Opening, as a share of the face's size, below which two faces touch."""
 
 
+Flags = npt.NDArray[np.bool_]
+T = TypeVar("T")
+
+
 @dataclass(frozen=True)
 class _Grip:
     """What an interface in contact can bear at its points, and how they move.
 
     Attributes
     ----------
+    weights
+        (m,), areas of the points.
     opening, slip
         (m, q), (m, d - 1, q): relative motion made by each of the free motions.
     friction, threshold
         (m,): the tangential force per area is at most friction * pressure + threshold.
     """
 
-    interface: Interface
+    weights: Array
     opening: Array
     slip: Array
     friction: Array
@@ -87,31 +95,79 @@ class _Grip:
 
     def with_bounds(self, bounds: Array) -> _Grip:
         """The same with given bounds of the tangential force."""
-        return _Grip(self.interface, self.opening, self.slip, np.zeros_like(bounds), bounds)
+        return _Grip(self.weights, self.opening, self.slip, np.zeros_like(bounds), bounds)
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """What is known of a time step before it is solved: grips, work of the loads, sum of their sizes."""
+
+    grips: dict[str, _Grip]
+    work: Array
+    size: float
+
+
+@dataclass(frozen=True)
+class _Check:
+    """What is free at a time step, what holds the rest, and the loads."""
+
+    motions: FreeMotions
+    resistances: dict[str, Resistance]
+    balance: _Balance
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """An interface in contact in the answer, at one time step.
+
+    Attributes
+    ----------
+    force
+        (m, components), force per area.
+    holds
+        What it resists where it presses (of a history: where it touches).
+    closed
+        Whether that is the case anywhere.
+    """
+
+    force: Array
+    holds: Resistance
+    closed: bool
 
 
 def _unilateral(interface: Interface) -> bool:
     return isinstance(interface.law, Contact)
 
 
-def _rows(
-    problem: Problem, held: Mapping[str, Array]
-) -> dict[str, tuple[tuple[str, ...], Array, Array, Array]]:
-    """What check_rigid_bodies takes, from the rows (m, r, d) of some interfaces."""
-    return {
-        name: (
-            tuple(side.substructure for side in problem.interfaces[name].sides),
-            problem.interfaces[name].points,
-            problem.interfaces[name].weights,
-            rows,
-        )
-        for name, rows in held.items()
-    }
+def _given_preload(interface: Interface, time: float | None) -> bool:
+    """Whether an interface is a pretension section whose force is given at a time."""
+    law = interface.law
+    return isinstance(law, Preload) and (time is None or law.controlled(time))
 
 
-def _free(problem: Problem, held: Mapping[str, Array]) -> FreeMotions:
-    parts = {name: (s.centre, s.length) for name, s in problem.substructures.items()}
-    motions = free_motions(parts, _rows(problem, held))
+def _locked(interface: Interface, given: frozenset[str]) -> Interface:
+    """The interface, as a rigid one if it is a pretension section that keeps its length."""
+    if isinstance(interface.law, Preload) and interface.name not in given:
+        return replace(interface, law=Perfect())
+    return interface
+
+
+def _decide(problem: Problem, work: Callable[[], T]) -> T:
+    """Work of the first rank, whose outcome all get: rounding must not divide them."""
+    spread = problem.distribution
+    if spread is None:
+        return work()
+    outcome: list[T] = []
+    with agreement(spread.comm):
+        if spread.rank == 0:
+            outcome.append(work())
+    shared: list[T] = spread.comm.bcast(outcome)
+    return shared[0]
+
+
+def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
+    parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
+    motions = free_motions(parts, list(resistances.values()))
     if not len(motions):
         return motions
     groups, r, q = motions.basis.shape
@@ -119,23 +175,43 @@ def _free(problem: Problem, held: Mapping[str, Array]) -> FreeMotions:
     return FreeMotions(motions.groups, motions.origins, basis.reshape(groups, r, -1))
 
 
-def _relative(problem: Problem, interface: Interface, motions: FreeMotions) -> Array:
-    """Jump (m, d, q) that the motions make, in the local frame."""
-    d, m = interface.dim, interface.num_points
-    jump = np.zeros((m, d, len(motions)))
-    for side, sign in zip(interface.sides, (-1.0, 1.0), strict=False):
-        nodes = problem.substructures[side.substructure].dof_coordinates
-        moved = motions.at(side.substructure, nodes).reshape(len(nodes), -1)
-        jump += sign * (side.shape @ moved).reshape(m, d, -1)
-    local: Array = np.einsum("pij,pjq->piq", interface.frames, jump)
-    return local
+def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[str, Array]:
+    """Jumps (m, d, q) that the motions make, in the local frame, at interfaces with a side here."""
+    shares: dict[tuple[str, int], Array] = {}
+    for name in names:
+        interface = problem.interfaces[name]
+        for k, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False)):
+            if side.substructure not in problem.substructures:
+                continue
+            nodes = problem.substructures[side.substructure].dof_coordinates
+            moved = motions.at(side.substructure, nodes).reshape(len(nodes), -1)
+            share = sign * (side.shape @ moved).reshape(interface.num_points, interface.dim, -1)
+            shares[name, k] = np.einsum("pij,pjq->piq", interface.frames, share)
+    if problem.distribution is not None:
+        cuts = {key: share for key, share in shares.items() if key[0] in problem.cuts}
+        for found in problem.distribution.comm.allgather(cuts):
+            shares.update(found)
+    return {
+        name: sum(
+            (shares[name, k] for k in range(len(problem.interfaces[name].sides))),
+            start=np.zeros(()),
+        )
+        for name in names
+        if name in problem.own.interfaces
+    }
 
 
-def _loads(problem: Problem, motions: FreeMotions) -> tuple[Array, float]:
+def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[Array, float]:
     """Work (q,) of the loads in the motions, and the sum of their sizes."""
     nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
-    for interface in problem.interfaces.values():
-        if isinstance(interface.law, (Pressure, Traction)):
+    for name, interface in problem.own.interfaces.items():
+        if _given_preload(problem.interfaces[name], time):
+            force = law_fields(interface, time=time).parameters["force"][:, :1]
+            pull = interface.weights[:, None] * force * interface.normals
+            for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
+                if side.substructure in nodal:
+                    nodal[side.substructure] += sign * (side.shape.T @ pull)
+        elif isinstance(interface.law, (Pressure, Traction)):
             local = forces(interface, interface.law) * interface.weights[:, None]
             vectors = np.einsum("pij,pi->pj", interface.frames, local)
             side = interface.sides[0]
@@ -146,6 +222,8 @@ def _loads(problem: Problem, motions: FreeMotions) -> tuple[Array, float]:
         loaded = np.flatnonzero(np.any(f != 0.0, axis=1))
         at = motions.at(name, problem.substructures[name].dof_coordinates[loaded])
         work += np.einsum("nd,ndq->q", f[loaded], at)
+    if problem.distribution is not None:
+        work, size = (problem.distribution.comm.allreduce(each) for each in (work, size))
     return work, size
 
 
@@ -153,11 +231,13 @@ def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
     out = {}
     for name, jump in jumps.items():
         interface = problem.interfaces[name]
+        if not problem.speaks_for(name):
+            continue
         given = law_fields(interface).parameters
         nothing = np.zeros((interface.num_points, 1))
         bounds = (given.get(key, nothing)[:, 0] for key in ("friction", "threshold"))
-        out[name] = _Grip(interface, jump[:, 0], jump[:, 1:], *bounds)
-    return out
+        out[name] = _Grip(interface.weights, jump[:, 0], jump[:, 1:], *bounds)
+    return problem.gather(out)
 
 
 def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | None:
@@ -169,11 +249,11 @@ def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | No
     the motion are added one by one (P. Wolfe, Finding the nearest point in a polytope, Math. Programming
     11 (1976) 128-149). What is returned has been verified point by point.
     """
-    points = [g for g in grips.values() if g.interface.num_points]
+    points = [g for g in grips.values() if len(g.weights)]
     opening = np.concatenate([g.opening for g in points])
     slip = np.concatenate([g.slip for g in points])
     friction = np.concatenate([g.friction for g in points])
-    bounds = np.concatenate([g.threshold * g.interface.weights for g in points])
+    bounds = np.concatenate([g.threshold * g.weights for g in points])
     place = np.cumsum([0, *(len(g.opening) for g in points)])
     sizes = np.sqrt(np.sum(opening**2, axis=1) + np.sum(slip**2, axis=(1, 2)))
     sizes = np.where(sizes > 0.0, sizes, 1.0) * np.hypot(1.0, friction)
@@ -237,7 +317,7 @@ def _events(grips: Mapping[str, _Grip], motion: Array) -> list[str]:
         if opens.all():
             out.append(f"{name!r} opens everywhere")
         elif opens.any():
-            share = 100.0 * grip.interface.weights[opens].sum() / grip.interface.area
+            share = 100.0 * grip.weights[opens].sum() / grip.weights.sum()
             out.append(f"{name!r} opens on {share:.0f} % of its area")
         elif slips.any():
             rubs = bool(np.any(grip.friction > 0.0) or np.any(grip.threshold > 0.0))
@@ -312,12 +392,12 @@ def _check_slip(
         f"friction does not balance the loads, which move it by {how}: {events}; "
         f"raise preload or friction, or {_MEND}",
         SceneWarning,
-        stacklevel=4,
+        stacklevel=6,
     )
     return True
 
 
-def _touching(interface: Interface, jump: Array) -> npt.NDArray[np.bool_]:
+def _touching(interface: Interface, jump: Array) -> Flags:
     """(m,): whether the faces touch, with or without force."""
     given = law_fields(interface).parameters
     opening = jump[:, 0] - given["jump"].reshape(len(jump), -1)[:, 0] + given["gap"][:, 0]
@@ -325,28 +405,23 @@ def _touching(interface: Interface, jump: Array) -> npt.NDArray[np.bool_]:
 
 
 def _check_undetermined(
-    problem: Problem,
-    closed: Mapping[str, npt.NDArray[np.bool_]],
-    when: str,
+    problem: Problem, always: Mapping[str, Resistance], reached: Mapping[str, _Reached], when: str
 ) -> bool:
     """Warn of parts that nothing holds in the answer."""
-    held = {}
-    for name, interface in problem.interfaces.items():
-        rows = _held_rows(interface)
-        held[name] = rows * closed[name][:, None, None] if name in closed else rows
-    motions = _free(problem, held)
+    resistances = {**always, **{name: each.holds for name, each in reached.items()}}
+    motions = _free(problem, {name: resistances[name] for name in problem.interfaces})
     if not len(motions):
         return False
     moving = motions.describe(np.eye(len(motions)))
     who = "; ".join(quoted(names) for names, _ in moving[:4])
     how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
-    open_ones = [name for name, some in closed.items() if not some.any()]
+    open_ones = [name for name, each in reached.items() if not each.closed]
     where = f": {quoted(open_ones)} is open everywhere" if open_ones else ""
     warnings.warn(
         f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
         f"one of many ({how}); hold it if that is not meant",
         SceneWarning,
-        stacklevel=4,
+        stacklevel=6,
     )
     return True
 
@@ -371,49 +446,84 @@ def check_support(result: Result) -> None:
         converged, and a part without loads touches nothing (of a static answer: presses on nothing).
     """
     problem = result.problem
-    if not any(_unilateral(i) for i in problem.interfaces.values()):
+    contacts = [name for name, i in problem.interfaces.items() if _unilateral(i)]
+    if not contacts:
         return
-    motions = _free(
-        problem,
-        {name: _held_rows(i) for name, i in problem.interfaces.items() if not _unilateral(i)},
-    )
-    if not len(motions):
-        return
-    jumps = {
-        name: _relative(problem, i, motions)
-        for name, i in problem.interfaces.items()
-        if _unilateral(i)
-    }
     times = result.plan.times
-    steps = [("", problem)]
+    steps: list[tuple[str, float | None, Problem]] = [("", None, problem)]
     if times is not None:
-        steps = [(f" at step {k}, t = {t:g}", problem.at(float(t))) for k, t in enumerate(times)]
-    balances = []
-    for when, now in steps:
-        grips = _grips(now, jumps)
-        work, size = _loads(now, motions)
-        _check_loads(motions, grips, work, size, when)
-        balances.append((grips, work, size))
+        numbered = [(k, float(t)) for k, t in enumerate(times)]
+        steps = [(f" at step {k}, t = {t:g}", t, problem.at(t)) for k, t in numbered]
+    # what is free depends on the preloads that are locked, and on no other time
+    alike: dict[frozenset[str], list[int]] = {}
+    for k, (_, time, _) in enumerate(steps):
+        given = frozenset(n for n, i in problem.interfaces.items() if _given_preload(i, time))
+        alike.setdefault(given, []).append(k)
+    checks: dict[int, _Check] = {}
+    for given, members in alike.items():
+        own = {
+            name: held(problem, _locked(i, given))
+            for name, i in problem.own.interfaces.items()
+            if name not in contacts and problem.speaks_for(name)
+        }
+        resistances = problem.gather(own)
+        motions = _decide(problem, partial(_free, problem, resistances))
+        if not len(motions):
+            continue
+        jumps = _relative(problem, contacts, motions)
+        for k in members:
+            _, time, now = steps[k]
+            balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
+            checks[k] = _Check(motions, resistances, balance)
+    if not checks:
+        return
+
+    def loads_are_balanced() -> None:
+        for k, each in sorted(checks.items()):
+            balance = each.balance
+            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0])
+
+    _decide(problem, loads_are_balanced)
     if result.status == "diverged":
         return  # its forces say nothing
-    local = {}
-    for name in jumps:
-        points = problem.interfaces[name].num_points
-        local[name] = tuple(
-            each.reshape(len(steps), points, -1) for each in (result.force(name), result.jump(name))
+    answers = problem.gather(
+        {
+            name: _answers(result, problem.interfaces[name], [now for _, _, now in steps])
+            for name in contacts
+            if name in problem.own.interfaces and problem.speaks_for(name)
+        },
+    )
+    if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
+        return
+
+    def parts_are_held() -> None:
+        for k, each in sorted(checks.items()):
+            when, balance = steps[k][0], each.balance
+            reached = {name: found[k] for name, found in answers.items()}
+            pushed = {name: one.force for name, one in reached.items()}
+            if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
+                return
+            loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
+            if not (result.converged and loaded):
+                continue
+            if _check_undetermined(problem, each.resistances, reached, when):
+                return
+
+    _decide(problem, parts_are_held)
+
+
+def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list[_Reached]:
+    """What an interface has reached at every step."""
+    force, jump = (
+        each.reshape(len(steps), interface.num_points, -1)
+        for each in (result.force(interface.name), result.jump(interface.name))
+    )
+    found = []
+    for k, now in enumerate(steps):
+        closed = force[k, :, 0] < 0.0
+        if result.plan.times is not None:  # what is loaded later on may well lie there unloaded at first
+            closed |= _touching(now.interfaces[interface.name], jump[k])
+        found.append(
+            _Reached(force[k], held(result.problem, interface, closed), bool(closed.any()))
         )
-        if not all(np.all(np.isfinite(each)) for each in local[name]):
-            return
-    for k, ((when, now), (grips, work, size)) in enumerate(zip(steps, balances, strict=True)):
-        reached = {name: force[k] for name, (force, _) in local.items()}
-        if _check_slip(motions, grips, work, size, reached, when):
-            return
-        loaded = size > 0.0 or any(np.any(force) for force in reached.values())
-        if not (result.converged and loaded):
-            continue
-        closed = {name: force[:, 0] < 0.0 for name, force in reached.items()}
-        if times is not None:  # what is loaded later on may well lie there unloaded at first
-            for name in closed:
-                closed[name] |= _touching(now.interfaces[name], local[name][1][k])
-        if _check_undetermined(now, closed, when):
-            return
+    return found

@@ -81,9 +81,17 @@ class SweepResult:
         return status.reshape(self.shape)
 
     def _field(self, store: dict[str, Array], interface: str) -> Array:
+        if interface in self.plan.active:
+            self.problem.here(interface)
         if interface not in store:
             raise unknown_name("active interface", interface, store, "sweep")
         return in_time(self.plan, store[interface], self.shape, self.problem.interfaces[interface])
+
+    def gathered(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump of an active interface on all ranks; collective."""
+        return self.problem.everywhere(
+            interface, lambda: (self.force(interface), self.jump(interface))
+        )
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1 of an active interface, (grid..., [T,] m, components), local."""
@@ -234,6 +242,8 @@ def sweep(
     CheckpointError
         The checkpoint is damaged or of another sweep.
     """
+    if checkpoint is not None:
+        problem.on_one_rank("a checkpoint")
     axes = _axes(grid)
     names = [name for key in axes for name in key]
     targets: dict[str, tuple[str, str]] = {}
@@ -270,7 +280,7 @@ def sweep(
     core = bridge.build(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
-    bar = Progress(len(order), "sweep") if progress else None
+    bar = Progress(len(order), "sweep") if progress and problem.rank == 0 else None
     started = perf_counter()
     first = 0.0
 
@@ -287,7 +297,7 @@ def sweep(
             plan.amplitudes,
             parameters,
             order,
-            plan.active,
+            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
             checkpoint,
             {
@@ -315,7 +325,13 @@ def _reading(
     problem: Problem, plan: Plan, function: Callable[[PointFields], npt.ArrayLike]
 ) -> Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]:
     """A user's function of a point as the kernel's sweep calls it."""
-    return lambda _, fields: function(PointFields(problem, plan, fields))
+
+    def read(_: int, fields: dict[str, tuple[Array, Array]]) -> npt.ArrayLike:
+        if problem.comm is not None:  # a function may need interfaces of other ranks
+            fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
+        return function(PointFields(problem, plan, fields))
+
+    return read
 
 
 def _through_time(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,9 +31,6 @@ Array = npt.NDArray[np.float64]
 
 TOUCHING = 1e-6
 """Interpenetration, as a share of the face's size, that is rounding of the mesh."""
-
-SAME_TIME = 1e-9
-"""Times that differ by less than this share are the same."""
 
 SOFTENING = 2.0
 """Search direction of a law that softens, as a multiple of the smallest one with a unique answer."""
@@ -156,10 +152,7 @@ def _positive(interface: Interface, value: object, name: str) -> Array:
 def _preload(interface: Interface, law: Preload, time: float | None) -> LawFields:
     d, m = interface.dim, interface.num_points
     area = interface.area if law.total else 1.0
-    locked = False
-    if law.until is not None and time is not None:
-        # a step that should end the tightening may miss its time by rounding
-        locked = time > law.until and not math.isclose(time, law.until, rel_tol=SAME_TIME)
+    locked = time is not None and not law.controlled(time)
     parameters = {
         "force": np.divide(resolve(law.force, interface, 1, name="force"), area),
         "locked": np.full((m, 1), float(locked)),

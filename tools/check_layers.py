@@ -29,6 +29,7 @@ FACE_USERS = (
     "chaos.py",
     "chaos_file.py",
     "collocation.py",
+    "parallel.py",
     "plan.py",
     "quantities.py",
     "random.py",

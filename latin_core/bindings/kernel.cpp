@@ -5,6 +5,7 @@
 #include <optional>
 #include <variant>
 
+#include "latin/common/threads.hpp"
 #include "latin/latin/sweep.hpp"
 #include "latin/petsc/factor.hpp"
 #include "latin/petsc/handle.hpp"
@@ -88,19 +89,29 @@ void bind_descriptions(py::module_& m) {
              return latin::SideDescription{std::move(member), std::move(sparse),
                                            std::move(direction), scale};
            }),
-           py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a);
+           py::kw_only(), "member"_a, "trace"_a, "direction"_a, "scale"_a)
+      .def(py::init([](std::string member) {
+             return latin::SideDescription{std::move(member), {}, {}, 0.0};
+           }),
+           py::kw_only(), "member"_a);
 
   py::class_<latin::InterfaceDescription>(m, "Interface", "An active interface")
       .def(py::init([](std::string name, std::variant<std::string, std::shared_ptr<latin::Law>> law,
                        latin::Vector weights, latin::Matrix frames,
-                       std::vector<latin::SideDescription> sides) {
+                       std::vector<latin::SideDescription> sides,
+                       std::optional<latin::Matrix> basis, bool paired) {
              auto source = std::visit([](auto&& each) { return latin::LawSource(std::move(each)); },
                                       std::move(law));
-             return latin::InterfaceDescription{std::move(name), std::move(source),
-                                                std::move(weights), std::move(frames),
-                                                std::move(sides)};
+             return latin::InterfaceDescription{std::move(name),
+                                                std::move(source),
+                                                std::move(weights),
+                                                std::move(frames),
+                                                std::move(sides),
+                                                basis ? std::move(*basis) : latin::Matrix{},
+                                                paired};
            }),
-           py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a);
+           py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a, "sides"_a,
+           "basis"_a.none(true), "paired"_a);
 }
 
 void bind_iteration(py::module_& m) {
@@ -144,12 +155,13 @@ void bind_iteration(py::module_& m) {
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
       .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations,
                        latin::Index acceleration, double relaxation, latin::Index stagnation_window,
-                       latin::Index newton, latin::Index snapshots) {
-             return latin::Options{rtol,       stop_on_indicator, max_iterations, acceleration,
-                                   relaxation, stagnation_window, newton,         snapshots};
+                       latin::Index newton, latin::Index snapshots, latin::Index together) {
+             return latin::Options{rtol,         stop_on_indicator, max_iterations,
+                                   acceleration, relaxation,        stagnation_window,
+                                   newton,       snapshots,         together};
            }),
            py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a,
-           "relaxation"_a, "stagnation_window"_a, "newton"_a, "snapshots"_a);
+           "relaxation"_a, "stagnation_window"_a, "newton"_a, "snapshots"_a, "together"_a);
 }
 
 py::dict cost_of(const latin::Body& body) {
@@ -187,17 +199,22 @@ void bind_problem(py::module_& m) {
   py::class_<latin::Problem>(m, "Problem", "Factorised bodies and active interfaces")
       .def(py::init([](std::vector<latin::BodyDescription> bodies,
                        std::vector<latin::InterfaceDescription> interfaces, const std::string& kind,
-                       const std::string& backend, double memory_limit) {
+                       const std::string& backend, double memory_limit, std::optional<int> comm) {
              const auto options = operator_options(kind, backend, memory_limit);
+             const auto ranks =
+                 comm ? latin::Communicator(MPI_Comm_f2c(*comm)) : latin::Communicator();
              const py::gil_scoped_release release;
              return std::make_unique<latin::Problem>(std::move(bodies), std::move(interfaces),
-                                                     options);
+                                                     options, ranks);
            }),
-           py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a)
+           py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a,
+           "comm"_a = py::none())
       .def_property_readonly("rows", &latin::Problem::rows)
+      .def_property_readonly("total_rows", &latin::Problem::total_rows)
       .def_property_readonly("loads", &latin::Problem::loads)
       .def_property_readonly("unknowns", &latin::Problem::unknowns)
       .def_property_readonly("active_unknowns", &latin::Problem::active_unknowns)
+      .def_property_readonly("macro_size", &latin::Problem::macro_size)
       .def_property_readonly("weights", &latin::Problem::weights)
       .def_property_readonly("directions", &latin::Problem::directions)
       .def_property_readonly("costs",
@@ -276,6 +293,12 @@ void bind_problem(py::module_& m) {
           },
           "interface"_a)
       .def(
+          "flexibility",
+          [](const latin::Problem& p, const std::string& interface) {
+            return p.point_flexibility(p.find_interface(interface));
+          },
+          "interface"_a)
+      .def(
           "displacements",
           [](const latin::Problem& p, const latin::State& state, const latin::Matrix& amplitudes) {
             py::dict fields;
@@ -328,6 +351,10 @@ void bind_kernel(py::module_& m) {
   bind_descriptions(m);
   bind_iteration(m);
   bind_problem(m);
+  m.def(
+      "bound_threads",
+      [](int comm) { return latin::bound_threads(latin::Communicator(MPI_Comm_f2c(comm))); },
+      "comm"_a);
   m.def("snake_order", &latin::snake_order, "shape"_a);
   m.def("available_backends", &latin::petsc::available_backends);
 }

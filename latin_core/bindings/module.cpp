@@ -1,5 +1,6 @@
 #include <pybind11/pybind11.h>
 
+#include "latin/common/communicator.hpp"
 #include "latin/common/error.hpp"
 
 void bind_kernel(pybind11::module_& m);
@@ -11,6 +12,7 @@ PYBIND11_MODULE(_core, m) {
       "LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks";
   pybind11::register_exception<latin::InputError>(m, "InputError", PyExc_ValueError);
   pybind11::register_exception<latin::NumericalError>(m, "NumericalError", PyExc_RuntimeError);
+  pybind11::register_exception<latin::RemoteError>(m, "RemoteError", PyExc_RuntimeError);
   bind_laws(m);
   bind_kernel(m);
   bind_stochastic(m);

@@ -62,7 +62,7 @@ def demo(name: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise FileNotFoundError(f"there is no demo named {name}")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # its dataclasses look themselves up
+    sys.modules[name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 

@@ -1,26 +1,29 @@
-"""Contact and friction: a bolted lap joint swept over 1 000 parameter sets, and two blocks beside other codes.
+"""Contact and friction: a bolted lap joint over 1 000 parameter sets, and two blocks beside other codes.
 
 ``./run bench contact --json FILE`` writes
 
-* ``lap``: the joint of ``demos/bolted_lap_joint.py``, tightened, then sheared (two time steps, five contacts with
-  friction on meshes that do not match), swept over friction, shortening and stiffness of the bolts. ``dof``;
-  ``sets``; ``seconds`` and ``units`` of all of it, from the matrices of the parts to load, slip and preload of
-  every set; ``iterations_first`` and ``iterations_per_set`` (mean of the others), ``first_solve_units`` (with
-  factorisation and condensation) and ``per_set_units``; ``error`` of load and slip at some sets
-  against tight solutions from nothing, relative to the largest values of the sweep;
-* ``unit_s``: seconds of one analysis, factorisation and solve of the same joint with springs in place of the
-  contacts (``unit_solver``, the faster of PETSc's Cholesky solvers); these keys of the lap joint stand at the
-  top level too;
+* ``lap``: the joint of ``demos/bolted_lap_joint.py``, tightened, then sheared (two time steps, five
+  contacts with friction on meshes that do not match), swept over friction, shortening and stiffness of the
+  bolts. ``dof``; ``sets``; ``seconds`` and ``units`` of all of it, from the matrices of the parts to load,
+  slip and preload of every set; ``iterations_first`` and ``iterations_per_set`` (mean of the others),
+  ``first_solve_units`` (with factorisation and condensation) and ``per_set_units``; ``error`` of load and
+  slip at some sets against tight solutions from nothing, relative to the largest values of the sweep;
+  ``k``: iterations from nothing over the factor of the search direction, with the true errors of load and
+  slip;
+* ``unit_s``: seconds of one analysis, factorisation and solve of the same joint with springs in place of
+  the contacts (``unit_solver``, the faster of PETSc's Cholesky solvers); these keys of the lap joint stand
+  at the top level too;
 * ``blocks``: an elastic block on a softer one, pressed or pressed and sheared in one load step, quadratic
   tetrahedra, meshes that match or do not. ``ours``: ``setup_s`` (assembly of the matrices), ``solve_s``
-  (factorisation to displacements of all nodes), ``iterations``, and the true errors ``error_displacement``, relative to
-  the largest one, and ``error_force``, against a solution to 1e-10 of the same equations;
-* there, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells to the
-  solution; no time to start an interpreter, none to read or write files except for CalculiX, a program that reads
-  files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and
-  ``force_difference`` of the resultant of the contact, relative to its size. Nodes and elements are the same; the
-  discretisation of the contact is each code's own. ``peers`` at the top level has the sum of the seconds and the
-  largest differences, or says ``"not installed"``.
+  (factorisation to displacements of all nodes), ``iterations``, and the true errors ``error_displacement``,
+  relative to the largest one, and ``error_force``, against a solution to 1e-10 of the same equations;
+* there, for each of ``peers``: ``seconds`` (``setup_s`` + ``solve_s``: from arrays of nodes and cells to
+  the solution; no time to start an interpreter, none to read or write files except for CalculiX, a program
+  that reads files), ``max_difference`` of the displacements at all nodes, relative to the largest one, and
+  ``force_difference`` of the resultant of the contact, relative to its size. Nodes and elements are the
+  same; the discretisation of the contact is each code's own. ``peers`` at the top level has the sum of the
+  seconds and the largest differences, beside ``ours_seconds``. Where a program is missing, the numbers are
+  null and ``reason`` says so; CalculiX's input deck is written all the same (``--keep FOLDER`` keeps it).
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
+from types import ModuleType
 from typing import Any
 
 import common
@@ -60,6 +64,11 @@ MISSING = 3  # exit code of a peer that is not there
 RTOL = 1e-5
 UPPER, LOWER = (200e3, 0.3), (70e3, 0.3)  # E, nu
 PRESS, SHEAR = -0.05, 0.06  # mm
+FACTORS = (0.3, 1.0, 3.0, 10.0, 30.0)  # 0.1 to 10 times the default search direction
+REASONS = {
+    "getfem": "the Python module getfem is not installed",
+    "calculix": "there is no program ccx on the PATH; its input deck was written",
+}
 
 
 # --- the lap joint ---------------------------------------------------------------------------------
@@ -82,7 +91,7 @@ def lap_part(size: str | float, n: int, repeats: int, sets: int) -> dict[str, An
     joint = lap_joint(size)
     problem = demo.study_problem(joint)
     unit = common.unit(with_springs(problem), repeats)
-    run = common.timed(lambda: demo.study(problem, n), repeats, budget=60.0)
+    run = common.timed(lambda: demo.study(problem, n, progress=False), repeats, budget=60.0)
     surface = run.value
     counts = surface.points.iterations[surface.points.order]
     first = surface.seconds["setup"] + surface.seconds["first"]
@@ -104,7 +113,32 @@ def lap_part(size: str | float, n: int, repeats: int, sets: int) -> dict[str, An
         "error": demo.checked(joint, surface, sets),
         "checked": sets,
         "repeats": run.repeats,
+        "k": directions(demo, problem),
     }
+
+
+def directions(demo: ModuleType, problem: Problem) -> dict[str, dict[str, Any]]:
+    """The mean set of the lap joint from nothing, over the search direction."""
+
+    def read(result: Any) -> Array:
+        return np.array([demo.load(problem, result)[-1], demo.slip(problem, result)[-1]])
+
+    def run(factor: float, rtol: float) -> Any:
+        options = Options(rtol=rtol, max_iterations=10000)
+        return solve(problem, times=demo.TIMES, direction=factor, options=options)
+
+    settings = demo.SETTINGS.with_(rtol=1e-9, max_iterations=20000)
+    exact = read(solve(problem, times=demo.TIMES, direction=demo.DIRECTION, options=settings))
+    found = {}
+    for factor in FACTORS:
+        result = run(factor, RTOL)
+        found[f"{factor:g}"] = {
+            "status": result.status,
+            "iterations": result.iterations,
+            "newton_steps": result.summary.newton_steps,
+            "error": float(np.max(np.abs(read(result) / exact - 1.0))),
+        }
+    return found
 
 
 # --- blocks ----------------------------------------------------------------------------------------
@@ -186,7 +220,15 @@ def beside(
     return exchange.read_answer(file)
 
 
-def block_part(n: int, friction: float, matching: bool, repeats: int) -> dict[str, Any]:
+def missing(peer: str) -> dict[str, Any]:
+    """The record of a peer that is not there."""
+    numbers = dict.fromkeys(("seconds", "iterations", "max_difference", "force_difference"))
+    return {**numbers, "reason": REASONS[peer]}
+
+
+def block_part(
+    n: int, friction: float, matching: bool, repeats: int, keep: Path | None
+) -> dict[str, Any]:
     """One scene by us and by the peers."""
     began = perf_counter()
     arrays, problem = blocks(n, friction, matching)
@@ -217,13 +259,15 @@ def block_part(n: int, friction: float, matching: bool, repeats: int) -> dict[st
     if friction:
         slips = np.linalg.norm(force_on_facets[:, 1:], axis=1) > bound * (1.0 - 1e-9)
         record["share_of_slip"] = float(slips.mean())
-    with tempfile.TemporaryDirectory() as folder:
-        scene = Path(folder) / "scene.npz"
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        scene = folder / "scene.npz"
         arrays.write(scene)
         for name, program in PEERS.items():
-            found = beside(program, scene, Path(folder), repeats)
+            found = beside(program, scene, folder, repeats)
             if found is None:
-                record["peers"][name] = "not installed"
+                record["peers"][name] = missing(name)
                 continue
             theirs = {}
             for part, field in u.items():
@@ -270,7 +314,21 @@ def report(record: dict[str, Any]) -> None:
             ["all", "", f"{lap['seconds']:.1f}", f"{lap['units']:.1f}"],
         ],
     )
-    print(f"\n  error of load and slip {lap['error']:.1e} at {lap['checked']} sets\n")
+    print(f"\n  error of load and slip {lap['error']:.1e} of the largest at {lap['checked']} sets\n")
+    common.table(
+        ["k / (E/L), from nothing", "status", "iterations", "Newton steps", "error"],
+        [
+            [
+                factor,
+                each["status"],
+                each["iterations"],
+                each["newton_steps"],
+                f"{each['error']:.0e}",
+            ]
+            for factor, each in lap["k"].items()
+        ],
+    )
+    print()
     rows = []
     for name, each in record["blocks"].items():
         ours = each["ours"]
@@ -285,8 +343,8 @@ def report(record: dict[str, Any]) -> None:
             ]
         )
         for peer, theirs in each["peers"].items():
-            if isinstance(theirs, str):
-                rows.append(["", peer, theirs, None, None, None])
+            if theirs["seconds"] is None:
+                rows.append(["", peer, None, None, None, None])
                 continue
             rows.append(
                 [
@@ -299,6 +357,9 @@ def report(record: dict[str, Any]) -> None:
                 ]
             )
     common.table(["blocks", "", "iterations", "seconds", "displacement", "force"], rows)
+    for peer, theirs in record["peers"].items():
+        if "reason" in theirs:
+            print(f"\n  {peer}: {theirs['reason']}")
 
 
 def main() -> None:
@@ -308,6 +369,7 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=10, help="values of each of three parameters")
     parser.add_argument("--cells", type=int, default=4, help="cells along 10 mm of the blocks")
     parser.add_argument("--checked", type=int, default=6, help="sets solved again, tightly")
+    parser.add_argument("--keep", type=Path, help="folder for the scenes, decks and answers of the peers")
     options = parser.parse_args()
     record: dict[str, Any] = {"benchmark": "contact", "environment": common.environment()}
     record["lap"] = lap_part(options.size, options.sets, options.repeats, options.checked)
@@ -324,13 +386,17 @@ def main() -> None:
         for matching in (True, False):
             kind = "friction" if friction else "frictionless"
             name = f"{kind}, {'matching' if matching else 'not matching'}"
-            record["blocks"][name] = block_part(options.cells, friction, matching, options.repeats)
+            keep = options.keep and options.keep / name.replace(", ", "_").replace(" ", "_")
+            record["blocks"][name] = block_part(
+                options.cells, friction, matching, options.repeats, keep
+            )
     record["peers"] = {}
     for peer in PEERS:
         found = [each["peers"][peer] for each in record["blocks"].values()]
+        lacking = [each for each in found if each["seconds"] is None]
         record["peers"][peer] = (
-            "not installed"
-            if any(isinstance(each, str) for each in found)
+            lacking[0]
+            if lacking
             else {
                 "seconds": sum(each["seconds"] for each in found),
                 "ours_seconds": sum(each["ours"]["seconds"] for each in record["blocks"].values()),

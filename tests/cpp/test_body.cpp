@@ -133,7 +133,8 @@ TEST(Body, AnswersTheSameOnceItMultipliesInsteadOfSolving) {
   for (int i = 0; i < 3; ++i) {
     trace.insert(0, i) = mean.coeff(0, i);
   }
-  const Body body({"bar", 9, {{"bar", chain::bar(9, 2.0), {}, Matrix::Zero(9, 0), {}}}, {}},
+  const auto stiffness = std::make_shared<const SparseRows>(chain::bar(9, 2.0));
+  const Body body({"bar", 9, {{"bar", stiffness, {}, Matrix::Zero(9, 0), {}}}, {}},
                   {{0, trace, Vector::Constant(1, 0.5), Vector::Constant(1, 2.0)}}, {});
   if (!body.condensed()) {
     GTEST_SKIP() << "the backend does not condense";

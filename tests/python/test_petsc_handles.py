@@ -226,6 +226,8 @@ def interface(trace: Any, **changes: Any) -> Any:
         "weights": np.ones(1),
         "frames": np.ones((1, 1)),
         "sides": [side],
+        "basis": None,
+        "paired": False,
     }
     for key, value in changes.items():
         (side if key in side else given)[key] = value

@@ -12,7 +12,8 @@ import pytest
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Elastic
+from dolfinx_frontend.history import Amplitude
+from dolfinx_frontend.laws import Contact, Elastic
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.plan import make_plan
 from dolfinx_frontend.reference import Monolithic
@@ -105,6 +106,47 @@ def test_later_points_profit_from_earlier_ones(problem):
     nearest = options.with_(snapshots=1)
     single = sweep(problem, grid, active="all", options=nearest, progress=False)
     assert single.converged.all() and rest <= single.iterations.sum()
+
+
+@pytest.mark.parametrize("criterion", ["error", "indicator"])
+def test_points_are_tried_side_by_side(problem, criterion):
+    grid = {"layer.normal": np.linspace(20.0, 40.0, 12), "bolt.jump": np.linspace(-0.02, 0.01, 12)}
+    options = Options(rtol=1e-7, criterion=criterion, newton=0)
+    alone = sweep(problem, grid, options=options.with_(together=1), progress=False)
+    beside = sweep(problem, grid, options=options, progress=False, keep_states=True)
+    exact = sweep(problem, grid, options=TIGHT, progress=False)
+    assert beside.converged.all() and (criterion == "indicator" or beside.error.max() <= 1e-7)
+    assert sorted(beside.points.order) == list(range(144))
+    for name in ("layer", "bolt"):
+        size = np.abs(exact.force(name)).max()
+        for each in (alone, beside):
+            assert np.abs(each.force(name) - exact.force(name)).max() < 3e-6 * size
+        # the law of a point holds with the values of that point
+    force, jump = beside.force("layer"), beside.jump("layer")
+    stiffness = grid["layer.normal"][:, None, None]
+    assert np.allclose(force[..., 0], stiffness * jump[..., 0], rtol=1e-12)
+    if criterion == "error":  # the indicator accepts combinations without any iteration
+        assert beside.points.iterations.sum() <= 1.2 * alone.points.iterations.sum()
+
+
+def test_side_by_side_in_time():
+    """Columns of a point are its time steps, and what changes in time is the same for all points."""
+    scene = Scene()
+    scene.substructure("a", geometry.box((1.0, 1.0), (2, 2)), LinearElastic(100.0, 0.3), 1)
+    turn = Amplitude([0.0, 1.0, 3.0], [0.0, 1.0, -1.0])
+    scene.interface("ground", "a:y0", Contact(stiffness=500.0, friction=0.4, threshold=0.01))
+    scene.interface("drive", "a:y1", Elastic(normal=0.0, tangential=20.0, jump=turn * (0.0, 0.02)))
+    scene.traction("a:y1", (0.0, -1.0), name="weight")
+    problem = assemble(scene)
+    grid = {"ground.friction": np.linspace(0.3, 0.4, 30)}
+    times = np.linspace(0.0, 3.0, 7)
+    options = Options(rtol=1e-8, max_iterations=2000)
+    beside = sweep(problem, grid, times=times, options=options, progress=False)
+    alone = sweep(problem, grid, times=times, options=options.with_(together=1), progress=False)
+    assert beside.converged.all() and alone.converged.all()
+    shape = (30, 7, problem.interfaces["ground"].num_points, 2)
+    assert beside.force("ground").shape == shape
+    assert np.allclose(beside.force("ground"), alone.force("ground"), atol=1e-6)
 
 
 def test_tuple_is_one_axis(problem):

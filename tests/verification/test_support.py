@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -203,8 +202,7 @@ def test_the_search_agrees_with_linear_programming(dim: int, case: str) -> None:
         if rng.random() < 0.5:  # loads that some forces balance, shortened or not
             p = rng.uniform(0.0, 1.0, m)
             work = -np.einsum("p,pq->q", p, jump[:, 0]) + 0.2 * rng.standard_normal(q)
-        interface: Any = SimpleNamespace(num_points=m, weights=np.ones(m), area=float(m))
-        grips = {"i": _Grip(interface, jump[:, 0], jump[:, 1:], mu, tau)}
+        grips = {"i": _Grip(np.ones(m), jump[:, 0], jump[:, 1:], mu, tau)}
         mine = _driven(work, grips, 1e-6)
 
         angle = np.arange(128) * np.pi / 64

@@ -13,7 +13,15 @@ import numpy as np
 from petsc4py import PETSc
 
 from latin_core import _core
-from latin_core._core import InputError, Iteration, NumericalError, Problem, State, Summary
+from latin_core._core import (
+    InputError,
+    Iteration,
+    NumericalError,
+    Problem,
+    RemoteError,
+    State,
+    Summary,
+)
 from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
@@ -25,6 +33,7 @@ if not np.issubdtype(_petsc.ScalarType, np.floating):
         "(Debian: python3-petsc4py-real; conda: petsc=*=real*)"
     )
 
+bound_threads = _core.bound_threads
 snake_order = _core.snake_order
 available_backends = _core.available_backends
 
@@ -42,11 +51,13 @@ __all__ = [
     "NumericalError",
     "Options",
     "Problem",
+    "RemoteError",
     "State",
     "Summary",
     "SweepPoints",
     "SweptParameter",
     "available_backends",
+    "bound_threads",
     "get_include",
     "snake_order",
     "sweep",

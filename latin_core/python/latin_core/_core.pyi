@@ -20,6 +20,7 @@ Status: TypeAlias = Literal["converged", "max_iterations", "stagnated", "diverge
 
 class InputError(ValueError): ...
 class NumericalError(RuntimeError): ...
+class RemoteError(RuntimeError): ...
 
 class Law:
     """A law that a user wrote, for ``Interface(law=...)``."""
@@ -71,6 +72,9 @@ class Body:
     ) -> None: ...
 
 class Side:
+    @overload
+    def __init__(self, *, member: str) -> None: ...  # a side on another rank
+    @overload
     def __init__(
         self,
         *,
@@ -89,6 +93,8 @@ class Interface:
         weights: Array,  # (points,), areas
         frames: Array,  # (components * points, d)
         sides: Sequence[Side],
+        basis: Array | None,  # (components * points, moments) of the coarse problem; None: not in it
+        paired: bool,  # residual solved for, with both bodies
     ) -> None: ...
 
 class Iteration:
@@ -159,6 +165,7 @@ class Options:
         stagnation_window: int,
         newton: int,
         snapshots: int,
+        together: int,
     ) -> None: ...
 
 class BodyCost(TypedDict):
@@ -188,15 +195,20 @@ class Problem:
         operator: Operator,
         backend: Backend,
         memory_limit: float,
+        comm: int | None = None,  # Fortran handle of an MPI communicator; None: this rank alone
     ) -> None: ...
     @property
     def rows(self) -> int: ...
+    @property
+    def total_rows(self) -> int: ...
     @property
     def loads(self) -> int: ...
     @property
     def unknowns(self) -> int: ...
     @property
     def active_unknowns(self) -> int: ...
+    @property
+    def macro_size(self) -> int: ...
     @property
     def weights(self) -> Array: ...
     @property
@@ -214,6 +226,7 @@ class Problem:
         self, interface: str, free_jump: Array, parameters: Sequence[tuple[str, Array]]
     ) -> tuple[Array, Array]: ...
     def first_rows(self, interface: str) -> list[int]: ...
+    def flexibility(self, interface: str) -> Array: ...
     def displacements(self, state: State, amplitudes: Array) -> dict[str, Array]: ...
     def solve(
         self,
@@ -236,6 +249,7 @@ class Problem:
         point_callback: Callable[[int, Summary, State], object],
     ) -> None: ...
 
+def bound_threads(comm: int) -> int: ...  # Fortran handle; threads that a rank may use
 def snake_order(shape: Sequence[int]) -> list[int]: ...
 def available_backends() -> str: ...
 

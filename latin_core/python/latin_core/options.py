@@ -38,6 +38,17 @@ class Options:
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
+    together
+        Points of a sweep (samples of a sampling) that are tried side by side, as columns of one global
+        stage, once their first iterates are answers already; 1: one after the other.
+    macro
+        Coarse problem that balances the forces between the parts at every iteration: ``"linear"`` (their
+        moments, too), ``"resultants"``, ``"none"``, or ``"automatic"``: linear where the accelerated
+        iteration runs on several interfaces between parts.
+    directions
+        ``"matrix"``: interfaces that are linear and fixed but kept take the step that solves them with
+        both of their parts; ``"diagonal"``: every interface takes its residual as it is;
+        ``"automatic"``: matrix where the iteration is accelerated.
     operator
         ``"condensed"`` (dense factor of the Schur complement on the active unknowns),
         ``"factored"`` (sparse solves) or ``"automatic"``.
@@ -55,6 +66,9 @@ class Options:
     stagnation_window: int = 100
     newton: int = 1500
     snapshots: int = 15
+    together: int = 32
+    macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
+    directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
     backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
     memory_limit: float = 8e9
@@ -82,6 +96,14 @@ class Options:
             raise ValueError(
                 f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'"
             )
+        if self.macro not in ("automatic", "none", "resultants", "linear"):
+            raise ValueError(
+                f"macro {self.macro!r} is not known: use 'automatic', 'none', 'resultants' or 'linear'"
+            )
+        if self.directions not in ("automatic", "diagonal", "matrix"):
+            raise ValueError(
+                f"directions {self.directions!r} is not known: use 'automatic', 'diagonal' or 'matrix'"
+            )
 
     def kernel(self) -> _core.Options:
         """The kernel's view of the settings; it checks their ranges when it solves."""
@@ -94,4 +116,5 @@ class Options:
             stagnation_window=self.stagnation_window,
             newton=self.newton,
             snapshots=self.snapshots,
+            together=self.together,
         )

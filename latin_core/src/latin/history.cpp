@@ -1,16 +1,63 @@
 #include "latin/latin/history.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
 namespace latin {
-namespace {
 
-/// A history that explains less of the residual than this says nothing about the error.
-constexpr double least_explained = 0.05;
+std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+                                   ConstMatrixRef residual) {
+  std::array<double, 2> shares{};
+  const Vector& k = problem.directions();
+  const Vector& area = problem.weights();
+  for (Index column = 0; column < residual.cols(); ++column) {
+    for (Index row = 0; row < residual.rows(); ++row) {
+      // r = 2 k (w^ - w) = 2 (f^ - f)
+      const double half = 0.5 * residual(row, column);
+      const double w = state.traces(row, column);
+      const double f = state.data(row, column) - k(row) * w;
+      const double w_hat = w + half / k(row);
+      const double f_hat = f + half;
+      shares[0] += area(row) * 2.0 * half * half / k(row);
+      shares[1] +=
+          area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
+    }
+  }
+  return shares;
+}
 
-}  // namespace
+double stage_distance(const std::array<double, 2>& shares) {
+  return shares[1] > 0.0 ? std::sqrt(shares[0] / shares[1]) : 0.0;
+}
+
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
+  Fit fit{Vector::Zero(projection.size()), 1.0};
+  if (projection.size() == 0 || norm == 0.0) {
+    return fit;
+  }
+  // unit columns, then drop directions that are noise
+  Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  scale = scale.cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
+  const Vector& values = eigen.eigenvalues();
+  const double smallest = 1e-13 * values.tail(1)(0);
+  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
+  double explained = 0.0;
+  for (Index i = 0; i < coordinates.size(); ++i) {
+    if (values(i) > smallest) {
+      explained += coordinates(i) * coordinates(i) / values(i);
+      coordinates(i) /= values(i);
+    } else {
+      coordinates(i) = 0.0;
+    }
+  }
+  fit.gamma = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
+  fit.remainder = std::sqrt(std::max(0.0, 1.0 - explained / (norm * norm)));
+  return fit;
+}
 
 History::History(const Problem& problem, Index columns, Index depth)
     : problem_(&problem),
@@ -21,11 +68,13 @@ History::History(const Problem& problem, Index columns, Index depth)
       residual_(rows_ * columns, depth),
       traces_(rows_ * columns, depth),
       gram_(Matrix::Zero(depth, depth)),
-      metric_(problem.weights().cwiseQuotient(problem.directions())) {}
+      metric_(problem.weights().cwiseQuotient(problem.directions())),
+      work_(rows_ * columns) {}
 
 void History::clear() {
   size_ = 0;
   next_ = 0;
+  fresh_.clear();
   gamma_.resize(0);
 }
 
@@ -33,21 +82,22 @@ Eigen::Map<const Matrix> History::block(const Matrix& store, Index slot) const {
   return {store.col(slot).data(), rows_, columns_};
 }
 
-double History::product(Index slot, ConstMatrixRef residual) const {
-  double sum = 0.0;
-  const auto past = block(residual_, slot);
+void History::weigh(ConstMatrixRef residual, Eigen::Ref<Vector> weighted) const {
   for (Index column = 0; column < columns_; ++column) {
-    sum += (past.col(column).array() * metric_.array() * residual.col(column).array()).sum();
+    weighted.segment(column * rows_, rows_) = metric_.cwiseProduct(residual.col(column));
   }
-  return sum;
 }
 
-double History::norm(ConstMatrixRef residual) const {
+Eigen::Map<Matrix> History::shaped(Vector& vector) const {
+  return {vector.data(), rows_, columns_};
+}
+
+double History::share_of_square(ConstMatrixRef residual) const {
   double sum = 0.0;
   for (Index column = 0; column < columns_; ++column) {
-    sum += (residual.col(column).array().square() * metric_.array()).sum();
+    sum += residual.col(column).cwiseAbs2().dot(metric_);
   }
-  return std::sqrt(sum);
+  return sum;
 }
 
 void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
@@ -60,53 +110,49 @@ void History::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef 
   traces_.col(slot) = traces.reshaped();
   next_ = (next_ + 1) % depth_;
   size_ = std::min(size_ + 1, depth_);
-  for (Index other = 0; other < size_; ++other) {
-    gram_(slot, other) = product(other, residual);
-    gram_(other, slot) = gram_(slot, other);
+  if (std::ranges::find(fresh_, slot) == fresh_.end()) {
+    fresh_.push_back(slot);
   }
 }
 
-void History::fit(ConstMatrixRef residual) {
-  residual_norm_ = norm(residual);
-  gamma_ = Vector::Zero(size_);
-  remainder_ = 1.0;
-  if (size_ == 0 || residual_norm_ == 0.0) {
-    return;
+void History::fit(ConstMatrixRef residual, std::span<double> shares) {
+  // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
+  std::vector<double> sums(shares.begin(), shares.end());
+  sums.push_back(share_of_square(residual));
+  const auto add_products = [&](ConstMatrixRef with) {
+    weigh(with, work_);
+    const Vector products = residual_.leftCols(size_).transpose() * work_;
+    sums.insert(sums.end(), products.begin(), products.end());
+  };
+  add_products(residual);
+  for (const Index slot : fresh_) {
+    add_products(block(residual_, slot));
   }
+  problem_->communicator().sum(sums);
+  auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
+  std::copy(sums.cbegin(), next, shares.begin());
+  residual_norm_ = std::sqrt(*next++);
   Vector projection(size_);
-  for (Index slot = 0; slot < size_; ++slot) {
-    projection(slot) = product(slot, residual);
+  for (double& value : projection) {
+    value = *next++;
   }
-  // unit columns, then drop directions that rounding of the Gram matrix has made meaningless
-  Vector scale =
-      gram_.diagonal().head(size_).cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
-  scale = scale.cwiseInverse();
-  const Matrix scaled = scale.asDiagonal() * gram_.topLeftCorner(size_, size_) * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);
-  const Vector& values = eigen.eigenvalues();
-  const double smallest = 1e-13 * values.tail(1)(0);
-  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
-  double explained = 0.0;
-  for (Index i = 0; i < size_; ++i) {
-    if (values(i) > smallest) {
-      explained += coordinates(i) * coordinates(i) / values(i);
-      coordinates(i) /= values(i);
-    } else {
-      coordinates(i) = 0.0;
+  for (const Index slot : fresh_) {
+    for (Index other = 0; other < size_; ++other) {
+      gram_(slot, other) = *next++;
+      gram_(other, slot) = gram_(slot, other);
     }
   }
-  gamma_ = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
-  const double share = explained / (residual_norm_ * residual_norm_);
-  remainder_ = std::sqrt(std::max(0.0, 1.0 - share));
+  fresh_.clear();
+
+  Fit best = least_squares(gram_.topLeftCorner(size_, size_), projection, residual_norm_);
+  gamma_ = std::move(best.gamma);
+  remainder_ = best.remainder;
 }
 
 State History::predicted_error() const {
-  State error{Matrix::Zero(rows_, columns_), Matrix::Zero(rows_, columns_)};
-  for (Index slot = 0; slot < gamma_.size(); ++slot) {
-    error.data += gamma_(slot) * block(data_, slot);
-    error.traces += gamma_(slot) * block(traces_, slot);
-  }
-  return error;
+  const Vector data = data_.leftCols(gamma_.size()) * gamma_;
+  const Vector traces = traces_.leftCols(gamma_.size()) * gamma_;
+  return {data.reshaped(rows_, columns_), traces.reshaped(rows_, columns_)};
 }
 
 double History::error(const Size& whole, double rounding) const {
@@ -137,11 +183,15 @@ double History::amplification(const Size& whole, double rounding) const {
   return worst > 0.0 ? worst : std::numeric_limits<double>::infinity();
 }
 
-void History::step(ConstMatrixRef residual, double beta, MatrixRef step) const {
-  step = beta * residual;
-  for (Index slot = 0; slot < gamma_.size(); ++slot) {
-    step -= gamma_(slot) * (block(data_, slot) + beta * block(residual_, slot));
+void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
+  const Index used = gamma_.size();
+  work_.noalias() = residual_.leftCols(used) * gamma_;
+  step = residual - shaped(work_);
+  if (problem_->preconditions()) {
+    problem_->precondition(step);
   }
+  work_.noalias() = data_.leftCols(used) * gamma_;
+  step = beta * step - shaped(work_);
 }
 
 }  // namespace latin

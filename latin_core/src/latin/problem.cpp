@@ -20,8 +20,10 @@ constexpr double strain_free = 1e-12;
 /// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
 constexpr std::array<double, 2> differences{1e-7, 1e-3};
 constexpr double same_slope = 1e-7;
+/// A law that takes up all but this share of a free jump is a perfect connection.
+constexpr double rounding_of_share = 1e-14;
 
-void check_interface(const InterfaceDescription& interface) {
+void check_interface(const InterfaceDescription& interface, const auto& is_here) {
   const auto fail = [&interface](const std::string& text) {
     throw InputError("interface '" + interface.name + "': " + text);
   };
@@ -36,6 +38,9 @@ void check_interface(const InterfaceDescription& interface) {
          std::to_string(interface.weights.size()) + " points");
   }
   for (const SideDescription& side : interface.sides) {
+    if (!is_here(side)) {
+      continue;
+    }
     if (side.direction.size() != interface.frames.rows()) {
       fail("search direction has " + std::to_string(side.direction.size()) + " values for " +
            std::to_string(interface.frames.rows()) + " rows");
@@ -78,38 +83,72 @@ Matrix transformed(const std::vector<Matrix>& by, const Matrix& block, Index com
 }  // namespace
 
 Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
-                 const OperatorOptions& options) {
-  std::map<std::string, std::pair<std::size_t, Index>> where;  // member -> body, position
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
+                 const OperatorOptions& options, const Communicator& communicator)
+    : communicator_(communicator), exchange_(std::make_unique<Exchange>(communicator)) {
+  std::vector<std::string> names;
+  for (const BodyDescription& body : bodies) {
     member_names_.emplace_back();
-    for (const Member& member : bodies[b].members) {
-      const auto position = static_cast<Index>(member_names_.back().size());
-      if (!where.emplace(member.name, std::pair{b, position}).second) {
-        throw InputError("substructure '" + member.name + "' is in two bodies");
-      }
+    for (const Member& member : body.members) {
+      names.push_back(member.name);
       member_names_.back().push_back(member.name);
     }
   }
+  std::map<std::string, int> owners;
+  const auto all = communicator_.gather(names);
+  for (std::size_t rank = 0; rank < all.size(); ++rank) {
+    for (const std::string& name : all[rank]) {
+      if (!owners.emplace(name, static_cast<int>(rank)).second) {
+        throw InputError("substructure '" + name + "' is in two bodies");
+      }
+    }
+  }
+  communicator_.together([&] { build(std::move(bodies), std::move(interfaces), options, owners); });
+  connect();
+}
+
+/// Everything of this rank.
+void Problem::build(std::vector<BodyDescription> bodies,
+                    std::vector<InterfaceDescription> interfaces, const OperatorOptions& options,
+                    const std::map<std::string, int>& owners) {
+  std::map<std::string, std::pair<std::size_t, Index>> where;  // member -> body, position
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    for (std::size_t m = 0; m < member_names_[b].size(); ++m) {
+      where.emplace(member_names_[b][m], std::pair{b, static_cast<Index>(m)});
+    }
+  }
+  const auto is_here = [&](const SideDescription& side) {
+    const auto owner = owners.find(side.member);
+    return owner == owners.end() || owner->second == communicator_.rank();
+  };
 
   std::vector<std::vector<BodySide>> sides(bodies.size());
   std::vector<std::vector<std::pair<std::size_t, std::size_t>>> owner(bodies.size());
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     InterfaceDescription& interface = interfaces[i];
-    check_interface(interface);
+    check_interface(interface, is_here);
     const Index points = interface.weights.size();
     const Index components = interface.frames.rows() / points;
     Entry entry;
     entry.geometry = {interface.name, points, components,
                       interface.weights.replicate(1, components).transpose().reshaped(),
                       interface.law.make()};
-    entry.rows.resize(interface.sides.size());
+    entry.rows.assign(interface.sides.size(), -1);
     entry.flexibility = Vector::Zero(points * components);
     for (std::size_t s = 0; s < interface.sides.size(); ++s) {
       SideDescription& side = interface.sides[s];
       const auto found = where.find(side.member);
       if (found == where.end()) {
-        throw InputError("interface '" + interface.name + "': unknown substructure '" +
-                         side.member + "'");
+        const auto elsewhere = owners.find(side.member);
+        if (elsewhere == owners.end()) {
+          throw InputError("interface '" + interface.name + "': unknown substructure '" +
+                           side.member + "'");
+        }
+        if (entry.shared() || interface.sides.size() == 1) {
+          throw InputError("interface '" + interface.name + "': no side of it is on rank " +
+                           std::to_string(communicator_.rank()));
+        }
+        entry.away = {s, elsewhere->second, 0};
+        continue;
       }
       entry.flexibility += side.direction.cwiseInverse();
       const auto [body, member] = found->second;
@@ -117,6 +156,21 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
                              entry.geometry.weights, std::move(side.direction)});
       owner[body].emplace_back(i, s);
     }
+    if (interface.basis.size() > 0 && interface.basis.rows() != points * components) {
+      throw InputError("interface '" + interface.name + "': a coarse basis of " +
+                       std::to_string(interface.basis.rows()) + " rows, expected " +
+                       std::to_string(points * components));
+    }
+    if ((interface.paired || interface.basis.size() > 0) && !communicator_.alone()) {
+      throw InputError("interface '" + interface.name +
+                       "': a coarse problem and paired interfaces are not spread over ranks");
+    }
+    if (interface.paired && !entry.geometry.law->linear()) {
+      throw InputError("interface '" + interface.name + "': law '" + entry.geometry.law->name() +
+                       "' is not linear and cannot be paired");
+    }
+    entry.basis = std::move(interface.basis);
+    entry.paired = interface.paired;
     entry.first_unknown = interface_unknowns_;
     interface_unknowns_ += points * components;
     interfaces_.push_back(std::move(entry));
@@ -132,7 +186,6 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
     }
     bodies_.emplace_back(std::move(bodies[b]), sides[b], options);
     rows_ = row;
-    loads_ = std::max(loads_, bodies_.back().loads());
   }
   weights_.resize(rows_);
   directions_.resize(rows_);
@@ -140,18 +193,74 @@ Problem::Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescr
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     const Entry& entry = interfaces_[i];
     for (std::size_t s = 0; s < entry.rows.size(); ++s) {
-      trace_metric_.segment(entry.rows[s], entry.geometry.weights.size()) =
-          interfaces[i].sides[s].scale * entry.geometry.weights;
+      if (entry.rows[s] >= 0) {
+        trace_metric_.segment(entry.rows[s], entry.geometry.weights.size()) =
+            interfaces[i].sides[s].scale * entry.geometry.weights;
+      }
     }
   }
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
-    if (bodies_[b].loads() != loads_) {
-      throw InputError("body '" + bodies_[b].name() + "' has " +
-                       std::to_string(bodies_[b].loads()) + " load patterns, another has " +
-                       std::to_string(loads_));
-    }
     weights_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].weights();
     directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
+  }
+}
+
+/// What the ranks must know of each other.
+void Problem::connect() {
+  for (const Body& body : bodies_) {
+    loads_ = std::max(loads_, body.loads());
+  }
+  loads_ = communicator_.maximum(loads_);
+  total_rows_ = static_cast<Index>(std::llround(communicator_.sum(static_cast<double>(rows_))));
+
+  // both ranks go through their common interfaces in the order of names
+  std::vector<Entry*> shared;
+  for (Entry& entry : interfaces_) {
+    if (entry.shared()) {
+      shared.push_back(&entry);
+    }
+  }
+  std::ranges::sort(shared, {}, [](const Entry* entry) { return entry->geometry.name; });
+  const auto label = [](const Entry& entry, int other) {
+    return entry.geometry.name + "' between ranks " + std::to_string(other) + " with " +
+           std::to_string(entry.geometry.points) + " points of " +
+           std::to_string(entry.geometry.components) + " components, '" +
+           entry.geometry.law->name();
+  };
+  std::vector<std::string> labels;
+  for (const Entry* entry : shared) {
+    labels.push_back(label(*entry, entry->away.rank));
+  }
+  const auto all = communicator_.gather(labels);
+  communicator_.together([&] {
+    for (const Body& body : bodies_) {
+      if (body.loads() != loads_) {
+        throw InputError("body '" + body.name() + "' has " + std::to_string(body.loads()) +
+                         " load patterns, another has " + std::to_string(loads_));
+      }
+    }
+    for (const Entry* entry : shared) {
+      const auto& there = all[static_cast<std::size_t>(entry->away.rank)];
+      if (std::ranges::find(there, label(*entry, communicator_.rank())) == there.end()) {
+        throw InputError("interface '" + entry->geometry.name + "' is not the same on rank " +
+                         std::to_string(entry->away.rank) +
+                         ": describe it on both with the same points, components and law");
+      }
+    }
+  });
+  for (Entry* entry : shared) {
+    entry->away.slot = exchange_->add(entry->away.rank, entry->flexibility.size());
+  }
+  exchange_->prepare(1);
+  for (const Entry* entry : shared) {
+    const Index row = entry->rows[entry->here()];
+    exchange_->outgoing(entry->away.slot) = directions_.segment(row, entry->flexibility.size());
+  }
+  exchange_->start().finish();
+  for (Entry* entry : shared) {
+    // a sum of two: the same bits on both ranks
+    const Matrix there = exchange_->incoming(entry->away.slot);
+    entry->flexibility += there.col(0).cwiseInverse();
   }
 }
 
@@ -182,6 +291,11 @@ std::size_t Problem::find_interface(const std::string& name) const {
     throw InputError("no active interface '" + name + "'; active: " + names);
   }
   return static_cast<std::size_t>(found - interfaces_.begin());
+}
+
+bool Problem::has_interface(const std::string& name) const {
+  return std::ranges::any_of(interfaces_,
+                             [&name](const Entry& e) { return e.geometry.name == name; });
 }
 
 void Problem::set_parameter(const std::string& interface, const std::string& parameter,
@@ -301,18 +415,97 @@ void Problem::global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, Matri
   }
 }
 
-Matrix Problem::free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces) const {
+bool Problem::balances() const {
+  return std::ranges::any_of(interfaces_, [](const Entry& each) { return each.basis.size() > 0; });
+}
+
+Matrix Problem::balance(MatrixRef data, MatrixRef traces) const {
+  if (!macro_) {
+    std::vector<MacroInterface> interfaces;
+    for (const Entry& entry : interfaces_) {
+      if (entry.basis.size() > 0) {
+        interfaces.push_back({entry.rows, entry.basis});
+      }
+    }
+    macro_ = std::make_unique<Macro>(bodies_, body_rows_, interfaces);
+  }
+  Matrix forces = data - directions_.asDiagonal() * traces;
+  Matrix of_law;
+  for (const Entry& entry : interfaces_) {
+    if (entry.basis.size() > 0 && entry.rows.size() == 1) {
+      resolve(entry, free_jump(entry, data, traces, Matrix()), of_law);
+      forces.middleRows(entry.rows.front(), of_law.rows()) -= of_law;
+    }
+  }
+  return macro_->correct(forces, data, traces);
+}
+
+bool Problem::preconditions() const {
+  return std::ranges::any_of(interfaces_, [](const Entry& each) { return each.paired; });
+}
+
+std::size_t Problem::body_of(Index row) const {
+  return static_cast<std::size_t>(std::ranges::upper_bound(body_rows_, row) - body_rows_.begin()) -
+         1;
+}
+
+Pair Problem::make_pair(const Entry& entry) const {
   const Index rows = entry.flexibility.size();
-  Matrix jump(rows, data.cols());
+  // f = kappa (j - jump) answers a free jump with kappa / (1 + c kappa)
+  Matrix at_rest(rows, 1);
+  Matrix moved(rows, 1);
+  const Index components = entry.geometry.components;
+  const Matrix zero = Matrix::Zero(rows, 1);
+  const Matrix jump = entry.flexibility;
+  entry.geometry.law->resolve({components, zero, entry.flexibility, 1, entry.geometry.name},
+                              at_rest);
+  entry.geometry.law->resolve({components, jump, entry.flexibility, 1, entry.geometry.name}, moved);
+  const Vector share = (moved - at_rest).cwiseMax(0.0).cwiseMin(1.0);
+  const Vector stiffness =
+      share.array() / (entry.flexibility.array() * (1.0 - share.array()).max(rounding_of_share));
+  std::array<PairSide, 2> sides{};
+  for (std::size_t s = 0; s < 2; ++s) {
+    const std::size_t b = body_of(entry.rows[s]);
+    sides[s] = {&bodies_[b], entry.rows[s] - body_rows_[b], entry.rows[s]};
+  }
+  return {sides, entry.geometry.weights, stiffness};
+}
+
+void Problem::precondition(MatrixRef residual) const {
+  const bool first = pairs_.empty();
+  for (const Entry& entry : interfaces_) {
+    if (entry.paired && entry.rows.size() == 1) {
+      residual.middleRows(entry.rows.front(), entry.flexibility.size()) *= 0.5;
+    } else if (entry.paired && first) {
+      pairs_.push_back(make_pair(entry));
+    }
+  }
+  for (const Pair& pair : pairs_) {
+    pair.apply(residual);
+  }
+}
+
+Matrix Problem::share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
+                              ConstMatrixRef traces) const {
+  const Index rows = entry.flexibility.size();
+  const Index first = entry.rows[side];
+  const auto k = directions_.segment(first, rows);
+  // a / k = (f - k w) / k = s / k - 2 w
+  return k.cwiseInverse().asDiagonal() * data.middleRows(first, rows) -
+         2.0 * traces.middleRows(first, rows);
+}
+
+Matrix Problem::free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
+                          ConstMatrixRef away) const {
+  Matrix jump;
   for (std::size_t s = 0; s < entry.rows.size(); ++s) {
-    const auto k = directions_.segment(entry.rows[s], rows);
-    // a / k = (f - k w) / k = s / k - 2 w
-    const Matrix scaled = k.cwiseInverse().asDiagonal() * data.middleRows(entry.rows[s], rows) -
-                          2.0 * traces.middleRows(entry.rows[s], rows);
+    const Matrix share = entry.shared() && s == entry.away.side
+                             ? Matrix(away)
+                             : share_of_jump(entry, s, data, traces);
     if (s == 0) {
-      jump = scaled;
+      jump = share;
     } else {
-      jump -= scaled;
+      jump -= share;
     }
   }
   return jump;
@@ -340,24 +533,48 @@ void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force
   }
 }
 
-void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual) const {
+void Problem::local_stage(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
+                          ConstMatrixRef away, MatrixRef residual) const {
   Matrix force;
+  const Index rows = entry.flexibility.size();
+  resolve(entry, free_jump(entry, data, traces, away), force);
+  for (std::size_t s = 0; s < entry.rows.size(); ++s) {
+    if (entry.rows[s] < 0) {
+      continue;
+    }
+    const auto k = directions_.segment(entry.rows[s], rows);
+    const double sign = s == 0 ? 2.0 : -2.0;
+    // f^ + k w^ - s = 2 f^ - a - s = 2 (f^ - s + k w)
+    residual.middleRows(entry.rows[s], rows) =
+        sign * force - 2.0 * data.middleRows(entry.rows[s], rows) +
+        2.0 * (k.asDiagonal() * traces.middleRows(entry.rows[s], rows));
+  }
+}
+
+void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual) const {
+  exchange_->prepare(data.cols());
   for (const Entry& entry : interfaces_) {
-    const Index rows = entry.flexibility.size();
-    resolve(entry, free_jump(entry, data, traces), force);
-    for (std::size_t s = 0; s < entry.rows.size(); ++s) {
-      const auto k = directions_.segment(entry.rows[s], rows);
-      const double sign = s == 0 ? 2.0 : -2.0;
-      // f^ + k w^ - s = 2 f^ - a - s = 2 (f^ - s + k w)
-      residual.middleRows(entry.rows[s], rows) =
-          sign * force - 2.0 * data.middleRows(entry.rows[s], rows) +
-          2.0 * (k.asDiagonal() * traces.middleRows(entry.rows[s], rows));
+    if (entry.shared()) {
+      exchange_->outgoing(entry.away.slot) = share_of_jump(entry, entry.here(), data, traces);
+    }
+  }
+  Exchange::Transit transit = exchange_->start();
+  const Matrix none;
+  for (const Entry& entry : interfaces_) {  // while messages are on their way
+    if (!entry.shared()) {
+      local_stage(entry, data, traces, none, residual);
+    }
+  }
+  transit.finish();
+  for (const Entry& entry : interfaces_) {
+    if (entry.shared()) {
+      local_stage(entry, data, traces, exchange_->incoming(entry.away.slot), residual);
     }
   }
 }
 
 bool Problem::suits_newton(Index limit) const {
-  return interface_unknowns_ <= limit &&
+  return communicator_.alone() && interface_unknowns_ <= limit &&
          std::ranges::all_of(
              bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }) &&
          std::ranges::all_of(interfaces_, [](const Entry& each) { return each.groups.empty(); }) &&
@@ -410,7 +627,7 @@ Matrix Problem::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const {
   Matrix jumps(interface_unknowns_, data.cols());
   for (const Entry& entry : interfaces_) {
     jumps.middleRows(entry.first_unknown, entry.flexibility.size()) =
-        free_jump(entry, data, traces);
+        free_jump(entry, data, traces, Matrix());  // no side is elsewhere
   }
   return jumps;
 }
@@ -483,8 +700,17 @@ Matrix Problem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index c
 Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef data,
                                            ConstMatrixRef traces) const {
   const Entry& entry = interfaces_.at(interface);
+  Matrix away;
+  if (entry.shared()) {
+    Exchange once(communicator_);
+    const std::size_t slot = once.add(entry.away.rank, entry.flexibility.size());
+    once.prepare(data.cols());
+    once.outgoing(slot) = share_of_jump(entry, entry.here(), data, traces);
+    once.start().finish();
+    away = once.incoming(slot);
+  }
   LocalFields fields;
-  const Matrix jump = free_jump(entry, data, traces);
+  const Matrix jump = free_jump(entry, data, traces, away);
   resolve(entry, jump, fields.force);
   fields.jump = jump - entry.flexibility.asDiagonal() * fields.force;
   return fields;
@@ -545,7 +771,8 @@ double Size::relative_to(const Size& whole) const {
   return strained ? std::max(of_trace, std::sqrt(strain / whole.strain)) : of_trace;
 }
 
-Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) const {
+Size Problem::share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
+                            ConstMatrixRef amplitudes) const {
   Size size;
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     const Index rows = bodies_[b].rows();
@@ -555,21 +782,26 @@ Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef am
     size.strain += bodies_[b].energy(s, w, f, amplitudes);
     size.work += (bodies_[b].weights().asDiagonal() * w.cwiseProduct(f).cwiseAbs()).sum();
   }
-  size.strain = std::abs(size.strain);
   size.trace = squared_traces(traces);
   return size;
 }
 
+Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) const {
+  const Size share = share_of_size(data, traces, amplitudes);
+  std::array<double, 3> sums{share.strain, share.trace, share.work};
+  communicator_.sum(sums);
+  return Size{sums[0], sums[1], sums[2]}.positive();
+}
+
 Size Problem::difference_size(ConstMatrixRef data, ConstMatrixRef traces) const {
-  Size size;
+  std::array<double, 2> sums{0.0, squared_traces(traces)};
   for (Index column = 0; column < data.cols(); ++column) {
-    size.strain += (traces.col(column).array() * weights_.array() *
-                    (data.col(column).array() - directions_.array() * traces.col(column).array()))
-                       .sum();
+    sums[0] += (traces.col(column).array() * weights_.array() *
+                (data.col(column).array() - directions_.array() * traces.col(column).array()))
+                   .sum();
   }
-  size.strain = std::abs(size.strain);
-  size.trace = squared_traces(traces);
-  return size;
+  communicator_.sum(sums);
+  return Size{sums[0], sums[1], 0.0}.positive();
 }
 
 double Problem::squared_traces(ConstMatrixRef traces) const {

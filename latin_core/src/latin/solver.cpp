@@ -2,10 +2,13 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <exception>
 #include <limits>
 #include <memory>
+#include <utility>
 
 #include "latin/common/error.hpp"
 #include "latin/latin/newton.hpp"
@@ -39,14 +42,9 @@ void check_options(const Options& options) {
 constexpr Index observing_depth = 10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
 constexpr double progress = 0.9;
-/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
-/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
-constexpr double least_of_indicator = 0.3;
 constexpr Index longest_pause = 64;
 /// Accelerated steps so much longer than the residual are not taken.
 constexpr double longest_step = 1e7;
-/// A residual below this share of the data is rounding.
-constexpr double rounding = 2e-13;
 /// Accelerated iterations without a better residual before the safeguard steps in.
 constexpr Index patience = 15;
 /// Relaxation of the safeguard's plain steps: an averaged step converges for every monotone law.
@@ -83,7 +81,7 @@ class Run {
         history_(problem, amplitudes.cols(),
                  (options.acceleration > 0 ? options.acceleration : observing_depth) +
                      static_cast<Index>(snapshots)),
-        residual_(problem.rows(), amplitudes.cols()),
+        residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
         step_residual_(problem.rows(), amplitudes.cols()),
         newton_helps_(options.acceleration > 0 && options.newton > 0 &&
@@ -96,9 +94,9 @@ class Run {
     const auto start = Clock::now();
     state_ = *snapshots.front();
     local();
-    Matrix other(problem_.rows(), amplitudes_.cols());
+    Matrix other = Matrix::Zero(problem_.rows(), amplitudes_.cols());
     for (std::size_t i = 1; i < snapshots.size(); ++i) {
-      problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other);
+      attempt([&] { problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other); });
       history_.push(snapshots[i]->data - state_.data, other - residual_,
                     snapshots[i]->traces - state_.traces);
     }
@@ -110,7 +108,7 @@ class Run {
   }
 
   Summary run(bool traces_known) {
-    if (problem_.rows() == 0) {
+    if (problem_.total_rows() == 0) {
       summary_.status = Status::converged;
       summary_.energy = problem_.size(state_.data, state_.traces, amplitudes_).strain;
       return summary_;
@@ -135,14 +133,14 @@ class Run {
         propose();
       }
       const auto measuring = Clock::now();
-      history_.fit(residual_);
-      const double norm = history_.norm(residual_);
-      const Size size = problem_.size(state_.data, state_.traces, amplitudes_);
-      summary_.indicator = indicator();
-      double error = estimate(norm, size);
+      const Measure measured = measure();
+      const double norm = history_.residual_norm();
+      const Size& size = measured.size;
+      summary_.indicator = measured.indicator;
+      double error = estimate(norm, measured);
       if (error <= options_.rtol && !proposed_ && failures_ > 0) {
         propose();  // an accelerated run that was long may hide an error that Newton's step shows
-        error = estimate(norm, size);
+        error = estimate(norm, measured);
       }
       summary_.error = error;
       summary_.energy = size.strain;
@@ -150,7 +148,7 @@ class Run {
       summary_.history.push_back(record);
       summary_.other_s += since(measuring);
       if (callback_) {
-        callback_(record);
+        attempt([&] { callback_(record); });
       }
       if (first_norm < 0.0) {
         first_norm = norm;
@@ -178,8 +176,9 @@ class Run {
         summary_.status = Status::stagnated;
         break;
       }
-      advance(norm);
+      advance(norm, measured.data_norm);
     }
+    problem_.communicator().agree(failure_);
     return summary_;
   }
 
@@ -191,25 +190,71 @@ class Run {
     return options_.acceleration > 0 ? 1 : observing_depth;
   }
 
-  [[nodiscard]] double estimate(double norm, const Size& size) const {
+  /// Do what may fail on one rank and not on others. They wait for this one until the next reduction, where
+  /// all learn of it.
+  template <typename Work>
+  void attempt(Work&& work) {
+    try {
+      std::forward<Work>(work)();
+    } catch (...) {
+      if (problem_.communicator().alone()) {
+        throw;
+      }
+      failure_ = failure_ ? failure_ : std::current_exception();
+    }
+  }
+
+  /// What the ranks add up of one iterate.
+  struct Measure {
+    Size size;
+    double indicator;
+    double data_norm;
+  };
+
+  /// Fit the history to the present residual; all numbers that decide anything go through this one reduction
+  /// and that of the error estimate.
+  Measure measure() {
+    const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
+    const auto [distance, extent] = stage_shares(problem_, state_, residual_);
+    std::array<double, 7> sums{size.strain,
+                               size.trace,
+                               size.work,
+                               distance,
+                               extent,
+                               history_.share_of_square(state_.data),
+                               failure_ ? 1.0 : 0.0};
+    history_.fit(residual_, sums);
+    if (sums[6] > 0.0) {
+      problem_.communicator().agree(failure_);
+    }
+    return {Size{sums[0], sums[1], sums[2]}.positive(), stage_distance({sums[3], sums[4]}),
+            std::sqrt(sums[5])};
+  }
+
+  /// |r|; Newton steps are those of a rank alone.
+  [[nodiscard]] double norm_of(const Matrix& residual) const {
+    return std::sqrt(history_.share_of_square(residual));
+  }
+
+  [[nodiscard]] double estimate(double norm, const Measure& measured) const {
     if (norm == 0.0) {
       return 0.0;
     }
     const double least = summary_.indicator * least_of_indicator;
     if (proposed_ && proposed_columns_ == step_.cols() &&
-        history_.norm(step_) < absurd * (norm + history_.norm(state_.data))) {
+        norm_of(step_) < absurd * (norm + norm_of(state_.data))) {
       // the step is the error as far as the linearisation holds: the residual that it leaves says so
-      const double after = history_.norm(step_residual_);
-      const double left = after > settled * history_.norm(state_.data) ? after / norm : 0.0;
+      const double after = norm_of(step_residual_);
+      const double left = after > settled * measured.data_norm ? after / norm : 0.0;
       if (left < believable) {
         const Size error = problem_.difference_size(step_, step_traces_);
-        return std::max(error.relative_to(size) / (1.0 - left), least);
+        return std::max(error.relative_to(measured.size) / (1.0 - left), least);
       }
     }
     if (own_ < own_before_estimate() || pause_ > 0) {
       return std::numeric_limits<double>::infinity();
     }
-    return std::max(history_.error(size, rounding * history_.norm(state_.data)), least);
+    return std::max(history_.error(measured.size, rounding_share * measured.data_norm), least);
   }
 
   /// Where Newton's method leads from here. What it changes is the estimate of the error, too.
@@ -244,9 +289,9 @@ class Run {
   /// Go where Newton's method leads, if it solved all columns or more than the last time. If not, the accelerated
   /// iteration goes on as if nothing had been tried, for a longer while each time.
   bool follow(double norm) {
-    const double now = history_.norm(step_residual_);
+    const double now = norm_of(step_residual_);
     const bool all = proposed_columns_ == step_.cols();
-    const bool sane = history_.norm(step_) < absurd * (norm + history_.norm(state_.data));
+    const bool sane = norm_of(step_) < absurd * (norm + norm_of(state_.data));
     const bool good = sane && (all ? now < norm : proposed_columns_ > solved_columns_);
     if (!all || !good) {
       ++failures_;
@@ -280,19 +325,24 @@ class Run {
 
   void global() {
     const auto start = Clock::now();
-    problem_.global_stage(state_.data, amplitudes_, state_.traces);
+    attempt([&] {
+      problem_.global_stage(state_.data, amplitudes_, state_.traces);
+      if (problem_.balances()) {
+        added_ = problem_.balance(state_.data, state_.traces);
+      }
+    });
     summary_.global_s += since(start);
     ++summary_.iterations;
   }
 
   void local() {
     const auto start = Clock::now();
-    problem_.local_stage(state_.data, state_.traces, residual_);
+    attempt([&] { problem_.local_stage(state_.data, state_.traces, residual_); });
     summary_.local_s += since(start);
   }
 
   /// One step, plain or accelerated, and both stages at its end.
-  void advance(double norm) {
+  void advance(double norm, double data_norm) {
     if (proposed_ && follow(norm)) {
       return;
     }
@@ -300,13 +350,13 @@ class Run {
     const auto start = Clock::now();
     bool accelerate = options_.acceleration > 0;
     if (accelerate) {
-      guard(norm);
+      guard(norm, data_norm);
       accelerate = pause_ == 0;
       pause_ = std::max<Index>(pause_ - 1, 0);
     }
     if (accelerate) {
       history_.step(residual_, options_.relaxation, step_);
-      if (history_.norm(step_) > longest_step * norm) {
+      if (norm_of(step_) > longest_step * norm) {
         // nothing answers yet (a body flies through a gap): the history says nothing
         history_.clear();
         step_ = std::min(options_.relaxation, averaged) * residual_;
@@ -314,7 +364,9 @@ class Run {
     } else if (options_.acceleration > 0) {
       step_ = std::min(options_.relaxation, averaged) * residual_;
     } else {
-      step_ = options_.relaxation * residual_;
+      step_ = residual_;
+      problem_.precondition(step_);
+      step_ *= options_.relaxation;
     }
     const Matrix old_residual = residual_;
     const Matrix old_traces = state_.traces;
@@ -323,6 +375,9 @@ class Run {
     global();
     local();
     const auto pushing = Clock::now();
+    if (problem_.balances()) {
+      step_ += added_;
+    }
     history_.push(step_, residual_ - old_residual, state_.traces - old_traces);
     ++own_;
     summary_.other_s += since(pushing);
@@ -332,9 +387,9 @@ class Run {
   /// friction slips). Then the best iterate is taken up again, the history dropped, and some plain steps lead
   /// on, more each time.
   /// If they only lead back here, that iterate is a trap (friction is not monotone): go on from where we are.
-  void guard(double norm) {
+  void guard(double norm, double data_norm) {
     const bool led_astray = norm > growth_before_restart * best_norm_;
-    const bool at_rest = norm <= rounding * history_.norm(state_.data);
+    const bool at_rest = norm <= rounding_share * data_norm;
     const bool circling = summary_.iterations - best_at_ > patience && pause_ == 0;
     if ((led_astray || circling) && !at_rest) {
       best_at_ = summary_.iterations;
@@ -357,27 +412,6 @@ class Run {
     }
   }
 
-  /// The paper's indicator (Ladeveze 1999): distance of the two stages over their size, in k and 1/k.
-  [[nodiscard]] double indicator() const {
-    double distance = 0.0;
-    double size = 0.0;
-    const Vector& k = problem_.directions();
-    const Vector& area = problem_.weights();
-    for (Index column = 0; column < residual_.cols(); ++column) {
-      for (Index row = 0; row < residual_.rows(); ++row) {
-        // r = 2 k (w^ - w) = 2 (f^ - f)
-        const double half = 0.5 * residual_(row, column);
-        const double w = state_.traces(row, column);
-        const double f = state_.data(row, column) - k(row) * w;
-        const double w_hat = w + half / k(row);
-        const double f_hat = f + half;
-        distance += area(row) * 2.0 * half * half / k(row);
-        size += area(row) * ((f * f + f_hat * f_hat) / k(row) + k(row) * (w * w + w_hat * w_hat));
-      }
-    }
-    return size > 0.0 ? std::sqrt(distance / size) : 0.0;
-  }
-
   const Problem& problem_;
   const Options& options_;
   const Matrix& amplitudes_;
@@ -386,6 +420,7 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
+  Matrix added_;          ///< to the data, by the coarse problem
   Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
   std::unique_ptr<Newton> newton_;
@@ -406,6 +441,7 @@ class Run {
   Index plain_steps_ = 4;  ///< after the next restart
   Index own_ = 0;          ///< differences in the history that are this run's
   Clock::time_point start_;
+  std::exception_ptr failure_;  ///< of this rank, until the ranks agree on it
 };
 
 }  // namespace
@@ -426,38 +462,43 @@ std::string to_string(Status status) {
 
 Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
               State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
-  check_options(options);
   const Index columns = amplitudes.cols();
-  if (amplitudes.rows() != problem.loads()) {
-    throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
-                     " load patterns, this problem has " + std::to_string(problem.loads()));
-  }
-  problem.check_columns(columns);
-  const auto fits = [&problem, columns](const State& each) {
-    return each.data.rows() == problem.rows() && each.data.cols() == columns &&
-           each.traces.rows() == problem.rows() && each.traces.cols() == columns;
-  };
-  for (const State* snapshot : snapshots) {
-    if (!fits(*snapshot)) {
-      throw InputError("a start state has shape (" + std::to_string(snapshot->data.rows()) + ", " +
-                       std::to_string(snapshot->data.cols()) + "), this problem needs (" +
+  const auto fit = [&problem, columns](const State& each) {
+    if (each.data.rows() != problem.rows() || each.data.cols() != columns ||
+        each.traces.rows() != problem.rows() || each.traces.cols() != columns) {
+      throw InputError("a start state has shape (" + std::to_string(each.data.rows()) + ", " +
+                       std::to_string(each.data.cols()) + "), this problem needs (" +
                        std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
     }
-  }
+  };
+  const bool from_zero = state.data.size() == 0;
+  const Index most = problem.communicator().maximum(columns);
+  problem.communicator().together([&] {
+    check_options(options);
+    if (amplitudes.rows() != problem.loads()) {
+      throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
+                       " load patterns, this problem has " + std::to_string(problem.loads()));
+    }
+    if (columns != most) {
+      throw InputError(std::to_string(columns) + " columns on this rank, " + std::to_string(most) +
+                       " on another");
+    }
+    problem.check_columns(columns);
+    for (const State* snapshot : snapshots) {
+      fit(*snapshot);
+    }
+    if (snapshots.empty() && !from_zero) {
+      fit(state);
+    }
+  });
   Run run(problem, options, amplitudes, state, snapshots.size(), callback);
   if (!snapshots.empty()) {
     run.combine(snapshots);
     return run.run(true);
   }
-  if (state.data.size() == 0) {
+  if (from_zero) {
     state.data = Matrix::Zero(problem.rows(), columns);
     state.traces = Matrix::Zero(problem.rows(), columns);
-    return run.run(false);
-  }
-  if (!fits(state)) {
-    throw InputError("the start state has shape (" + std::to_string(state.data.rows()) + ", " +
-                     std::to_string(state.data.cols()) + "), this problem needs (" +
-                     std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
   }
   return run.run(false);
 }

@@ -1,9 +1,13 @@
 #include "latin/latin/sweep.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <numeric>
+#include <span>
 
 #include "latin/common/error.hpp"
+#include "latin/latin/batch.hpp"
 
 namespace latin {
 namespace {
@@ -37,6 +41,220 @@ Matrix coordinates(const std::vector<SweptParameter>& parameters) {
   return all;
 }
 
+/// What the residuals of points that are tried together may take.
+constexpr double together_bytes = 64e6;
+/// Snapshots are left out while the error stays below this share of the tolerance.
+constexpr double spare_accuracy = 0.3;
+constexpr Index fewest_snapshots = 4;
+/// Points in a row that the first iterate answered, before several are tried together.
+constexpr Index streak_before_batch = 3;
+
+/// Parameters that change from column to column are repeated for several sets, and put back in the end.
+class Repeated {
+ public:
+  Repeated(Problem& problem, Index sets) : problem_(problem) {
+    for (std::size_t i = 0; i < problem.interfaces(); ++i) {
+      const Interface& interface = problem.interface(i);
+      for (const auto& info : interface.law->parameters()) {
+        const Matrix& values = interface.law->get(info.name).values();
+        if (values.cols() > 1) {
+          originals_.push_back({interface.name, info.name, values});
+        }
+      }
+    }
+    for (const Original& each : originals_) {
+      problem_.set_parameter(each.interface, each.parameter, each.values.replicate(1, sets));
+    }
+  }
+  Repeated(const Repeated&) = delete;
+  Repeated(Repeated&&) = delete;
+  Repeated& operator=(const Repeated&) = delete;
+  Repeated& operator=(Repeated&&) = delete;
+  ~Repeated() {
+    for (Original& each : originals_) {
+      problem_.set_parameter(each.interface, each.parameter, std::move(each.values));
+    }
+  }
+
+ private:
+  struct Original {
+    std::string interface;
+    std::string parameter;
+    Matrix values;
+  };
+  Problem& problem_;
+  std::vector<Original> originals_;
+};
+
+class Sweep {
+ public:
+  Sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
+        const std::vector<SweptParameter>& parameters, std::vector<State> known,
+        std::vector<Index> known_points, const Callback& callback,
+        const PointCallback& point_callback)
+      : problem_(problem),
+        options_(options),
+        amplitudes_(amplitudes),
+        known_(std::move(known)),
+        known_points_(std::move(known_points)),
+        callback_(callback),
+        point_callback_(point_callback),
+        where_(coordinates(parameters)) {
+    // of the interfaces of other ranks only the values count: they say which points are near
+    for (const SweptParameter& each : parameters) {
+      const bool here = problem.has_interface(each.interface);
+      const bool somewhere = problem.communicator().maximum(here ? 1 : 0) > 0;
+      if (here || !somewhere) {  // setting a parameter of none names it
+        own_parameters_.push_back(&each);
+      }
+    }
+    const double bytes = 8.0 * static_cast<double>(problem.rows() * amplitudes.cols()) *
+                         static_cast<double>(options.snapshots + 6);
+    most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
+    if (!problem.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
+        problem.rows() == 0) {
+      most_together_ = 1;
+    }
+    most_together_ = std::max<Index>(most_together_, 1);
+  }
+
+  void run(const std::vector<Index>& order) {
+    for (std::size_t next = 0; next < order.size();) {
+      const auto left = static_cast<Index>(order.size() - next);
+      const Index together =
+          streak_ < streak_before_batch ? 1 : std::min({left, most_together_, 2 * (streak_ - 1)});
+      const std::span<const Index> points(order.data() + next, static_cast<std::size_t>(together));
+      if (together > 1) {
+        try_together(points);
+      } else {
+        solve_alone(points.front());
+      }
+      next += points.size();
+    }
+  }
+
+ private:
+  void set_parameters(std::span<const Index> points) {
+    for (const SweptParameter* each : own_parameters_) {
+      const auto sets = static_cast<Index>(points.size());
+      const bool in_time = each->columns > 1;
+      const Index copies = in_time || sets == 1 ? 1 : amplitudes_.cols();
+      const Index rows = each->pattern.rows() / each->columns;
+      Matrix field(rows, sets * each->columns * copies);
+      for (Index set = 0; set < sets; ++set) {
+        const Vector values =
+            each->pattern * each->values.col(points[static_cast<std::size_t>(set)]);
+        field.middleCols(set * each->columns * copies, each->columns * copies) =
+            values.reshaped(rows, each->columns).replicate(1, copies);
+      }
+      problem_.set_parameter(each->interface, each->parameter, std::move(field));
+    }
+  }
+
+  /// The solved points nearest to a place.
+  [[nodiscard]] std::vector<const State*> nearest(const Vector& place, Index count) const {
+    std::vector<std::size_t> order(known_.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    const auto wanted =
+        std::min(known_.size(), static_cast<std::size_t>(std::max<Index>(count, 1)));
+    std::vector<double> away(known_.size());
+    for (std::size_t i = 0; i < known_.size(); ++i) {
+      away[i] = (place - where_.col(known_points_[i])).squaredNorm();
+    }
+    std::ranges::partial_sort(order, order.begin() + static_cast<std::ptrdiff_t>(wanted),
+                              [&away](std::size_t a, std::size_t b) { return away[a] < away[b]; });
+    std::vector<const State*> states;
+    states.reserve(wanted);
+    for (std::size_t i = 0; i < wanted; ++i) {
+      states.push_back(&known_[order[i]]);
+    }
+    return states;
+  }
+
+  /// @param wanted the state is start material even if others reproduce it: those near by did not
+  void solve_alone(Index point, bool wanted = false) {
+    problem_.communicator().together([&] { set_parameters({&point, 1}); });
+    const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
+    State state;
+    const Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
+    problem_.communicator().together([&] { point_callback_(point, summary, state); });
+    const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
+    const bool reproduced = summary.status == Status::converged && summary.iterations <= 1 && full;
+    streak_ = reproduced ? streak_ + 1 : 0;
+    if (summary.status == Status::converged && (wanted || !reproduced)) {
+      known_.push_back(std::move(state));
+      known_points_.push_back(point);
+    }
+  }
+
+  /// One iteration for all of them; those that it does not answer are solved one by one.
+  void try_together(std::span<const Index> points) {
+    const auto start = std::chrono::steady_clock::now();
+    Vector centre = Vector::Zero(where_.rows());
+    for (const Index point : points) {
+      centre += where_.col(point) / static_cast<double>(points.size());
+    }
+    const auto sets = static_cast<Index>(points.size());
+    std::vector<Advanced> answers;
+    {
+      const Repeated repeated(problem_, sets);
+      set_parameters(points);
+      answers =
+          advance_together(problem_, options_, amplitudes_, sets, nearest(centre, together_from_));
+    }
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
+        static_cast<double>(sets);
+    std::vector<Index> missed;
+    double worst = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Advanced& answer = answers[i];
+      const double measure = options_.stop_on_indicator ? answer.indicator : answer.error;
+      worst = measure > worst || std::isnan(measure) ? measure : worst;
+      if (!(measure <= options_.rtol)) {
+        missed.push_back(points[i]);
+        continue;
+      }
+      Summary summary;
+      summary.status = Status::converged;
+      summary.iterations = 1;
+      summary.error = answer.error;
+      summary.indicator = answer.indicator;
+      summary.energy = answer.energy;
+      summary.history.push_back({1, answer.error, answer.indicator, answer.residual, seconds});
+      if (callback_) {
+        callback_(summary.history.back());
+      }
+      set_parameters(points.subspan(i, 1));
+      point_callback_(points[i], summary, answer.state);
+    }
+    // local stages of the snapshots are most of the work: no more of them than the tolerance asks for
+    if (worst < spare_accuracy * options_.rtol) {
+      together_from_ = std::max(fewest_snapshots, together_from_ - 1);
+    } else if (!missed.empty()) {
+      together_from_ = std::min(options_.snapshots, together_from_ + 3);
+    }
+    const Index answered = sets - static_cast<Index>(missed.size());
+    for (const Index point : missed) {
+      solve_alone(point, true);
+    }
+    streak_ = 2 * answered > sets ? std::min(2 * sets, 2 * most_together_) : 0;
+  }
+
+  Problem& problem_;
+  const Options& options_;
+  const Matrix& amplitudes_;
+  std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
+  std::vector<State> known_;
+  std::vector<Index> known_points_;
+  const Callback& callback_;
+  const PointCallback& point_callback_;
+  Matrix where_;
+  Index most_together_ = 1;
+  Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
+  Index streak_ = 0;                          ///< points in a row that needed one iteration
+};
+
 }  // namespace
 
 void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
@@ -47,38 +265,9 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");
   }
-  const Matrix where = coordinates(parameters);
-  for (const Index point : order) {
-    for (const SweptParameter& each : parameters) {
-      const Vector field = each.pattern * each.values.col(point);
-      problem.set_parameter(each.interface, each.parameter,
-                            field.reshaped(field.size() / each.columns, each.columns));
-    }
-    std::vector<std::size_t> nearest(known.size());
-    std::iota(nearest.begin(), nearest.end(), std::size_t{0});
-    const auto wanted =
-        std::min(known.size(), static_cast<std::size_t>(std::max<Index>(options.snapshots, 1)));
-    std::vector<double> away(known.size());
-    for (std::size_t i = 0; i < known.size(); ++i) {
-      away[i] = (where.col(point) - where.col(known_points[i])).squaredNorm();
-    }
-    std::ranges::partial_sort(nearest, nearest.begin() + static_cast<std::ptrdiff_t>(wanted),
-                              [&away](std::size_t a, std::size_t b) { return away[a] < away[b]; });
-    std::vector<const State*> start;
-    start.reserve(wanted);
-    for (std::size_t i = 0; i < wanted; ++i) {
-      start.push_back(&known[nearest[i]]);
-    }
-    State state;
-    const Summary summary = solve(problem, options, amplitudes, state, start, callback);
-    point_callback(point, summary, state);
-    const bool reproduced =
-        summary.iterations <= 1 && wanted >= static_cast<std::size_t>(options.snapshots);
-    if (summary.status == Status::converged && !reproduced) {
-      known.push_back(std::move(state));
-      known_points.push_back(point);
-    }
-  }
+  Sweep(problem, options, amplitudes, parameters, std::move(known), std::move(known_points),
+        callback, point_callback)
+      .run(order);
 }
 
 std::vector<Index> snake_order(const std::vector<Index>& shape) {

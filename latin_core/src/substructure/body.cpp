@@ -373,6 +373,21 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
   }
 }
 
+Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
+  const auto count = static_cast<Index>(unknowns.size());
+  const Index first = condensed() ? 0 : size_ - active_;
+  Matrix unit = Matrix::Zero(condensed() ? active_ : size_, count);
+  for (Index column = 0; column < count; ++column) {
+    unit(first + unknowns[static_cast<std::size_t>(column)], column) = 1.0;
+  }
+  if (!condensed()) {
+    const Matrix response = factor_->solve(unit);
+    return response.bottomRows(active_)(unknowns, Eigen::all);
+  }
+  condensed_.triangularView<Eigen::Lower>().solveInPlace(unit);
+  return unit.transpose() * unit;
+}
+
 Matrix Body::right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
   Matrix rhs = load_ * amplitudes;
   if (rows() > 0) {

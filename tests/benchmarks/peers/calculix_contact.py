@@ -1,4 +1,4 @@
-"""A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``; needs ``ccx`` on the PATH.
+"""A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``; needs ``ccx``.
 
 Ten-node tetrahedra (C3D10), surface-to-surface penalty contact with a stiff linear overclosure and, with
 friction, a stiff stick slope; small displacements, one increment. The penetration that a penalty leaves is

@@ -4,9 +4,9 @@ The scene is elastic bodies of linear tetrahedra, on which every solver puts qua
 (mid-side nodes in the middle), so that nodes and elements are the same in all. Lengths in mm, forces in N.
 
 Scene (npz): ``bodies`` names; for each NAME ``NAME_x`` (vertices, 3), ``NAME_cells`` (cells, 4),
-``NAME_material`` (E, nu) and for each of its faces ``NAME_face_FACE`` (facets, 3) vertices; ``contact`` the two
-faces ("upper:bottom", "lower:top"), the first of which is the smaller one; ``friction``; ``given`` the held
-faces "body:face", with their displacements ``values`` (rows, 3).
+``NAME_material`` (E, nu) and for each of its faces ``NAME_face_FACE`` (facets, 3) vertices; ``contact`` the
+two faces ("upper:bottom", "lower:top"), the first of which is the smaller one; ``friction``; ``given`` the
+held faces "body:face", with their displacements ``values`` (rows, 3).
 
 Answer (npz): for each body ``NAME_points`` (nodes, 3) and ``NAME_u`` (nodes, 3); ``force`` (3,) that the
 contact exerts on the first body; ``seconds`` of ``setup`` and ``solve``, ``iterations``, ``note``.

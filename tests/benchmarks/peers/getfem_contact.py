@@ -23,8 +23,8 @@ DEGREE = 2
 SOLVERS = ("mumps", "superlu")
 RESIDUAL = 1e-9  # relative to the forces at hand
 MOST_STEPS = 100
-# versions of the augmentation: with friction the one of the fewest steps here (1: 8, 3: 8, 4: 6 or 7), without
-# it the symmetric one
+# versions of the augmentation: with friction the one of the fewest steps here (1: 8, 3: 8, 4: 6 or 7),
+# without it the symmetric one
 RUBBING, SMOOTH = 4, 2
 
 
@@ -72,7 +72,8 @@ class Model:
         regions = [self.regions[face] for face in scene.contact]
         # of the order of modulus / length; ten times more or less changes the count of steps by one or two
         body = scene.bodies[first]
-        length = np.ptp(body.x[scene.bodies[first].faces[scene.contact[0].partition(":")[2]]], axis=(0, 1)).max()
+        corners = body.x[body.faces[scene.contact[0].partition(":")[2]]]
+        length = np.ptp(corners, axis=(0, 1)).max()
         augmentation = min(each.E for each in scene.bodies.values()) / length
         self.model.add_initialized_data("r", [augmentation])
         rubs = ["mu_contact"] if scene.friction > 0.0 else []

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <span>
 #include <vector>
 
 #include "latin/common/types.hpp"
@@ -12,6 +14,34 @@ struct State {
   Matrix data;    ///< s (rows, c)
   Matrix traces;  ///< w (rows, c)
 };
+
+/// A history that explains less of the residual than this says nothing about the error.
+inline constexpr double least_explained = 0.05;
+
+/// The two stages of a converged run agree. Where a law has just changed its branch the history predicts
+/// nothing, so no estimate is believed that lies further than this below the distance of the stages.
+inline constexpr double least_of_indicator = 0.3;
+/// A residual below this share of the data is rounding.
+inline constexpr double rounding_share = 2e-13;
+
+/// This rank's shares of the squared distance of the two stages and of their squared size, in k and 1/k.
+std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+                                   ConstMatrixRef residual);
+/// The paper's indicator (Ladeveze 1999), from the sums of the shares: distance over size.
+double stage_distance(const std::array<double, 2>& shares);
+
+/// gamma = argmin | r - D gamma |, and the share |r - D gamma| / |r| that remains.
+struct Fit {
+  Vector gamma;
+  double remainder = 1.0;
+};
+
+/// Least squares through the normal equations; directions that rounding of the Gram matrix has made
+/// meaningless are left out.
+/// @param gram       D^T D
+/// @param projection D^T r
+/// @param norm       |r|
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm);
 
 /// Differences of past iterates, and what can be learned from them by one small least-squares problem.
 ///
@@ -33,28 +63,33 @@ class History {
   /// Add a difference of two iterates in (s, r, w), each (rows, c); the oldest makes room.
   void push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces);
 
-  /// Solve the least-squares problem for the residual of the present iterate.
-  void fit(ConstMatrixRef residual);
+  /// Solve the least-squares problem for the residual of the present iterate. Collective, with one
+  /// reduction, in which the caller's own `shares` are summed over the ranks, too.
+  void fit(ConstMatrixRef residual, std::span<double> shares = {});
+  /// |r| of the last fit.
+  [[nodiscard]] double residual_norm() const { return residual_norm_; }
 
   /// Relative remainder |r - dR gamma| / |r| of the last fit (1 with an empty history).
   [[nodiscard]] double remainder() const { return remainder_; }
   /// What the last fit takes to be wrong with the present iterate: dS gamma and dW gamma.
   [[nodiscard]] State predicted_error() const;
   /// Estimated relative error of the present iterate, whose own size is `whole`; infinity with an empty
-  /// history. A residual up to `rounding` is noise: no combination of differences is fitted to it, it is
+  /// history. Collective. A residual up to `rounding` is noise: no combination of differences is fitted to it, it is
   /// amplified as the worst of them was.
   [[nodiscard]] double error(const Size& whole, double rounding) const;
   /// step = beta r - (dS + beta dR) gamma: the predicted error taken off, the remainder mixed in.
-  void step(ConstMatrixRef residual, double beta, MatrixRef step) const;
+  void step(ConstMatrixRef residual, double beta, MatrixRef step);
 
-  /// Norm of a residual in sqrt(W/k).
-  [[nodiscard]] double norm(ConstMatrixRef residual) const;
+  /// This rank's share of |r|^2 in W/k.
+  [[nodiscard]] double share_of_square(ConstMatrixRef residual) const;
 
  private:
   /// Largest |dS| / |dR| in the history, |dS| relative to `whole`.
   [[nodiscard]] double amplification(const Size& whole, double rounding) const;
   [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
-  [[nodiscard]] double product(Index slot, ConstMatrixRef residual) const;
+  /// W/k r as one column.
+  void weigh(ConstMatrixRef residual, Eigen::Ref<Vector> weighted) const;
+  [[nodiscard]] Eigen::Map<Matrix> shaped(Vector& vector) const;
 
   const Problem* problem_;
   Index rows_;
@@ -62,11 +97,13 @@ class History {
   Index depth_;
   Index size_ = 0;
   Index next_ = 0;
-  Matrix data_;      ///< (rows * c, depth) dS
-  Matrix residual_;  ///< dR
-  Matrix traces_;    ///< dW
-  Matrix gram_;      ///< dR^T W/k dR
-  Vector metric_;    ///< W/k
+  Matrix data_;               ///< (rows * c, depth) dS
+  Matrix residual_;           ///< dR
+  Matrix traces_;             ///< dW
+  Matrix gram_;               ///< dR^T W/k dR, of the slots that a fit has seen
+  std::vector<Index> fresh_;  ///< slots that it has not
+  Vector metric_;             ///< W/k
+  Vector work_;
   Vector gamma_;
   double remainder_ = 1.0;
   double residual_norm_ = 0.0;

@@ -1,17 +1,23 @@
 #pragma once
 
+#include <cmath>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "latin/common/communicator.hpp"
 #include "latin/interface/interface.hpp"
 #include "latin/latin/flexibility.hpp"
+#include "latin/latin/macro.hpp"
+#include "latin/latin/pair.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin {
 
-/// One side of an interface, as the caller describes it.
+/// One side of an interface, as the caller describes it. Of a side on another rank only the member is
+/// given: the rest comes from there.
 struct SideDescription {
   std::string member;  ///< substructure that the side belongs to
   SparseRows trace;    ///< T (dim * points, n), global components
@@ -28,15 +34,25 @@ struct Size {
   /// Error of which this is the size, relative to a solution of size `whole`: the larger of its shares in
   /// strain energy and in displacement of the interfaces. It does not depend on the search direction.
   [[nodiscard]] double relative_to(const Size& whole) const;
+  /// Rounding may leave the energy of a rigid motion negative.
+  [[nodiscard]] Size positive() const { return {std::abs(strain), trace, work}; }
 };
 
-/// An active interface: the caller's description. One side: boundary interface.
+/// An active interface: the caller's description. One side: boundary interface. An interface whose sides
+/// lie on two ranks is described on both, alike.
 struct InterfaceDescription {
   std::string name;
   LawSource law;                       ///< a name, see make_law(), or a law of the caller
   Vector weights;                      ///< (points) areas, > 0
   Matrix frames;                       ///< (components * points, dim), orthonormal rows
   std::vector<SideDescription> sides;  ///< one or two
+  /// Z (components * points, moments) of the coarse problem, any unit; empty: not in it. On a boundary
+  /// interface the forces are balanced against those of its law, which must not depend on the jump.
+  Matrix basis{};
+  /// Whether its residual is solved for instead of taken as it is (Pair); for linear laws. On a boundary
+  /// interface half the residual is taken: the step for a k far above (prescribed displacement) or below
+  /// (prescribed force) the stiffness of the body.
+  bool paired = false;
 };
 
 /// How the columns of a run become columns in which the law of an interface is deterministic, and back,
@@ -65,13 +81,21 @@ struct LawColumns {
 ///
 ///     w = global_stage(s)          f = s - k w                 one solve a body, c right-hand sides
 ///     s + r = local_stage(s, w)    r = f^ + k w^ - s           laws, point by point
+///
+/// On several ranks each holds some of the bodies, with the interfaces that touch them. All rows here are
+/// those of the rank's own bodies. The local stage of an interface between two ranks is done on both, from
+/// the same numbers: what they swap is each side's share of the free jump. Members marked as collective
+/// are called on all ranks together.
 class Problem {
  public:
-  /// @throws InputError or NumericalError naming the body or interface
+  /// Collective. @throws InputError or NumericalError naming the body or interface
   Problem(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
-          const OperatorOptions& options);
+          const OperatorOptions& options, const Communicator& communicator = {});
 
+  [[nodiscard]] const Communicator& communicator() const { return communicator_; }
   [[nodiscard]] Index rows() const { return rows_; }
+  /// Rows of all ranks.
+  [[nodiscard]] Index total_rows() const { return total_rows_; }
   [[nodiscard]] Index loads() const { return loads_; }
   [[nodiscard]] Index unknowns() const;
   [[nodiscard]] Index active_unknowns() const;
@@ -82,6 +106,7 @@ class Problem {
   }
   /// @throws InputError with the known names
   [[nodiscard]] std::size_t find_interface(const std::string& name) const;
+  [[nodiscard]] bool has_interface(const std::string& name) const;
 
   /// Set a law parameter; a field of one row (or column) stands for all rows (columns).
   /// @throws InputError naming the interface on a wrong name, shape or value
@@ -99,8 +124,8 @@ class Problem {
   /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
 
-  /// Whether Newton steps are possible (every body condensed, every column a sample of its own), of use
-  /// (some law is not linear) and affordable (at most `limit` unknowns: points times components).
+  /// Whether Newton steps are possible (every body condensed, every column a sample of its own, one rank),
+  /// of use (some law is not linear) and affordable (at most `limit` unknowns: points times components).
   [[nodiscard]] bool suits_newton(Index limit) const;
   /// Dense flexibility of the interfaces, made when first asked for. Not to be called from two threads.
   [[nodiscard]] const Flexibility& flexibility() const;
@@ -124,13 +149,25 @@ class Problem {
   /// the jump at the same point.
   [[nodiscard]] Matrix slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index column) const;
 
-  /// w of all sides, (rows, c).
+  /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
-  /// r = f^ + k w^ - s, (rows, c).
+  /// Whether the global stage is followed by a coarse problem.
+  [[nodiscard]] bool balances() const;
+  /// Balance the moments of the interface forces after a global stage, see Macro. The coarse problem is
+  /// factorised when first asked for: not to be called from two threads then.
+  /// @return what was added to the data, (rows, c)
+  Matrix balance(MatrixRef data, MatrixRef traces) const;
+  [[nodiscard]] Index macro_size() const { return macro_ ? macro_->size() : 0; }
+  /// Whether some interfaces are paired.
+  [[nodiscard]] bool preconditions() const;
+  /// Residual (rows, c) into a step on the data: paired interfaces are solved with their laws as they were
+  /// when first asked for, the others take the residual as it is.
+  void precondition(MatrixRef residual) const;
+  /// r = f^ + k w^ - s, (rows, c). Collective among neighbours.
   void local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual) const;
 
   /// f^ of one interface on its first side and the jump w^2 - w^1, both (components * points, c), as the
-  /// local stage leaves them: the law holds exactly between them.
+  /// local stage leaves them: the law holds exactly between them. Collective among the interface's ranks.
   struct LocalFields {
     Matrix force;
     Matrix jump;
@@ -145,8 +182,12 @@ class Problem {
       std::size_t interface, ConstMatrixRef free_jump,
       const std::vector<std::pair<std::string, Matrix>>& parameters) const;
 
-  /// Row of the first value of a side in the stacked blocks.
+  /// Row of the first value of a side in the stacked blocks; -1 for a side on another rank.
   [[nodiscard]] Index first_row(std::size_t interface, std::size_t side) const;
+  /// 1/k1 (+ 1/k2), (components * points).
+  [[nodiscard]] const Vector& point_flexibility(std::size_t interface) const {
+    return interfaces_.at(interface).flexibility;
+  }
   [[nodiscard]] std::size_t sides(std::size_t interface) const {
     return interfaces_.at(interface).rows.size();
   }
@@ -155,10 +196,13 @@ class Problem {
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return directions_; }
 
-  /// Size of the global-stage solution with the given data and traces.
+  /// This rank's share of size(): to be summed, then positive().
+  [[nodiscard]] Size share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
+                                   ConstMatrixRef amplitudes) const;
+  /// Size of the global-stage solution with the given data and traces. Collective.
   [[nodiscard]] Size size(ConstMatrixRef data, ConstMatrixRef traces,
                           ConstMatrixRef amplitudes) const;
-  /// Size of a difference of two solutions (their loads cancel).
+  /// Size of a difference of two solutions (their loads cancel). Collective.
   [[nodiscard]] Size difference_size(ConstMatrixRef data, ConstMatrixRef traces) const;
 
   /// Displacements (n, c) of the named substructure's body, by substructure name.
@@ -166,22 +210,47 @@ class Problem {
       ConstMatrixRef data, ConstMatrixRef amplitudes) const;
 
  private:
-  [[nodiscard]] double squared_traces(ConstMatrixRef traces) const;
   struct Entry {
     Interface geometry;
     std::vector<Index> rows;  ///< first row of each side
     Vector flexibility;       ///< 1/k1 (+ 1/k2)
     Index first_unknown = 0;  ///< among the points and components of all interfaces
+    Matrix basis;
+    bool paired = false;
     std::vector<LawColumns> groups;
     std::vector<std::shared_ptr<Law>> group_laws;
+    /// The side on another rank, with its slot in the exchange; rank -1: none.
+    struct Away {
+      std::size_t side = 0;
+      int rank = -1;
+      std::size_t slot = 0;
+    } away;
+
+    [[nodiscard]] bool shared() const { return away.rank >= 0; }
+    /// The side on this rank of a shared interface.
+    [[nodiscard]] std::size_t here() const { return 1 - away.side; }
   };
+
+  void build(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
+             const OperatorOptions& options, const std::map<std::string, int>& owners);
+  void connect();
+
+  [[nodiscard]] double squared_traces(ConstMatrixRef traces) const;
   void resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const;
   /// The law without transforms, for any flexibility.
   void ask(const Entry& entry, ConstMatrixRef free_jump, ConstVectorRef flexibility,
            Matrix& force) const;
-  [[nodiscard]] Matrix free_jump(const Entry& entry, ConstMatrixRef data,
-                                 ConstMatrixRef traces) const;
+  /// What a side on this rank adds to (side 2: takes from) the free jump: s / k - 2 w.
+  [[nodiscard]] Matrix share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
+                                     ConstMatrixRef traces) const;
+  /// @param away share of the side on another rank, where there is one
+  [[nodiscard]] Matrix free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
+                                 ConstMatrixRef away) const;
+  void local_stage(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
+                   ConstMatrixRef away, MatrixRef residual) const;
 
+  Communicator communicator_;
+  std::unique_ptr<Exchange> exchange_;
   std::vector<Body> bodies_;
   std::vector<Index> body_rows_;
   std::vector<std::vector<std::string>> member_names_;
@@ -190,10 +259,16 @@ class Problem {
   Vector directions_;
   Vector trace_metric_;  ///< scale * W
   Index rows_ = 0;
+  Index total_rows_ = 0;
   Index loads_ = 0;
   Index steps_ = 1;
   Index interface_unknowns_ = 0;
+  [[nodiscard]] std::size_t body_of(Index row) const;
+  [[nodiscard]] Pair make_pair(const Entry& entry) const;
+
   mutable std::unique_ptr<Flexibility> flexibility_;
+  mutable std::unique_ptr<Macro> macro_;
+  mutable std::vector<Pair> pairs_;
 };
 
 }  // namespace latin

@@ -28,6 +28,7 @@ struct Options {
   Index stagnation_window;  ///< iterations without progress before the run is called stagnated
   Index newton;             ///< most interface unknowns for which Newton steps are taken; 0: never
   Index snapshots;  ///< earlier states combined for the start of a new point; 0: the nearest alone
+  Index together = 1;  ///< points of a sweep that may be tried side by side
 };
 
 /// One iteration as a callback sees it.

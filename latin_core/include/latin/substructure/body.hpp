@@ -93,6 +93,8 @@ class Body {
   /// Response of the traces to the interface data alone: w = T A^-1 T^T W s.
   /// @param data s (rows, c)  @param traces w (rows, c), overwritten
   void apply(ConstMatrixRef data, MatrixRef traces) const;
+  /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
+  [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
   /// Traces of the load patterns (rows, l) with s = 0.
   [[nodiscard]] const Matrix& load_traces() const { return load_traces_; }
 

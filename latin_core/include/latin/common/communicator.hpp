@@ -1,0 +1,126 @@
+#pragma once
+
+#include <mpi.h>
+
+#include <exception>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "latin/common/types.hpp"
+
+namespace latin {
+
+/// Another rank failed; the message is that of the first one, with its rank.
+class RemoteError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// The ranks that share a problem. A rank alone is the same code with trivial operations.
+///
+/// Borrowed: the MPI communicator must outlive this object. Every member is collective unless it says
+/// otherwise, and ranks must come in the same order of calls.
+class Communicator {
+ public:
+  /// One rank alone; MPI need not be initialised.
+  Communicator() = default;
+  explicit Communicator(MPI_Comm comm);
+
+  [[nodiscard]] int rank() const { return rank_; }  ///< not collective
+  [[nodiscard]] int size() const { return size_; }  ///< not collective
+  [[nodiscard]] bool alone() const { return size_ == 1; }
+  [[nodiscard]] MPI_Comm mpi() const { return comm_; }
+
+  /// Sum over the ranks, in place; the result is the same bit by bit on all of them.
+  void sum(std::span<double> values) const;
+  [[nodiscard]] double sum(double value) const;
+  [[nodiscard]] Index maximum(Index value) const;
+  /// What every rank gives, in the order of ranks. No text may contain a NUL.
+  [[nodiscard]] std::vector<std::vector<std::string>> gather(
+      const std::vector<std::string>& texts) const;
+
+  /// Throw on all ranks if any of them failed: on that rank what it threw, on the others RemoteError.
+  void agree(const std::exception_ptr& failure) const;
+  /// Run something that does not communicate, and agree on how it ended.
+  template <typename Work>
+  void together(Work&& work) const {
+    std::exception_ptr failure;
+    try {
+      std::forward<Work>(work)();
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    agree(failure);
+  }
+
+ private:
+  MPI_Comm comm_ = MPI_COMM_NULL;
+  int rank_ = 0;
+  int size_ = 1;
+};
+
+/// Blocks that neighbours swap: one message each way between two ranks, whatever their number of slots.
+///
+/// Requests are persistent; their buffers are made anew when the number of columns changes.
+class Exchange {
+ public:
+  explicit Exchange(const Communicator& communicator) : communicator_(communicator) {}
+  ~Exchange();
+  Exchange(const Exchange&) = delete;
+  Exchange& operator=(const Exchange&) = delete;
+  Exchange(Exchange&&) = delete;
+  Exchange& operator=(Exchange&&) = delete;
+
+  /// A block of so many rows each way between this rank and another. Both must add their common slots in
+  /// the same order. @return its number
+  std::size_t add(int rank, Index rows);
+
+  /// Make room for blocks of so many columns.
+  void prepare(Index columns);
+  [[nodiscard]] Eigen::Block<Matrix> outgoing(std::size_t slot);
+  [[nodiscard]] Eigen::Block<Matrix> incoming(std::size_t slot);
+
+  /// Blocks on their way: whatever happens in between, the neighbours get what they wait for.
+  class Transit {
+   public:
+    explicit Transit(Exchange& exchange) : exchange_(exchange) {}
+    ~Transit();
+    Transit(const Transit&) = delete;
+    Transit& operator=(const Transit&) = delete;
+    Transit(Transit&&) = delete;
+    Transit& operator=(Transit&&) = delete;
+    /// Wait until everything has come in.
+    void finish();
+
+   private:
+    Exchange& exchange_;
+    bool finished_ = false;
+  };
+  /// Send the outgoing blocks, let the incoming ones in. Not collective: neighbours only.
+  [[nodiscard]] Transit start();
+
+ private:
+  struct Peer {
+    int rank;
+    Index rows;
+    Matrix out;
+    Matrix in;
+  };
+  struct Slot {
+    std::size_t peer;
+    Index row;
+    Index rows;
+  };
+  void release();
+
+  Communicator communicator_;
+  Index columns_ = -1;
+  std::vector<Peer> peers_;
+  std::vector<Slot> slots_;
+  std::vector<MPI_Request> requests_;
+};
+
+}  // namespace latin

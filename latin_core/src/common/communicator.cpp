@@ -1,0 +1,186 @@
+#include "latin/common/communicator.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "latin/common/error.hpp"
+
+namespace latin {
+namespace {
+
+/// Of this project's messages: the communicator is shared with the caller.
+constexpr int tag = 20040;
+
+std::string message_of(const std::exception_ptr& failure) {
+  try {
+    std::rethrow_exception(failure);
+  } catch (const std::exception& error) {
+    return error.what();
+  } catch (...) {
+    return "unknown error";
+  }
+}
+
+int count_of(std::size_t size) {
+  if (size > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
+    throw NumericalError("a message of " + std::to_string(size) +
+                         " values between two ranks is too long for MPI: use more ranks");
+  }
+  return static_cast<int>(size);
+}
+
+}  // namespace
+
+Communicator::Communicator(MPI_Comm comm) : comm_(comm) {
+  MPI_Comm_rank(comm_, &rank_);
+  MPI_Comm_size(comm_, &size_);
+}
+
+void Communicator::sum(std::span<double> values) const {
+  if (!alone()) {
+    // MPI requires an allreduce to leave identical results on all ranks
+    MPI_Allreduce(MPI_IN_PLACE, values.data(), count_of(values.size()), MPI_DOUBLE, MPI_SUM, comm_);
+  }
+}
+
+double Communicator::sum(double value) const {
+  sum(std::span(&value, 1));
+  return value;
+}
+
+Index Communicator::maximum(Index value) const {
+  auto largest = static_cast<long long>(value);
+  if (!alone()) {
+    MPI_Allreduce(MPI_IN_PLACE, &largest, 1, MPI_LONG_LONG, MPI_MAX, comm_);
+  }
+  return static_cast<Index>(largest);
+}
+
+std::vector<std::vector<std::string>> Communicator::gather(
+    const std::vector<std::string>& texts) const {
+  if (alone()) {
+    return {texts};
+  }
+  std::string mine;
+  for (const std::string& text : texts) {
+    mine += text + '\0';
+  }
+  const auto ranks = static_cast<std::size_t>(size_);
+  const int length = count_of(mine.size());
+  std::vector<int> lengths(ranks);
+  MPI_Allgather(&length, 1, MPI_INT, lengths.data(), 1, MPI_INT, comm_);
+  std::vector<int> starts(ranks, 0);
+  std::size_t total = 0;
+  for (std::size_t r = 0; r < ranks; ++r) {
+    starts[r] = count_of(total);
+    total += static_cast<std::size_t>(lengths[r]);
+  }
+  std::string all(total, '\0');
+  MPI_Allgatherv(mine.data(), length, MPI_CHAR, all.data(), lengths.data(), starts.data(), MPI_CHAR,
+                 comm_);
+  std::vector<std::vector<std::string>> found(ranks);
+  for (std::size_t r = 0; r < ranks; ++r) {
+    const std::string of_rank =
+        all.substr(static_cast<std::size_t>(starts[r]), static_cast<std::size_t>(lengths[r]));
+    for (std::size_t begin = 0; begin < of_rank.size();) {
+      const std::size_t end = of_rank.find('\0', begin);
+      found[r].push_back(of_rank.substr(begin, end - begin));
+      begin = end + 1;
+    }
+  }
+  return found;
+}
+
+void Communicator::agree(const std::exception_ptr& failure) const {
+  if (!alone()) {
+    int first = failure ? rank_ : size_;
+    MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, comm_);
+    if (first == size_) {
+      return;
+    }
+    std::string text = first == rank_ ? message_of(failure) : std::string();
+    auto length = static_cast<unsigned long>(text.size());
+    MPI_Bcast(&length, 1, MPI_UNSIGNED_LONG, first, comm_);
+    text.resize(length);
+    MPI_Bcast(text.data(), static_cast<int>(length), MPI_CHAR, first, comm_);
+    if (!failure) {
+      throw RemoteError("rank " + std::to_string(first) + ": " + text);
+    }
+  }
+  if (failure) {
+    std::rethrow_exception(failure);
+  }
+}
+
+Exchange::~Exchange() { release(); }
+
+void Exchange::release() {
+  int finalized = 0;
+  MPI_Finalized(&finalized);
+  for (MPI_Request& request : requests_) {
+    if (finalized == 0) {
+      MPI_Request_free(&request);
+    }
+  }
+  requests_.clear();
+}
+
+std::size_t Exchange::add(int rank, Index rows) {
+  auto peer = std::ranges::find(peers_, rank, &Peer::rank);
+  if (peer == peers_.end()) {
+    peer = peers_.insert(peer, Peer{rank, 0, {}, {}});
+  }
+  slots_.push_back({static_cast<std::size_t>(peer - peers_.begin()), peer->rows, rows});
+  peer->rows += rows;
+  columns_ = -1;
+  return slots_.size() - 1;
+}
+
+void Exchange::prepare(Index columns) {
+  if (columns == columns_ || peers_.empty()) {
+    return;
+  }
+  release();
+  for (Peer& peer : peers_) {
+    peer.out.resize(peer.rows, columns);
+    peer.in.resize(peer.rows, columns);
+    const int count = count_of(static_cast<std::size_t>(peer.out.size()));
+    const MPI_Comm comm = communicator_.mpi();
+    MPI_Recv_init(peer.in.data(), count, MPI_DOUBLE, peer.rank, tag, comm,
+                  &requests_.emplace_back());
+    MPI_Send_init(peer.out.data(), count, MPI_DOUBLE, peer.rank, tag, comm,
+                  &requests_.emplace_back());
+  }
+  columns_ = columns;
+}
+
+Eigen::Block<Matrix> Exchange::outgoing(std::size_t slot) {
+  const Slot& at = slots_.at(slot);
+  Matrix& block = peers_[at.peer].out;
+  return block.block(at.row, 0, at.rows, block.cols());
+}
+
+Eigen::Block<Matrix> Exchange::incoming(std::size_t slot) {
+  const Slot& at = slots_.at(slot);
+  Matrix& block = peers_[at.peer].in;
+  return block.block(at.row, 0, at.rows, block.cols());
+}
+
+Exchange::Transit Exchange::start() {
+  if (!requests_.empty()) {
+    MPI_Startall(static_cast<int>(requests_.size()), requests_.data());
+  }
+  return Transit(*this);
+}
+
+void Exchange::Transit::finish() {
+  auto& requests = exchange_.requests_;
+  if (!finished_ && !requests.empty()) {
+    MPI_Waitall(static_cast<int>(requests.size()), requests.data(), MPI_STATUSES_IGNORE);
+  }
+  finished_ = true;
+}
+
+Exchange::Transit::~Transit() { finish(); }
+
+}  // namespace latin

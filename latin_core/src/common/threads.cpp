@@ -1,0 +1,71 @@
+#include "latin/common/threads.hpp"
+
+#ifdef __linux__
+#include <sched.h>
+#endif
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <thread>
+
+// of whichever BLAS and OpenMP are there; null where they are not
+extern "C" {
+int openblas_get_num_threads() __attribute__((weak));
+void openblas_set_num_threads(int) __attribute__((weak));
+int omp_get_max_threads() __attribute__((weak));
+void omp_set_num_threads(int) __attribute__((weak));
+}
+
+namespace latin {
+namespace {
+
+/// Bytes, one a core: 1 where this process may run.
+std::array<unsigned char, 1024> own_cores() {
+  std::array<unsigned char, 1024> cores{};
+#ifdef __linux__
+  cpu_set_t mask;
+  CPU_ZERO(&mask);
+  if (sched_getaffinity(0, sizeof(mask), &mask) == 0) {
+    for (std::size_t core = 0; core < cores.size() && core < CPU_SETSIZE; ++core) {
+      cores[core] = CPU_ISSET(core, &mask) ? 1 : 0;
+    }
+    return cores;
+  }
+#endif
+  const std::size_t count = std::max(1U, std::thread::hardware_concurrency());
+  std::fill_n(cores.begin(), std::min(count, cores.size()), 1);
+  return cores;
+}
+
+}  // namespace
+
+int bound_threads(const Communicator& communicator) {
+  auto cores = own_cores();
+  auto threads = static_cast<int>(std::ranges::count(cores, 1));
+  if (!communicator.alone()) {
+    MPI_Comm machine = MPI_COMM_NULL;
+    MPI_Comm_split_type(communicator.mpi(), MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &machine);
+    int ranks = 1;
+    MPI_Comm_size(machine, &ranks);
+    int sum = threads;
+    MPI_Allreduce(MPI_IN_PLACE, &sum, 1, MPI_INT, MPI_SUM, machine);
+    MPI_Allreduce(MPI_IN_PLACE, cores.data(), static_cast<int>(cores.size()), MPI_UNSIGNED_CHAR,
+                  MPI_MAX, machine);
+    MPI_Comm_free(&machine);
+    const auto all = static_cast<int>(std::ranges::count(cores, 1));
+    if (sum > all) {  // not bound to cores of their own
+      threads = all / ranks;
+    }
+  }
+  threads = std::max(threads, 1);
+  if (openblas_get_num_threads != nullptr && openblas_set_num_threads != nullptr) {
+    openblas_set_num_threads(std::min(openblas_get_num_threads(), threads));
+  }
+  if (omp_get_max_threads != nullptr && omp_set_num_threads != nullptr) {
+    omp_set_num_threads(std::min(omp_get_max_threads(), threads));
+  }
+  return threads;
+}
+
+}  // namespace latin

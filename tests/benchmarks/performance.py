@@ -1,0 +1,545 @@
+"""Cost against size, chaos modes and number of parts, as tables, figures and fitted exponents.
+
+``./run bench performance --json FILE --markdown docs/performance.md`` measures
+
+* ``sizes``: the bolted vessel meshed finer and finer. Each size runs in processes of its own, one for
+  a method, so that peak memory is that of the method. Seconds begin with the matrices of the parts;
+  ``units`` are seconds over the time of one direct solution of the same mesh, ``error`` is true: energy
+  norm, against the monolithic solution or SSFEM converged to 1e-11;
+* ``modes``: chaos of order 1 to 5 in five germs (6 to 252 modes) on the vessel;
+* ``parts``: a chain of N equal parts, all interfaces kept;
+* ``loop``: operations and bytes of the global stage per second, beside what a matrix product and a copy
+  of a large array reach on the same machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import common
+import matplotlib
+import numpy as np
+
+from dolfinx_frontend import (
+    Chaos,
+    ChaosResult,
+    Elastic,
+    LinearElastic,
+    Normal,
+    Options,
+    Problem,
+    Scene,
+    assemble,
+    geometry,
+    make_plan,
+    monte_carlo,
+    reference,
+    solve,
+    ssfem,
+    sweep,
+)
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+# mm: about 5, 24, 60, 100, 200 and 500 thousand unknowns
+SIZES = ("18", "9.6", "6.2", "5", "4", "3.1")
+METHODS = ("monolithic", "direct", "latin_pce", "ssfem_cg", "sweep", "monte_carlo")
+ORDER = 3
+PCE_RTOL = 1e-6  # estimates are up to three times too small: half of it where an error of 1e-6 is asked
+SWEEP_RTOL = 3e-5  # forces on the joint are then right to 1e-4
+CHAIN = (2, 4, 8, 16, 32, 64, 128)
+EXACT_UP_TO = 250_000  # unknowns up to which the chaos is compared with a converged SSFEM
+
+
+class Memory:
+    """Largest resident memory from here on beyond what is resident now (Linux; elsewhere 0)."""
+
+    def __init__(self) -> None:
+        self.status = Path("/proc/self/status")
+        if self.status.exists():
+            Path("/proc/self/clear_refs").write_text("5")  # forget the peak of meshing
+        self.before = self._read("VmRSS")
+
+    def _read(self, key: str) -> float:
+        text = self.status.read_text() if self.status.exists() else ""
+        found = re.search(rf"{key}:\s*(\d+) kB", text)
+        return 1024.0 * float(found[1]) if found else 0.0
+
+    def peak(self) -> float:
+        """Bytes."""
+        return self._read("VmHWM") - self.before
+
+
+def vessel_problem(size: str) -> tuple[Any, Problem]:
+    """The demo's module and the vessel with two random stiffnesses."""
+    demo = common.demo("bolted_vessel")
+    vessel, _ = demo.build_scene(common.size(size))
+    return demo, assemble(demo.random_scene(vessel))
+
+
+def deterministic(demo: Any, problem: Problem) -> Problem:
+    """The same parts and matrices with the mean laws."""
+    laws = {
+        "joint": Elastic(normal=demo.JOINT, tangential=demo.JOINT),
+        "screw": problem.interfaces["screw"].law.with_(
+            normal=0.5 * demo.SCREW, tangential=0.5 * demo.SCREW
+        ),
+    }
+    interfaces = {
+        name: replace(i, law=laws[name]) if name in laws else i
+        for name, i in problem.interfaces.items()
+    }
+    return replace(problem, interfaces=interfaces)
+
+
+def chaos_error(problem: Problem, result: ChaosResult, order: Chaos) -> float | None:
+    """Energy error of all chaos coefficients against a converged SSFEM, if that is affordable."""
+    if problem.size > EXACT_UP_TO:
+        return None
+    exact = ssfem.ssfem(problem, order, rtol=1e-11)
+    own = {name: result.coefficients(name) for name in problem.substructures}
+    return float(ssfem.energy_error_modes(problem, own, exact.coefficients))
+
+
+def one(method: str, size: str, repeats: int) -> dict[str, Any]:
+    """One method on one mesh, in a process that does nothing else."""
+    demo, problem = vessel_problem(size)
+    fixed = deterministic(demo, problem)
+    order = Chaos(ORDER, check_points=0)
+    memory = Memory()
+    record: dict[str, Any] = {"method": method, "size": size, "dof": problem.size}
+
+    def measure(call: Callable[[], Any]) -> Any:
+        run = common.timed(call, repeats, budget=90.0)
+        record["seconds"] = run.seconds
+        record["peak"] = memory.peak()
+        return run.value
+
+    if method == "monolithic":
+        unit = common.unit(fixed, repeats)
+        record |= {"seconds": unit.seconds, "solver": unit.solver, "peak": memory.peak()}
+    elif method == "direct":
+        result = measure(lambda: solve(fixed))
+        exact = reference.monolithic(fixed)
+        record["error"] = reference.energy_error(fixed, result.displacements, exact)
+        record["iterations"] = result.iterations
+        record["phases"] = result.spent()
+    elif method == "latin_pce":
+        options = Options(rtol=PCE_RTOL)
+        result = measure(lambda: solve(problem, chaos=order, options=options))
+        record |= {"iterations": result.iterations, "phases": result.spent()}
+        record["error"] = chaos_error(problem, result, order)
+    elif method == "ssfem_cg":
+        found = measure(lambda: ssfem.ssfem(problem, order, rtol=PCE_RTOL))
+        record["iterations"] = found.iterations
+        if problem.size <= EXACT_UP_TO:
+            exact = ssfem.ssfem(problem, order, rtol=1e-11)
+            record["error"] = float(
+                ssfem.energy_error_modes(problem, found.coefficients, exact.coefficients)
+            )
+    elif method == "sweep":
+        grid = demo.stiffnesses(demo.XI_SCREW, demo.XI_JOINT)
+        vary = {name.split(".")[0] for names in grid for name in names}
+        plan = make_plan(fixed, vary=vary, options=Options(rtol=SWEEP_RTOL))
+        surface = measure(lambda: sweep(fixed, grid, plan=plan, progress=False))
+        counts = surface.points.iterations[surface.points.order]
+        record |= {"iterations": int(counts.sum()), "first": int(counts[0]), "points": counts.size}
+        record["error"] = sweep_error(demo, fixed, grid, surface)
+    elif method == "monte_carlo":
+        for samples in (200, 1200):  # the difference is what a sample costs
+            begin = perf_counter()
+            options = Options(rtol=SWEEP_RTOL)
+            drawn = monte_carlo(problem, samples, plan_options=options, progress=False)
+            seconds = perf_counter() - begin
+            record[f"seconds_{samples}"] = seconds
+        each = (record["seconds_1200"] - record["seconds_200"]) / 1000.0
+        record["seconds"] = record["seconds_200"] + each * (10_000 - 200)
+        record |= {"sample_s": each, "iterations": int(drawn.iterations.sum()) / 1200.0}
+        record["peak"] = memory.peak()
+    return record
+
+
+def sweep_error(demo: Any, problem: Problem, grid: Any, surface: Any) -> float:
+    """Largest relative error of the force on the joint over a sample of points, rms over the interface."""
+    tight = make_plan(problem, vary={"joint", "screw"}, options=Options(rtol=1e-10))
+    exact = sweep(problem, grid, plan=tight, progress=False)
+    weights = problem.interfaces["joint"].weights[:, None]
+    own, true = surface.force("joint"), exact.force("joint")
+    wrong = np.sqrt((weights * (own - true) ** 2).sum(axis=(-1, -2)))
+    whole = np.sqrt((weights * true**2).sum(axis=(-1, -2)))
+    return float((wrong / whole).max())
+
+
+def in_process(arguments: list[str]) -> dict[str, Any]:
+    """Run this file in a process of its own, and read the record that it prints last."""
+    command = [sys.executable, __file__, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def sizes_part(sizes: tuple[str, ...], repeats: int) -> list[dict[str, Any]]:
+    """All methods on all meshes."""
+    rows = []
+    for size in sizes:
+        row: dict[str, Any] = {"size": size}
+        for method in METHODS:
+            row[method] = in_process(["--one", method, size, "--repeats", str(repeats)])
+            seconds = row[method]["seconds"]
+            row[method]["units"] = seconds / row["monolithic"]["seconds"]
+            print(
+                f"  {row[method]['dof']:>7} {method:<12}{seconds:9.3f} s {row[method]['units']:7.2f} units"
+                f"  peak {row[method]['peak'] / 1e6:6.0f} MB  error {row[method].get('error')}",
+                flush=True,
+            )
+        row["dof"] = row["monolithic"]["dof"]
+        rows.append(row)
+    return rows
+
+
+def modes(order: int, size: str) -> dict[str, Any]:
+    """Chaos in five germs on the vessel, in a process that does nothing else."""
+    demo, problem = vessel_problem(size)
+    unit = common.unit(deterministic(demo, problem), 3)
+    law, screw = problem.interfaces["joint"].law, problem.interfaces["screw"].law
+    half = 0.5 * demo.SCREW
+    laws = {
+        "joint": law.with_(
+            normal=Normal("joint n", demo.JOINT, cov=0.1),
+            tangential=Normal("joint t", demo.JOINT, cov=0.1),
+        ),
+        "screw": screw.with_(
+            normal=Normal("screw n", half, cov=0.1),
+            tangential=Normal("screw t", half, cov=0.1),
+            jump=Normal("shortening", -demo.SHORTENING, cov=0.1),
+        ),
+    }
+    interfaces = {
+        name: replace(i, law=laws[name]) if name in laws else i
+        for name, i in problem.interfaces.items()
+    }
+    problem = replace(problem, interfaces=interfaces)
+    chaos = Chaos(order, check_points=0)
+    memory = Memory()
+    run = common.timed(
+        lambda: solve(problem, chaos=chaos, options=Options(rtol=PCE_RTOL)), 3, budget=60.0
+    )
+    result = run.value
+    record = {
+        "order": order,
+        "modes": result.modes,
+        "dof": problem.size,
+        "iterations": result.iterations,
+        "seconds": run.seconds,
+        "units": run.seconds / unit.seconds,
+        "error_estimate": result.error,
+        "peak": memory.peak(),
+        "phases": result.spent(),
+    }
+    if order <= 2:
+        record["error"] = chaos_error(problem, result, chaos)
+    return record
+
+
+def chain(parts: int) -> dict[str, Any]:
+    """A chain of equal boxes, every interface kept, against the assembled structure."""
+    scene = Scene()
+    box = (1.0, 1.0, 1.0)
+    for k in range(parts):
+        part = geometry.box(box, (2, 2, 2), origin=(float(k), 0.0, 0.0), cell="hexahedron")
+        scene.substructure(f"p{k}", part, LinearElastic(E=200e3, nu=0.3), degree=2)
+    for k in range(parts - 1):
+        stiff = Elastic(normal=1e6, tangential=1e6)
+        scene.interface(f"i{k}", f"p{k}:x1", f"p{k + 1}:x0", stiff)
+    scene.fix("p0:x0")
+    scene.traction(f"p{parts - 1}:x1", (1.0, 0.5, 0.0), name="pull")
+    problem = assemble(scene)
+    unit = common.unit(problem, 3)
+    options = Options(rtol=1e-6, max_iterations=3000)
+    active = [f"i{k}" for k in range(parts - 1)]
+    run = common.timed(lambda: solve(problem, active=active, options=options), 3, budget=60.0)
+    exact = reference.monolithic(problem)
+    return {
+        "parts": parts,
+        "dof": problem.size,
+        "iterations": run.value.iterations,
+        "seconds": run.seconds,
+        "units": run.seconds / unit.seconds,
+        "unit_s": unit.seconds,
+        "error": reference.energy_error(problem, run.value.displacements, exact),
+    }
+
+
+def machine() -> dict[str, float]:
+    """What one thread reaches: operations of a matrix product, bytes of a copy."""
+    a = np.random.default_rng(0).normal(size=(1500, 1500))
+    product = common.timed(lambda: a @ a, 5).seconds
+    big = np.zeros(40_000_000)
+    copied = np.empty_like(big)
+    copy = common.timed(lambda: np.copyto(copied, big), 5).seconds
+    return {"flops": 2 * 1500.0**3 / product, "bytes": 16.0 * big.size / copy}
+
+
+def loop(size: str) -> list[dict[str, Any]]:
+    """Rates of the global stage for one column and for ten, twenty-one, fifty-six."""
+    demo, problem = vessel_problem(size)
+    rows = []
+    for order in (0, 3, 5, 9):
+        if order:
+            chaos = Chaos(order, check_points=0)
+            result: Any = solve(problem, chaos=chaos, options=Options(rtol=PCE_RTOL))
+            columns = result.modes
+        else:
+            fixed = deterministic(demo, problem)
+            result = solve(fixed, "accelerated", options=Options(rtol=1e-9))
+            columns = 1
+        # two triangular solves with each dense factor, read twice
+        active = [c["active"] for c in result.core.costs]
+        numbers = sum(float(n) ** 2 for n in active)
+        stages = max(result.summary.iterations, 1)
+        seconds = result.summary.global_s / stages
+        total = result.summary.global_s + result.summary.local_s + result.summary.other_s
+        rows.append(
+            {
+                "columns": columns,
+                "active": active,
+                "stage_s": seconds,
+                "flops": 2.0 * numbers * columns / seconds,
+                "bytes": 8.0 * numbers / seconds,
+                "share_global": result.summary.global_s / total,
+                "share_local": result.summary.local_s / total,
+            }
+        )
+    return rows
+
+
+def exponent(x: list[float], y: list[float], last: int = 4) -> float:
+    """Slope of a straight line through the last points, doubly logarithmic."""
+    return float(np.polyfit(np.log(x[-last:]), np.log(y[-last:]), 1)[0])
+
+
+def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
+    """The three figures; returns the exponents that stand in them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found: dict[str, dict[str, float]] = {"sizes": {}, "modes": {}, "parts": {}}
+    labels = {
+        "monolithic": "one direct solution (the unit)",
+        "direct": "deterministic, as planned",
+        "latin_pce": f"LATIN-PCE, order {ORDER}",
+        "ssfem_cg": f"monolithic SSFEM, order {ORDER}",
+        "sweep": "sweep of 91 points",
+        "monte_carlo": "10 000 samples",
+    }
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    for method, label in labels.items():
+        x = [row["dof"] for row in record["sizes"]]
+        for axis, key, scale in ((axes[0], "seconds", 1.0), (axes[1], "peak", 1e-6)):
+            y = [max(row[method][key], 1.0) * scale if key == "peak" else row[method][key]
+                 for row in record["sizes"]]
+            found["sizes"][f"{method} {key}"] = exponent(x, y)
+            text = f"{label}: n^{found['sizes'][f'{method} {key}']:.2f}"
+            axis.loglog(x, y, "o-", label=text, markersize=4)
+    axes[0].set(xlabel="unknowns", ylabel="seconds")
+    axes[1].set(xlabel="unknowns", ylabel="peak memory beyond the matrices, MB")
+    for axis in axes:
+        axis.legend(fontsize=7)
+        axis.grid(alpha=0.3, which="both")
+    figure.savefig(folder / "performance_sizes.png", dpi=130)
+
+    figure, axis = plt.subplots(figsize=(5.5, 4), layout="constrained")
+    x = [row["modes"] for row in record["modes"]]
+    y = [row["units"] for row in record["modes"]]
+    found["modes"]["units"] = exponent(x, y, 2)
+    axis.loglog(x, y, "o-", label=f"order 1 to {len(x)}, last slope {found['modes']['units']:.2f}")
+    axis.set(xlabel="chaos modes (five germs)", ylabel="units")
+    axis.legend()
+    axis.grid(alpha=0.3, which="both")
+    figure.savefig(folder / "performance_modes.png", dpi=130)
+
+    figure, axis = plt.subplots(figsize=(5.5, 4), layout="constrained")
+    x = [row["parts"] for row in record["parts"]]
+    y = [row["seconds"] for row in record["parts"]]
+    found["parts"]["seconds"] = exponent(x, y)
+    axis.loglog(x, y, "o-", label=f"LATIN, N^{found['parts']['seconds']:.2f}")
+    units = [row["unit_s"] for row in record["parts"]]
+    axis.loglog(x, units, "s--", label=f"one direct solution, N^{exponent(x, units):.2f}")
+    axis.set(xlabel="parts in a chain, all interfaces kept", ylabel="seconds")
+    axis.legend()
+    axis.grid(alpha=0.3, which="both")
+    figure.savefig(folder / "performance_parts.png", dpi=130)
+    plt.close("all")
+    return found
+
+
+def markdown(record: dict[str, Any], path: Path) -> None:
+    """The page of the documentation."""
+
+    def lines(header: list[str], rows: list[list[str]]) -> list[str]:
+        return [
+            "| " + " | ".join(header) + " |",
+            "|" + "---|" * len(header),
+            *("| " + " | ".join(row) + " |" for row in rows),
+            "",
+        ]
+
+    def number(value: float | None, form: str = ".1e") -> str:
+        return "-" if value is None else format(value, form)
+
+    e = record["environment"]
+    text = [
+        "# Performance, measured",
+        "",
+        "Made by `./run bench performance --json FILE --markdown docs/performance.md`; the numbers and figures "
+        "on this page are those of one run.",
+        "",
+        f"Machine: {e['processor']}, {e['cpus']} cores, {e['threads']} thread(s), shared with other work "
+        f"(load {e['load']:.1f} at the end): times are medians and vary by some tens of percent. "
+        f"{', '.join(e['blas'])}, dolfinx {e['dolfinx']}, PETSc {e['petsc']}.",
+        "",
+        "A *unit* is one direct solution (analysis, factorisation, one solve) of the assembled structure on the same "
+        "mesh, by the faster of CHOLMOD and MUMPS. Seconds begin with the matrices of the parts. Errors are true "
+        "ones: in the energy norm, all chaos coefficients together, against SSFEM converged to 1e-11; for the sweep "
+        "the worst force on the joint (rms over the interface) of all 91 points. Peak memory is what a process "
+        "takes beyond the matrices of the parts.",
+        "",
+        "## Against size",
+        "",
+        "The bolted vessel; two random stiffnesses, order 3 (10 modes); the Monte Carlo row is 10 000 samples, "
+        "extrapolated from 1 200 at the tolerance of the sweep.",
+        "",
+    ]
+    rows = []
+    for row in record["sizes"]:
+        for method in METHODS:
+            m = row[method]
+            rows.append(
+                [
+                    f"{m['dof']}",
+                    method,
+                    f"{m['seconds']:.3g}",
+                    f"{m['units']:.2f}",
+                    "-" if "iterations" not in m else f"{m['iterations']:.4g}",
+                    number(m.get("error")),
+                    f"{m['peak'] / 1e6:.0f}",
+                ]
+            )
+    text += lines(["unknowns", "", "seconds", "units", "iterations", "error", "peak, MB"], rows)
+    text += ["![Cost against size](figures/performance_sizes.png)", ""]
+    text += ["## Against modes", "", "Five germs on the vessel, orders 1 to 5.", ""]
+    text += lines(
+        ["order", "modes", "iterations", "seconds", "units", "estimated error", "true error", "peak, MB"],
+        [
+            [
+                str(m["order"]),
+                str(m["modes"]),
+                str(m["iterations"]),
+                f"{m['seconds']:.3g}",
+                f"{m['units']:.2f}",
+                number(m["error_estimate"]),
+                number(m.get("error")),
+                f"{m['peak'] / 1e6:.0f}",
+            ]
+            for m in record["modes"]
+        ],
+    )
+    text += ["![Cost against modes](figures/performance_modes.png)", ""]
+    text += [
+        "## Against the number of parts",
+        "",
+        "A chain of equal boxes (8 quadratic hexahedra each), every elastic interface kept and iterated on.",
+        "",
+    ]
+    text += lines(
+        ["parts", "unknowns", "iterations", "seconds", "units", "error"],
+        [
+            [
+                str(m["parts"]),
+                str(m["dof"]),
+                str(m["iterations"]),
+                f"{m['seconds']:.3g}",
+                f"{m['units']:.2f}",
+                number(m["error"]),
+            ]
+            for m in record["parts"]
+        ],
+    )
+    text += ["![Cost against the number of parts](figures/performance_parts.png)", ""]
+    peak_rates = record["machine"]
+    text += [
+        "## The loop",
+        "",
+        f"One thread multiplies matrices at {peak_rates['flops'] / 1e9:.1f} GFlop/s and copies at "
+        f"{peak_rates['bytes'] / 1e9:.1f} GB/s. The global stage on the paper's mesh:",
+        "",
+    ]
+    text += lines(
+        ["columns", "a stage, ms", "GFlop/s", "of the product", "GB/s of factors", "of the copy",
+         "share of the loop", "local stage"],
+        [
+            [
+                str(m["columns"]),
+                f"{1e3 * m['stage_s']:.2f}",
+                f"{m['flops'] / 1e9:.1f}",
+                f"{100 * m['flops'] / peak_rates['flops']:.0f} %",
+                f"{m['bytes'] / 1e9:.1f}",
+                f"{100 * m['bytes'] / peak_rates['bytes']:.0f} %",
+                f"{100 * m['share_global']:.0f} %",
+                f"{100 * m['share_local']:.0f} %",
+            ]
+            for m in record["loop"]
+        ],
+    )
+    path.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Measure, print and write."""
+    parser = common.parser("performance", "Cost against size, modes and parts.")
+    parser.add_argument("--markdown", type=Path, help="page to write, with figures beside it")
+    parser.add_argument("--sizes", nargs="+", default=list(SIZES))
+    parser.add_argument("--modes-size", default="paper")
+    parser.add_argument("--orders", nargs="+", type=int, default=[1, 2, 3, 4, 5])
+    parser.add_argument("--parts", nargs="+", type=int, default=list(CHAIN))
+    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--order", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        print(json.dumps(one(*options.one, options.repeats)))
+        return
+    if options.order:
+        print(json.dumps(modes(options.order, options.modes_size)))
+        return
+    record: dict[str, Any] = {
+        "benchmark": "performance",
+        "machine": machine(),
+        "sizes": sizes_part(tuple(options.sizes), options.repeats),
+    }
+    record["modes"] = []
+    for order in options.orders:
+        arguments = ["--order", str(order), "--modes-size", options.modes_size]
+        record["modes"].append(in_process(arguments))
+        row = record["modes"][-1]
+        print(f"  {row['modes']} modes {row['units']:.2f} units, {row['iterations']} iterations", flush=True)
+    record["parts"] = [chain(n) for n in options.parts]
+    record["loop"] = loop(options.modes_size)
+    record["environment"] = common.environment()
+    if options.markdown:
+        record["exponents"] = plots(record, options.markdown.parent / "figures")
+        markdown(record, options.markdown)
+    common.write_json(record, options.json)
+
+
+if __name__ == "__main__":
+    main()

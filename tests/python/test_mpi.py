@@ -1,0 +1,69 @@
+"""Several ranks: the same digits as one rank, neighbours only, errors that end all ranks with a message."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+MPIRUN = shutil.which("mpirun") or shutil.which("mpiexec")
+
+pytestmark = pytest.mark.skipif(MPIRUN is None, reason="no mpirun in this environment")
+
+
+def launch(ranks: int, program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program of this folder on some ranks; a run that hangs fails the test."""
+    assert MPIRUN is not None
+    version = subprocess.run([MPIRUN, "--version"], capture_output=True, text=True, check=False)
+    flags = ["--allow-run-as-root", "--oversubscribe"] if "Open MPI" in version.stdout else []
+    # the variables of a launcher that may have started the tests are not for this one
+    keep = {k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "PMI_", "OMPI_COMM_"))}
+    return subprocess.run(
+        [MPIRUN, *flags, "-n", str(ranks), sys.executable, str(HERE / program), *arguments],
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        timeout=120,
+        env={
+            **keep,
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "OMPI_MCA_mpi_yield_when_idle": "1",
+        },
+        check=False,
+    )
+
+
+def test_bars_over_three_ranks_have_the_digits_of_one_and_fail_together() -> None:
+    run = launch(3, "mpi_kernel.py")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("same on rank") == run.stdout.count("failed together on rank") == 3
+
+
+def test_blocks_over_two_ranks_have_the_digits_of_one() -> None:
+    run = launch(2, "mpi_chain.py", "same")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("same on rank") == 2 * 3
+
+
+def test_sweeps_samples_and_chaos_over_two_ranks_have_the_digits_of_one() -> None:
+    run = launch(2, "mpi_chain.py", "columns")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("same columns on rank") == 2
+
+
+def test_a_mistake_that_one_rank_sees_is_raised_on_all() -> None:
+    run = launch(2, "mpi_chain.py", "refuse")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("refused on rank") == 2
+
+
+def test_an_error_that_is_not_caught_ends_all_ranks_with_its_message() -> None:
+    run = launch(2, "mpi_chain.py", "crash")
+    assert run.returncode != 0
+    assert "rank 1 of 2:" in run.stderr and "RuntimeError: only here" in run.stderr
