@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly import Problem, resolve, stiffnesses
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Displacement, Elastic, Perfect, Symmetry, UserLaw
+from dolfinx_frontend.laws import Contact, Displacement, Elastic, Perfect, Symmetry, UserLaw
 from dolfinx_frontend.macro import basis
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.parallel import agreement
@@ -56,9 +56,13 @@ def _scale(problem: Problem, plan: Plan) -> float:
     """E / L of the scene: geometric mean of the moduli, over the scene's length."""
     parts = problem.parts.values()
     modulus = float(np.exp(np.mean([np.log(part.modulus) for part in parts])))
-    dim = next(iter(parts)).dim
-    length = plan.direction.length or sum(part.volume for part in parts) ** (1.0 / dim)
-    return modulus / length
+    return modulus / (plan.direction.length or _length(problem))
+
+
+def _length(problem: Problem) -> float:
+    """L of the scene: (sum of volumes)^(1/d)."""
+    parts = problem.parts.values()
+    return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
 
 
 def _direction(
@@ -71,8 +75,15 @@ def _direction(
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
     unit = plan.direction.factor * _scale(problem, plan)
-    if plan.macro and plan.direction.length is None:
-        unit *= bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
+    if plan.direction.length is None:
+        shorter = 1.0
+        if plan.macro:
+            shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
+        if isinstance(interface.law, Contact | UserLaw):
+            # bodies give way to a contact as over its own size, where that is smaller than theirs
+            size = interface.area ** (1.0 / (interface.dim - 1))
+            shorter = max(shorter, _length(problem) / size)
+        unit *= shorter
     k: Array = np.full((interface.num_points, fields.components), unit)
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness

@@ -69,8 +69,8 @@ class Direction:
         problem (measured).
         Elastic interfaces softer than that take twice their own stiffness when accelerated.
     length
-        L; None: the size of the scene, (sum of volumes)^(1/d); with a coarse problem, which sees the
-        scene as a whole, the mean size of a body.
+        L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
+        smaller; with a coarse problem, which sees the scene as a whole, the mean size of a body.
     given
         Interface name -> k, a number or one value a point; goes before the factor.
     """

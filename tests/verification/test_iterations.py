@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
 import numpy as np
 import pytest
 
-from dolfinx_frontend import bridge
+from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, bridge, geometry
 from dolfinx_frontend.assembly import Problem
+from dolfinx_frontend.lap_joint import lap_joint
 from dolfinx_frontend.pairing import csr
 from dolfinx_frontend.plan import Direction
 from dolfinx_frontend.reference import ReferenceSolution, energy_error, monolithic
@@ -135,3 +142,96 @@ def test_estimate_of_the_accelerated_iteration(vessel, vessel_reference, factor,
     ratio = result.error / true_error(vessel, result, vessel_reference)
     # the default direction keeps the bound; off it, a short history sees only part of the error
     assert (1 / 3 if factor == 1.0 else 1 / 20) < ratio < 3
+
+
+# ---------------------------------------------------------------------------------------------
+# Contact and friction: 60 and 80 iterations to a true error of 1e-5, whatever the search direction
+# ---------------------------------------------------------------------------------------------
+FACTORS = [0.1, 1.0, 10.0]
+"""Of the default search direction, 3 E/L."""
+
+
+def demo(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        f"{name}_demo", Path(__file__).resolve().parents[2] / "demos" / f"{name}.py"
+    )
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return module
+
+
+def difference(problem: Problem, one: Any, other: Any) -> float:
+    """In the energy norm of all bodies over all times, relative."""
+    above = below = 0.0
+    for name, part in problem.substructures.items():
+        stiffness = csr(part.stiffness)
+        exact = np.atleast_2d(other.displacements[name]).T
+        error = np.atleast_2d(one.displacements[name]).T - exact
+        above += float(np.sum(error * (stiffness @ error)))
+        below += float(np.sum(exact * (stiffness @ exact)))
+    return float(np.sqrt(abs(above) / below))
+
+
+def within(problem: Problem, limit: int, **settings: Any) -> None:
+    """At most `limit` iterations to a true error of 1e-5 that is not above the estimate."""
+    exact = solve(problem, options=Options(rtol=1e-11, max_iterations=1000), **settings)
+    assert exact.converged
+    for factor in FACTORS:
+        options = Options(rtol=1e-5, max_iterations=1000)
+        result = solve(
+            problem, options=options, direction=Direction(factor=3.0 * factor), **settings
+        )
+        error = difference(problem, result, exact)
+        assert result.converged and result.iterations <= limit, (factor, result.iterations)
+        assert error < min(1e-5, 3.0 * result.error), (factor, error, result.error)
+
+
+@pytest.mark.parametrize("friction, limit", [(None, 60), (0.1, 80), (0.3, 80)])
+def test_iterations_of_the_vessel_in_true_contact(friction: float | None, limit: int) -> None:
+    pressures = np.array([0.0, 1.2, 2.4, 3.6])  # MPa; the last one opens the joint
+    times = np.arange(len(pressures), dtype=float)
+    vessel = geometry.bolted_vessel(size="coarse")
+    scene = demo("bolted_vessel").vessel_scene(
+        vessel, joint=Contact(friction=friction), pressure=Amplitude(times, pressures) * 1.0
+    )
+    within(assemble(scene), limit, times=times)
+
+
+def test_iterations_of_the_lap_joint_over_its_history() -> None:
+    lap = demo("bolted_lap_joint")
+    problem = assemble(lap.build_scene(lap_joint("coarse"), lap.CYCLE * (lap.REACH, 0.0, 0.0)))
+    within(problem, 80, times=np.linspace(1.0, 6.0, 21))
+
+
+@pytest.mark.parametrize("load", ["NAFEMS", "SMALL"])
+def test_iterations_of_a_contact_far_smaller_than_its_bodies(load: str) -> None:
+    """Hertz, with the default search direction: a/L = 0.06 and 0.006."""
+    hertz = demo("hertz")
+    within(assemble(hertz.press(getattr(hertz, load), 8.0).scene), 60)
+
+
+@pytest.mark.parametrize("factor", [0.3, 3.0, 30.0])
+def test_a_stiff_block_on_a_soft_spring_is_right_or_not_converged(factor: float) -> None:
+    """The scene's E/L is ten thousand times what friction acts against: errors hide in rigid motions."""
+    block = geometry.box((10.0, 10.0, 2.0), (2, 2, 1), cell="hexahedron")
+    draw = Amplitude([1.0, 2.0, 3.0, 4.0], [0.0, 0.25, -0.25, 0.25])
+    scene = Scene()
+    scene.substructure("block", block, LinearElastic(E=2e7, nu=0.3), degree=1)
+    scene.interface("ground", "block:z0", Contact(friction=0.2))
+    scene.pressure("block:z1", Amplitude([0.0, 1.0], [0.0, 1.0]) * 5.0)
+    scene.interface("spring", "block:x1", Elastic(normal=1e3, total=True, jump=draw * -1.0))
+    problem = assemble(scene)
+    options = Options(rtol=1e-5, max_iterations=1000)
+    times = np.linspace(1.0, 4.0, 10)
+    result = solve(problem, options=options, direction=Direction(factor=factor), times=times)
+    if result.converged:
+        # a spring of 1 000 N/mm in series with a slider of mu N = 100 N
+        force, slip = [0.0], 0.0
+        for time in times[1:]:
+            force.append(float(np.clip(1e3 * (draw(time) - slip), -100.0, 100.0)))
+            slip = draw(time) - force[-1] / 1e3
+        found = result.force("spring")[..., 0] @ problem.interfaces["spring"].weights
+        assert np.allclose(found, force, atol=0.1)
+    assert result.converged or factor > 1.0

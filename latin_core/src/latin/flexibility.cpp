@@ -14,19 +14,25 @@ namespace {
 constexpr Index most_modes = 12;
 /// Modes softer than this share of the springs k are kept apart.
 constexpr double soft = 1e-4;
+/// Least flexibility of a point, as a share of the mean.
+constexpr double least_own = 1e-2;
+/// Least stiffness of a mode, in the same terms: rounding of a rigid one.
+constexpr double floating = 1e-13;
 /// Steps of the subspace iteration: what is soft is 1 / mu times larger after each.
 constexpr int subspace_steps = 3;
 
 }  // namespace
 
 Flexibility::Flexibility(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
-                         std::vector<Index> unknown, Vector sign, Index unknowns)
+                         std::vector<Index> unknown, Vector sign,
+                         const std::vector<Index>& components)
     : unknown_(std::move(unknown)),
       sign_(std::move(sign)),
       inverse_direction_(sign_.size()),
       weights_(sign_.size()),
-      direct_(Vector::Zero(unknowns)),
-      matrix_(Matrix::Zero(unknowns, unknowns)),
+      direct_(Vector::Zero(static_cast<Index>(components.size()))),
+      areas_(direct_.size()),
+      matrix_(Matrix::Zero(direct_.size(), direct_.size())),
       modal_traces_(sign_.size(), 0) {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     const Body& body = bodies[b];
@@ -53,15 +59,29 @@ Flexibility::Flexibility(const std::vector<Body>& bodies, const std::vector<Inde
     add_matrix(parts_.back());
   }
   for (Index row = 0; row < inverse_direction_.size(); ++row) {
-    direct_(unknown_[static_cast<std::size_t>(row)]) += inverse_direction_(row);
+    const Index unknown_row = unknown_[static_cast<std::size_t>(row)];
+    direct_(unknown_row) += inverse_direction_(row);
+    areas_(unknown_row) = weights_(row);
   }
+  find_own(components);
   matrix_.diagonal() += direct_;
   matrix_ /= 1.0 + mu;
-  modal_jumps_ = Matrix::Zero(unknowns, modal_traces_.cols());
+  modal_jumps_ = Matrix::Zero(unknowns(), modal_traces_.cols());
   for (Index row = 0; row < modal_traces_.rows(); ++row) {
     modal_jumps_.row(unknown_[static_cast<std::size_t>(row)]) +=
         sign_(row) * modal_traces_.row(row);
   }
+}
+
+void Flexibility::find_own(const std::vector<Index>& components) {
+  own_ = matrix_.diagonal();
+  for (Index row = 0; row < own_.size();) {
+    const Index count = components[static_cast<std::size_t>(row)];
+    own_.segment(row, count).setConstant(own_.segment(row, count).mean());
+    row += count;
+  }
+  own_ = own_.size() > 0 && own_.mean() > 0.0 ? Vector(own_.cwiseMax(least_own * own_.mean()))
+                                              : direct_;
 }
 
 void Flexibility::find_modes(Part& part, const SparseRows& springs) {
@@ -100,7 +120,9 @@ void Flexibility::find_modes(Part& part, const SparseRows& springs) {
   modal_traces_.block(part.first_row, before, part.body->rows(), modes) =
       part.body->active_traces() * part.modes;
   modal_stiffness_.conservativeResize(before + modes);
-  modal_stiffness_.tail(modes) = inverse.cwiseInverse();
+  // without the springs mu k: beside soft supports they would carry a share of the load
+  modal_stiffness_.tail(modes) =
+      ((inverse.cwiseInverse().array() - mu) / ((1.0 + mu) * (1.0 + mu))).max(floating);
 }
 
 void Flexibility::add_matrix(const Part& part) {
@@ -154,8 +176,7 @@ Matrix Flexibility::modal_loads(ConstMatrixRef v) const {
 }
 
 Matrix Flexibility::modal_data(ConstMatrixRef amplitudes) const {
-  return inverse_direction_.cwiseInverse().asDiagonal() * (modal_traces_ * amplitudes) /
-         (1.0 + mu);
+  return inverse_direction_.cwiseInverse().asDiagonal() * (modal_traces_ * amplitudes) / (1.0 + mu);
 }
 
 Matrix Flexibility::spread(ConstMatrixRef y) const {
@@ -165,6 +186,8 @@ Matrix Flexibility::spread(ConstMatrixRef y) const {
   }
   return result;
 }
+
+Vector Flexibility::force(ConstVectorRef v) const { return jump(v).cwiseQuotient(direct_); }
 
 Matrix Flexibility::jump(ConstMatrixRef v) const {
   Matrix result = Matrix::Zero(unknowns(), v.cols());

@@ -595,81 +595,104 @@ const Flexibility& Problem::flexibility() const {
       }
     }
     flexibility_ = std::make_unique<Flexibility>(bodies_, body_rows_, std::move(unknown),
-                                                 std::move(sign), interface_unknowns_);
+                                                 std::move(sign), layout().components);
   }
   return *flexibility_;
 }
 
-Tangents Problem::tangents(ConstMatrixRef data, ConstMatrixRef traces) const {
-  const Index columns = data.cols();
-  Index most = 0;
-  Tangents result;
+Problem::Layout Problem::layout() const {
+  Layout layout;
   for (const Entry& entry : interfaces_) {
     const Index components = entry.geometry.components;
-    most = std::max(most, components);
     for (Index row = 0; row < entry.flexibility.size(); ++row) {
-      result.first.push_back(entry.first_unknown + row - row % components);
-      result.components.push_back(components);
+      layout.first.push_back(entry.first_unknown + row - row % components);
+      layout.components.push_back(components);
     }
   }
-  for (Index column = 0; column < columns; ++column) {
-    result.blocks.emplace_back(static_cast<std::size_t>(column % steps_ + 1),
-                               Matrix::Zero(interface_unknowns_, most));
-  }
-  Matrix force;
-  Matrix moved;
+  return layout;
+}
+
+Vector Problem::law_flexibility(const Vector& wanted) const {
+  Vector result = wanted;
   for (const Entry& entry : interfaces_) {
-    const Index rows = entry.flexibility.size();
-    const Matrix jump = free_jump(entry, data, traces, Matrix());  // no side is elsewhere
-    resolve(entry, jump, force);
-    // towards closing, so that a point that just touches counts as closed
-    const double largest = jump.cwiseAbs().maxCoeff();
-    Vector size = jump.cwiseAbs().colwise().maxCoeff().transpose();
-    size =
-        (size.array() == 0.0).select(largest > 0.0 ? largest : entry.flexibility.maxCoeff(), size);
-    // a linear law has no history, and without history all columns are told apart at once
-    const Index lags = entry.geometry.law->linear() ? 1 : steps_;
-    for (Index component = 0; component < entry.geometry.components; ++component) {
-      const auto of_component =
-          Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
-      for (Index step = 0; step < lags; ++step) {
-        for (const double difference : differences) {
-          Matrix other = jump;
-          for (Index column = step; column < columns; column += lags) {
-            other(of_component, column).array() -= difference * size(column);
-          }
-          resolve(entry, other, moved);
-          for (Index column = step; column < columns; ++column) {
-            const Index lag = column % lags - step;
-            if (lag < 0) {
-              continue;
-            }
-            auto slope =
-                result.blocks[static_cast<std::size_t>(column)][static_cast<std::size_t>(lag)]
-                    .col(component)
-                    .segment(entry.first_unknown, rows);
-            const Vector now =
-                (force.col(column) - moved.col(column)) / (difference * size(column - lag));
-            if (difference == differences.front()) {
-              slope = now;
-            } else {
-              slope =
-                  ((now - slope).cwiseAbs().cwiseProduct(entry.flexibility).array() < same_slope)
-                      .select(now, slope);
-            }
-          }
-        }
-      }
+    if (!entry.geometry.law->monotone()) {
+      auto own = result.segment(entry.first_unknown, entry.flexibility.size());
+      own = own.cwiseMin(entry.flexibility);
     }
   }
   return result;
 }
 
-Vector Tangents::times(const Matrix& block, ConstVectorRef p) const {
-  Vector result(block.rows());
-  for (Index row = 0; row < block.rows(); ++row) {
-    const auto at = static_cast<std::size_t>(row);
-    result(row) = block.row(row).head(components[at]).dot(p.segment(first[at], components[at]));
+Matrix Problem::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const {
+  Matrix jumps(interface_unknowns_, data.cols());
+  for (const Entry& entry : interfaces_) {
+    jumps.middleRows(entry.first_unknown, entry.flexibility.size()) =
+        free_jump(entry, data, traces, Matrix());  // no side is elsewhere
+  }
+  return jumps;
+}
+
+void Problem::ask(const Entry& entry, ConstMatrixRef free_jump, ConstVectorRef flexibility,
+                  Matrix& force) const {
+  force.resize(free_jump.rows(), free_jump.cols());
+  entry.geometry.law->resolve(
+      {entry.geometry.components, free_jump, flexibility, steps_, entry.geometry.name}, force);
+}
+
+Matrix Problem::forces(ConstMatrixRef jumps, ConstVectorRef flexibility) const {
+  Matrix result(jumps.rows(), jumps.cols());
+  Matrix force;
+  for (const Entry& entry : interfaces_) {
+    const auto rows = Eigen::seqN(entry.first_unknown, entry.flexibility.size());
+    const Vector own = flexibility(rows);
+    ask(entry, jumps(rows, Eigen::all), own, force);
+    result(rows, Eigen::all) = force;
+  }
+  return result;
+}
+
+Matrix Problem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index column) const {
+  Index most = 0;
+  for (const Entry& entry : interfaces_) {
+    most = std::max(most, entry.geometry.components);
+  }
+  Matrix result = Matrix::Zero(interface_unknowns_, most);
+  Matrix force;
+  Matrix moved;
+  for (const Entry& entry : interfaces_) {
+    const Index rows = entry.flexibility.size();
+    const Matrix jump = jumps.middleRows(entry.first_unknown, rows);
+    const Vector own = flexibility.segment(entry.first_unknown, rows);
+    const LocalProblem local{entry.geometry.components, jump, own, steps_, entry.geometry.name};
+    Matrix known(rows, entry.geometry.components);
+    if (entry.geometry.law->slopes(local, column, known)) {
+      result.block(entry.first_unknown, 0, rows, known.cols()) = known;
+      continue;
+    }
+    ask(entry, jump, own, force);
+    double size = jump.col(column).cwiseAbs().maxCoeff();
+    if (size == 0.0) {
+      const double largest = jump.cwiseAbs().maxCoeff();
+      size = largest > 0.0 ? largest : own.maxCoeff();
+    }
+    for (Index component = 0; component < entry.geometry.components; ++component) {
+      const auto of_component =
+          Eigen::seqN(component, entry.geometry.points, entry.geometry.components);
+      auto slope = result.col(component).segment(entry.first_unknown, rows);
+      for (const double difference : differences) {
+        Matrix other = jump;
+        // towards closing, so that a point that just touches counts as closed
+        other(of_component, column).array() -= difference * size;
+        ask(entry, other, own, moved);
+        const Vector now = (force.col(column) - moved.col(column)) / (difference * size);
+        if (difference == differences.front()) {
+          slope = now;
+        } else {
+          slope =
+              ((now - slope).cwiseAbs().cwiseProduct(own).array() < same_slope).select(now, slope);
+        }
+      }
+    }
   }
   return result;
 }

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <memory>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -42,6 +43,8 @@ constexpr Index observing_depth = 10;
 /// Progress is a residual or an error that fell to this share of what it was when progress was last seen.
 constexpr double progress = 0.9;
 constexpr Index longest_pause = 64;
+/// Accelerated steps so much longer than the residual are not taken.
+constexpr double longest_step = 1e7;
 /// Accelerated iterations without a better residual before the safeguard steps in.
 constexpr Index patience = 15;
 /// Relaxation of the safeguard's plain steps: an averaged step converges for every monotone law.
@@ -49,26 +52,21 @@ constexpr double averaged = 0.8;
 /// An accelerated residual this much above the best one so far is not followed any further.
 constexpr double growth_before_restart = 10.0;
 
-/// Averaged steps from zero before the first Newton step: they find most of what is open and closed.
-constexpr Index steps_before_newton = 3;
-/// Averaged steps after a Newton step that led nowhere; twice as many after the next one, up to the longest,
-/// after which no more Newton steps are tried.
-constexpr Index steps_after_failure = 4;
-constexpr Index longest_wait = 32;
-/// Work of a Newton step in global stages, its dense system not counted.
-constexpr Index stages_of_newton = 3;
-/// Newton steps without a better residual before some averaged ones are taken.
-constexpr Index newton_patience = 8;
+/// Averaged steps from zero before Newton's method is tried: they find most of what is open and closed.
+constexpr Index steps_before_newton = 2;
+/// From elsewhere (another parameter set) a few accelerated steps are often enough, and cheaper than dense
+/// factorisations: so many more for each of the unknowns.
+constexpr double steps_per_unknown = 0.05;
+/// Accelerated steps after Newton's method failed; twice as many after the next time.
+constexpr Index steps_after_failure = 8;
+/// Accuracy of Newton's method, as a share of that of the run.
+constexpr double newton_accuracy = 1e-3;
 /// A Newton step that leaves less than this of the residual is the error of the iterate before it.
 constexpr double believable = 0.5;
-/// Below this share of the data it need not fall: which points are closed does not change any more.
+/// A step so much larger than the data is a body that flies off.
+constexpr double absurd = 1e6;
+/// Below this share of the data the residual need not fall.
 constexpr double settled = 1e-10;
-/// After a fall of the residual to this share the tangents are softened less.
-constexpr double good_fall = 0.1;
-/// Softening of the laws' tangents (Levenberg-Marquardt for the multipliers): first, least and most.
-constexpr double first_softening = 1e-4;
-constexpr double least_softening = 1e-5;
-constexpr double most_softening = 0.3;
 
 /// One solve: the local and the global stage in turn.
 class Run {
@@ -86,7 +84,6 @@ class Run {
         residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
         step_residual_(problem.rows(), amplitudes.cols()),
-        newton_(problem),
         newton_helps_(options.acceleration > 0 && options.newton > 0 &&
                       problem.suits_newton(options.newton)),
         start_(Clock::now()) {}
@@ -122,19 +119,29 @@ class Run {
     local();
     if (newton_helps_ && state_.data.isZero(0.0)) {
       pause_ = steps_before_newton;
+    } else {
+      newton_wait_ += static_cast<Index>(steps_per_unknown *
+                                         static_cast<double>(problem_.interface_unknowns()));
     }
     double first_norm = -1.0;
     double norm_then = std::numeric_limits<double>::infinity();
     double error_then = std::numeric_limits<double>::infinity();
     Index last_progress = 0;
     for (;;) {
-      propose();
+      proposed_ = false;
+      if (newton_wait_ == 0) {
+        propose();
+      }
       const auto measuring = Clock::now();
       const Measure measured = measure();
       const double norm = history_.residual_norm();
       const Size& size = measured.size;
       summary_.indicator = measured.indicator;
-      const double error = estimate(norm, measured);
+      double error = estimate(norm, measured);
+      if (error <= options_.rtol && !proposed_ && failures_ > 0) {
+        propose();  // an accelerated run that was long may hide an error that Newton's step shows
+        error = estimate(norm, measured);
+      }
       summary_.error = error;
       summary_.energy = size.strain;
       const Iteration record{summary_.iterations, error, summary_.indicator, norm, since(start_)};
@@ -152,6 +159,9 @@ class Run {
       }
       if ((options_.stop_on_indicator ? summary_.indicator : error) <= options_.rtol) {
         summary_.status = Status::converged;
+        if (proposed_ && proposed_columns_ == step_.cols()) {
+          follow(norm);
+        }
         break;
       }
       if (summary_.iterations >= options_.max_iterations) {
@@ -231,92 +241,81 @@ class Run {
       return 0.0;
     }
     const double least = summary_.indicator * least_of_indicator;
-    if (proposed_) {
+    if (proposed_ && proposed_columns_ == step_.cols() &&
+        norm_of(step_) < absurd * (norm + norm_of(state_.data))) {
       // the step is the error as far as the linearisation holds: the residual that it leaves says so
       const double after = norm_of(step_residual_);
       const double left = after > settled * measured.data_norm ? after / norm : 0.0;
-      return left < believable
-                 ? std::max(
-                       problem_.difference_size(step_, step_traces_).relative_to(measured.size) /
-                           (1.0 - left),
-                       least)
-                 : std::numeric_limits<double>::infinity();
+      if (left < believable) {
+        const Size error = problem_.difference_size(step_, step_traces_);
+        return std::max(error.relative_to(measured.size) / (1.0 - left), least);
+      }
     }
-    // a short history of averaged steps says nothing, and a Newton step is close
-    if (newton_helps_ || own_ < own_before_estimate()) {
+    if (own_ < own_before_estimate() || pause_ > 0) {
       return std::numeric_limits<double>::infinity();
     }
     return std::max(history_.error(measured.size, rounding_share * measured.data_norm), least);
   }
 
-  /// Compute the Newton step from here, if one is due: it is the estimate of the error, too.
+  /// Where Newton's method leads from here. What it changes is the estimate of the error, too.
   void propose() {
-    proposed_ = newton_helps_ && pause_ == 0 && residual_.allFinite() && !residual_.isZero(0.0);
-    if (!proposed_) {
+    if (!newton_helps_ || !residual_.allFinite() || residual_.isZero(0.0)) {
       return;
     }
     const auto start = Clock::now();
+    State proposal = state_;
     try {
-      proposed_ = newton_.step(state_.data, state_.traces, residual_, softening_, settled_, step_);
+      if (!newton_) {
+        newton_ = std::make_unique<Newton>(problem_, amplitudes_);
+      }
+      const Newton::Outcome outcome =
+          newton_->solve(proposal.data, proposal.traces, newton_accuracy * options_.rtol);
+      proposed_columns_ = outcome.solved;
+      summary_.iterations += static_cast<Index>(std::ceil(outcome.stages));
+      summary_.newton_steps += outcome.steps;
     } catch (const NumericalError&) {
-      proposed_ =
+      newton_helps_ =
           false;  // a body without a usable flexibility: the accelerated iteration goes on alone
+      return;
     }
-    newton_helps_ = proposed_;
+    proposed_ = true;
+    step_ = proposal.data - state_.data;
+    step_traces_ = proposal.traces - state_.traces;
+    step_residual_.resize(step_.rows(), step_.cols());
+    problem_.local_stage(proposal.data, proposal.traces, step_residual_);
     summary_.newton_s += since(start);
-    if (proposed_) {
-      const auto staging = Clock::now();
-      step_traces_.resize(step_.rows(), step_.cols());
-      problem_.global_stage(step_, Matrix::Zero(amplitudes_.rows(), amplitudes_.cols()),
-                            step_traces_);
-      summary_.global_s += since(staging);
-      const auto trying = Clock::now();
-      problem_.local_stage(state_.data + step_, state_.traces + step_traces_, step_residual_);
-      summary_.local_s += since(trying);
-      summary_.iterations += stages_of_newton;
-      ++summary_.newton_steps;
-    }
   }
 
-  /// Take the proposed step, whole: shorter ones that make the residual fall at once lead into its local
-  /// minima. A run of them must find a better residual in the end.
-  /// @return false if it did not: the best iterate is taken up again, and some averaged steps are due
+  /// Go where Newton's method leads, if it solved all columns or more than the last time. If not, the accelerated
+  /// iteration goes on as if nothing had been tried, for a longer while each time.
   bool follow(double norm) {
-    if (summary_.newton_steps - best_newton_ > newton_patience) {
-      softening_ = std::min(most_softening, 10.0 * softening_);
-      settled_ = false;
-      state_ = best_;
-      residual_ = best_residual_;
-      best_at_ = summary_.iterations;
-      best_newton_ = summary_.newton_steps;
-      history_.clear();
-      history_.fit(residual_);
-      pause_ = wait_;
-      newton_helps_ = wait_ <= longest_wait;
+    const double now = norm_of(step_residual_);
+    const bool all = proposed_columns_ == step_.cols();
+    const bool sane = norm_of(step_) < absurd * (norm + norm_of(state_.data));
+    const bool good = sane && (all ? now < norm : proposed_columns_ > solved_columns_);
+    if (!all || !good) {
+      ++failures_;
+      newton_wait_ = wait_;
       wait_ *= 2;
-      ++summary_.restarts;
+    }
+    if (!good) {
       return false;
     }
-    const auto start = Clock::now();
-    history_.push(step_, step_residual_ - residual_, step_traces_);
-    ++own_;
+    solved_columns_ = proposed_columns_;
     state_.data += step_;
     state_.traces += step_traces_;
     residual_.swap(step_residual_);
-    const double now = norm_of(residual_);
-    settled_ = now < good_fall * norm;
-    if (settled_) {
-      softening_ = std::max(least_softening, 0.1 * softening_);
-    }
+    history_.clear();
+    own_ = 0;
+    pause_ = 0;
+    best_norm_ = std::numeric_limits<double>::infinity();
     remember(now);
-    summary_.other_s += since(start);
     return true;
   }
 
   void remember(double norm) {
     if (norm < best_norm_) {
       best_at_ = summary_.iterations;
-      best_newton_ = summary_.newton_steps;
       best_norm_ = norm;
       best_ = state_;
       best_residual_ = residual_;
@@ -347,6 +346,7 @@ class Run {
     if (proposed_ && follow(norm)) {
       return;
     }
+    newton_wait_ = std::max<Index>(newton_wait_ - 1, 0);
     const auto start = Clock::now();
     bool accelerate = options_.acceleration > 0;
     if (accelerate) {
@@ -356,6 +356,11 @@ class Run {
     }
     if (accelerate) {
       history_.step(residual_, options_.relaxation, step_);
+      if (norm_of(step_) > longest_step * norm) {
+        // nothing answers yet (a body flies through a gap): the history says nothing
+        history_.clear();
+        step_ = std::min(options_.relaxation, averaged) * residual_;
+      }
     } else if (options_.acceleration > 0) {
       step_ = std::min(options_.relaxation, averaged) * residual_;
     } else {
@@ -418,17 +423,18 @@ class Run {
   Matrix added_;          ///< to the data, by the coarse problem
   Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
-  Newton newton_;
-  bool newton_helps_;                   ///< Newton steps are possible and have not failed for good
-  bool proposed_ = false;               ///< `step_` is Newton's
-  bool settled_ = false;                ///< the last Newton step did what it promised
-  double softening_ = first_softening;  ///< of the tangents
-  Index wait_ = steps_after_failure;    ///< after the next Newton step that leads nowhere
+  std::unique_ptr<Newton> newton_;
+  bool newton_helps_;                        ///< Newton steps are possible
+  bool proposed_ = false;                    ///< `step_` is Newton's
+  Index proposed_columns_ = 0;               ///< that Newton's step has solved
+  Index solved_columns_ = 0;                 ///< that Newton's method has solved before
+  Index newton_wait_ = steps_before_newton;  ///< iterations until Newton's method is tried again
+  Index wait_ = steps_after_failure;         ///< after the next failure
+  Index failures_ = 0;
   Summary summary_;
   State best_;  ///< iterate with the smallest residual, for the safeguard
   Matrix best_residual_;
   double best_norm_ = std::numeric_limits<double>::infinity();
-  Index best_newton_ = 0;  ///< Newton steps until the best iterate
   Index best_at_ = 0;      ///< iteration of the best iterate
   bool trapped_ = false;   ///< no better iterate was found since the last return to the best one
   Index pause_ = 0;        ///< plain steps still to be taken

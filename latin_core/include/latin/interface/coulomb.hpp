@@ -21,6 +21,7 @@ namespace latin {
 /// `friction` mu and `threshold` tau (force / area), all but the gap >= 0.
 struct Coulomb {
   static constexpr const char* name = "coulomb";
+  static constexpr bool monotone = true;
   static constexpr std::array parameters{Parameter{"gap"}, Parameter{"compliance", 0.0},
                                          Parameter{"friction", 0.0}, Parameter{"threshold", 0.0}};
   static constexpr std::size_t memory = 2;
@@ -40,6 +41,34 @@ struct Coulomb {
     for (std::size_t a = 1; a < jump.size(); ++a) {
       force[a] *= size > bound ? bound / size : 1.0;
       before[a - 1] = jump[a] - flexibility[a] * force[a];
+    }
+  }
+  static void slopes(PointValues jump, PointValues flexibility, const std::array<double, 4>& p,
+                     const std::array<double, 2>& before, PointForce slope) {
+    const auto [gap, compliance, friction, threshold] = p;
+    std::ranges::fill(slope, 0.0);
+    if (jump[0] + gap > 0.0) {
+      return;
+    }
+    slope[0] = 1.0 / (flexibility[0] + compliance);
+    const std::size_t size = jump.size();
+    const double pressure = -(jump[0] + gap) * slope[0];
+    const double bound = friction * pressure + threshold;
+    std::array<double, 2> trial{};
+    for (std::size_t a = 1; a < size; ++a) {
+      trial[a - 1] = (jump[a] - before[a - 1]) / flexibility[a];
+    }
+    const double length = std::hypot(trial[0], trial[1]);
+    const bool slips = length > bound;
+    for (std::size_t a = 1; a < size; ++a) {
+      slope[size * a + a] = (slips ? bound / length : 1.0) / flexibility[a];
+      if (slips) {
+        const double along = trial[a - 1] / length;
+        slope[size * a] = -friction * slope[0] * along;
+        for (std::size_t b = 1; b < size; ++b) {
+          slope[size * a + b] -= bound / length * along * trial[b - 1] / length / flexibility[b];
+        }
+      }
     }
   }
 };

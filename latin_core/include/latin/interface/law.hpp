@@ -80,8 +80,20 @@ class LATIN_SHARED Law {
   [[nodiscard]] virtual std::unique_ptr<Law> blank() const = 0;
   /// Whether the force is an affine function of the jump, so that nothing is won by linearising it.
   [[nodiscard]] virtual bool linear() const { return false; }
+  /// Whether the law is known to have one answer for every flexibility, and one that is cheap to ask for.
+  [[nodiscard]] virtual bool monotone() const { return linear(); }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
+  /// Write df/dj0 of one column (rows, components) into `slopes`: row = a component of the force, column = one
+  /// of the free jump at the same point and in the same time step. Where the law has a kink, any side; a
+  /// point that just touches is best taken as closed and sticking.
+  /// @return false if the law does not know: they are taken by differences
+  virtual bool slopes(const LocalProblem& problem, Index column, MatrixRef slopes) const {
+    static_cast<void>(problem);
+    static_cast<void>(column);
+    static_cast<void>(slopes);
+    return false;
+  }
 
   /// Whether values below a parameter's minimum are refused.
   enum class Range { admissible, any };
@@ -136,7 +148,7 @@ std::unique_ptr<Law> make_law(const std::string& name);
 /// What a module of a user and the kernel must have in common: layout of Law, of Eigen's matrices and of
 /// the standard library. Both see this macro, each compiled in its own way.
 inline constexpr const char* law_abi =
-    "laws 1, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
+    "laws 2, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
         EIGEN_MAJOR_VERSION) "." LATIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " LATIN_TEXT(EIGEN_MAX_ALIGN_BYTES)
 #ifdef _GLIBCXX_USE_CXX11_ABI
         ", strings " LATIN_TEXT(_GLIBCXX_USE_CXX11_ABI)

@@ -44,7 +44,8 @@ inline constexpr std::size_t memory_of<L> = L::memory;
 /// where resolve() writes the force f = R(jump - flexibility f), see Law; `p` holds the parameters in their
 /// order. A law with memory says `static constexpr std::size_t memory = M;` and takes a further argument
 /// `std::array<double, M>& state` before the force: zeros in the first step of a history, and in each later
-/// one what the step before left in it. resolve() may throw std::exception: the message is given the
+/// one what the step before left in it. `static constexpr bool monotone = true` says that it has one answer for
+/// every flexibility, so that a solver may choose that freely. resolve() may throw std::exception: the message is given the
 /// interface, the law and the point. It may be called for several interfaces at once.
 template <class L>
 concept PointwiseLaw =
@@ -69,6 +70,49 @@ class PointwiseLawAdapter final : public Law {
 
   [[nodiscard]] std::string name() const override { return L::name; }
   [[nodiscard]] bool history() const override { return memory > 0; }
+  /// By L::slopes(jump, flexibility, p[, state], slopes), where there is one: as resolve(), but the derivatives
+  /// into a span of components x components, row by row, and the state is only read.
+  bool slopes(const LocalProblem& problem, Index column, MatrixRef slopes) const override {
+    if constexpr (memory > 0) {
+      using State = std::array<double, memory>;
+      if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
+                             const State& s, PointForce f) { law.slopes(v, v, p, s, f); }) {
+        // what the law remembers
+        const Index first = column - column % problem.steps;
+        Matrix force(problem.jump.rows(), 1);
+        std::vector<State> states(problem.jump.rows() / problem.components);
+        for (Index before = first; before < column; ++before) {
+          each(problem, before,
+               [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
+                 const PointForce answer(&force(problem.components * point, 0), jump.size());
+                 L{}.resolve(jump, flexibility, p, states[point], answer);
+               });
+        }
+        each(problem, column,
+             [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
+               write(slopes, point, jump.size(), [&](PointForce answer) {
+                 L{}.slopes(jump, flexibility, p, states[point], answer);
+               });
+             });
+        return true;
+      }
+    } else if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
+                                  PointForce f) { law.slopes(v, v, p, f); }) {
+      each(problem, column,
+           [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
+             write(slopes, point, jump.size(),
+                   [&](PointForce answer) { L{}.slopes(jump, flexibility, p, answer); });
+           });
+      return true;
+    }
+    return false;
+  }
+  [[nodiscard]] bool monotone() const override {
+    if constexpr (requires { L::monotone; }) {
+      return L::monotone;
+    }
+    return false;
+  }
   [[nodiscard]] std::unique_ptr<Law> blank() const override {
     return std::make_unique<PointwiseLawAdapter>();
   }
@@ -134,6 +178,37 @@ class PointwiseLawAdapter final : public Law {
   }
 
  private:
+  /// Call with point, free jump less the imposed one, flexibility and parameters, for all points of a column.
+  template <class F>
+  void each(const LocalProblem& problem, Index column, const F& call) const {
+    const ParameterField& imposed = get("jump");
+    std::array<const ParameterField*, count> fields;
+    std::ranges::transform(L::parameters, fields.begin(),
+                           [this](const Parameter& each) { return &get(each.name); });
+    const auto size = static_cast<std::size_t>(problem.components);
+    std::vector<double> jump(size);
+    std::array<double, count> values;
+    for (Index point = 0; point < problem.jump.rows() / problem.components; ++point) {
+      const Index row = problem.components * point;
+      for (std::size_t a = 0; a < size; ++a) {
+        const Index at = row + static_cast<Index>(a);
+        jump[a] = problem.jump(at, column) - imposed(at, column);
+      }
+      for (std::size_t i = 0; i < count; ++i) {
+        values[i] = (*fields[i])(point, column);
+      }
+      call(point, PointValues(jump), PointValues(problem.flexibility.data() + row, size), values);
+    }
+  }
+  template <class F>
+  static void write(MatrixRef slopes, Index point, std::size_t size, const F& find) {
+    std::vector<double> block(size * size);
+    find(PointForce(block));
+    for (std::size_t i = 0; i < block.size(); ++i) {
+      slopes(static_cast<Index>(size) * point + static_cast<Index>(i / size),
+             static_cast<Index>(i % size)) = block[i];
+    }
+  }
   static std::string text(const std::vector<double>& values) {
     std::string shown;
     for (const double value : values) {

@@ -15,6 +15,7 @@ namespace latin {
 /// Memory: j_n of the last unlocked step. Parameters: `force` (force / area, positive in tension), `locked`.
 struct Preload {
   static constexpr const char* name = "preload";
+  static constexpr bool monotone = true;
   static constexpr std::array parameters{Parameter{"force"}, Parameter{"locked", 0.0}};
   static constexpr std::size_t memory = 1;
   static void resolve(PointValues jump, PointValues flexibility, const std::array<double, 2>& p,

@@ -73,19 +73,6 @@ struct LawColumns {
   std::vector<std::pair<std::string, ParameterField>> parameters;
 };
 
-/// Derivatives R' of the laws' resolvents at one state, by differences: block-diagonal by point.
-struct Tangents {
-  /// [column][lag]: change of the forces of a column with the free jumps of the column `lag` steps before
-  /// it, (unknowns, most components of an interface): row = a component of the force, column = one of the
-  /// jump at the same point.
-  std::vector<std::vector<Matrix>> blocks;
-  std::vector<Index> first;       ///< (unknowns) first unknown of the point
-  std::vector<Index> components;  ///< (unknowns) components of its interface
-
-  /// R' p for one block.
-  [[nodiscard]] Vector times(const Matrix& block, ConstVectorRef p) const;
-};
-
 /// Substructures and active interfaces, factorised: everything of a scene that stays constant while
 /// laws, parameters and columns change.
 ///
@@ -142,8 +129,25 @@ class Problem {
   [[nodiscard]] bool suits_newton(Index limit) const;
   /// Dense flexibility of the interfaces, made when first asked for. Not to be called from two threads.
   [[nodiscard]] const Flexibility& flexibility() const;
-  /// Derivatives of the forces of all interfaces with respect to their free jumps.
-  [[nodiscard]] Tangents tangents(ConstMatrixRef data, ConstMatrixRef traces) const;
+  /// All interfaces as one: the points and components ("unknowns") of one after the other.
+  [[nodiscard]] Index interface_unknowns() const { return interface_unknowns_; }
+  /// First unknown of the point that each belongs to, and the number of its components.
+  struct Layout {
+    std::vector<Index> first;
+    std::vector<Index> components;
+  };
+  [[nodiscard]] Layout layout() const;
+  /// A flexibility (unknowns) with which the laws may be asked in place of 1/k1 + 1/k2: `wanted`, and no
+  /// larger than that where a law may have several answers.
+  [[nodiscard]] Vector law_flexibility(const Vector& wanted) const;
+  /// j0 (unknowns, c).
+  [[nodiscard]] Matrix free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const;
+  /// Forces R(j0) (unknowns, c) for free jumps that belong to the given flexibility (unknowns).
+  [[nodiscard]] Matrix forces(ConstMatrixRef jumps, ConstVectorRef flexibility) const;
+  /// Derivatives of the forces of one column with respect to its own free jumps, by differences:
+  /// block-diagonal by point, (unknowns, most components); row = a component of the force, column = one of
+  /// the jump at the same point.
+  [[nodiscard]] Matrix slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index column) const;
 
   /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
@@ -233,6 +237,9 @@ class Problem {
 
   [[nodiscard]] double squared_traces(ConstMatrixRef traces) const;
   void resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const;
+  /// The law without transforms, for any flexibility.
+  void ask(const Entry& entry, ConstMatrixRef free_jump, ConstVectorRef flexibility,
+           Matrix& force) const;
   /// What a side on this rank adds to (side 2: takes from) the free jump: s / k - 2 w.
   [[nodiscard]] Matrix share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
                                      ConstMatrixRef traces) const;

@@ -46,16 +46,16 @@ using Callback = std::function<void(const Iteration&)>;
 
 struct Summary {
   Status status = Status::max_iterations;
-  Index iterations = 0;  ///< global stages; a Newton step counts three, for its two solves of that size
+  Index iterations = 0;  ///< global stages, and the work of Newton steps in such
   double error = 0.0;    ///< last estimate
   double indicator = 0.0;
   double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
   double global_s = 0.0;
   double local_s = 0.0;
-  double newton_s = 0.0;  ///< tangents and dense systems of Newton steps
-  double other_s = 0.0;   ///< acceleration and error measure
-  Index newton_steps = 0;
-  Index restarts = 0;    ///< times the safeguard dropped the history
+  double newton_s = 0.0;   ///< tangents and dense systems of Newton steps
+  double other_s = 0.0;    ///< acceleration and error measure
+  Index newton_steps = 0;  ///< of single columns
+  Index restarts = 0;      ///< times the safeguard dropped the history
   std::vector<Iteration> history;
 };
 
