@@ -48,6 +48,8 @@ HELD, PUSHED = 1e3, 1e-3
 """Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
 displacements far above the stiffness of any part, with prescribed forces far below."""
 
+# contacts take a third: E / L by default (measured: lap joint 411 iterations at 3 E/L, 34 at E/L)
+CONTACT = 1.0 / 3.0
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, as a share of factor * E / L."""
 
@@ -84,6 +86,8 @@ def _direction(
             size = interface.area ** (1.0 / (interface.dim - 1))
             shorter = max(shorter, _length(problem) / size)
         unit *= shorter
+    if isinstance(interface.law, Contact | UserLaw) and plan.method == "accelerated" and not plan.macro:
+        unit *= CONTACT
     k: Array = np.full((interface.num_points, fields.components), unit)
     if isinstance(interface.law, Elastic) and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness

@@ -408,6 +408,10 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
+# share of the mean below which a deviation does not count by itself
+LEAST_SPREAD = 0.01
+
+
 def _relative(difference: Array, whole: Array, weights: Array) -> float:
     """Norm of a difference over that of the whole."""
     size = float(np.sqrt(np.sum(weights * whole**2)))
@@ -440,7 +444,9 @@ def _moment_errors(
     shift, margin = estimate((truth - better) ** 2 - (chaos - mean) ** 2)
     ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
     away = [np.abs(end - np.sqrt(variance)) for end in ends]
-    of_std = [_relative(d, ends[0], weights) for d in (away[0], np.max(away, axis=0))]
+    # a deviation of next to nothing, say of a resultant that equilibrium fixes, is measured by the mean
+    whole = np.maximum(ends[0], LEAST_SPREAD * np.abs(better))
+    of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
     return of_mean[1], of_std[1], max(of_mean[0], of_std[0])
 
 

@@ -67,7 +67,8 @@ class Direction:
     factor
         k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one, 10 with a coarse
         problem (measured).
-        Elastic interfaces softer than that take twice their own stiffness when accelerated.
+        When accelerated, elastic interfaces softer than that take twice their own stiffness; contacts take
+        a third of it where there is no coarse problem.
     length
         L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
         smaller; with a coarse problem, which sees the scene as a whole, the mean size of a body.

@@ -144,7 +144,10 @@ def test_patch(cell, kind):
     # n points from the upper block down: an opening is a positive jump, a tension a positive force
     opening = 0.0 if kind == "perfect" else PULL / NORMAL + SHIFT
     exact = uniform(problem, opening)
-    result = latin(problem, active="all", options=TIGHT.with_(rtol=1e-12))
+    # two rigid interfaces that meet share the forces of the nodes where they do in any way: matrix
+    # directions find another way than the smooth one
+    rigid = {"macro": "none", "directions": "diagonal"} if kind == "perfect" else {}
+    result = latin(problem, active="all", options=TIGHT.with_(rtol=1e-12, **rigid))
     size = max(np.abs(u).max() for u in exact.values())
     for name, u in result.displacements.items():
         assert np.abs(u - exact[name]).max() < 1e-10 * size

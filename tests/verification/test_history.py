@@ -162,7 +162,10 @@ def test_sweeps_over_histories() -> None:
         alone = solve(
             assemble(_with(scene, Contact(friction=friction))), times=STEPS, options=options
         )
-        assert np.allclose(grid.force("ground")[k], alone.force("ground"), atol=1e-6)
+        # nine points for four nodes: single forces are not unique, resultants and displacements are
+        weights = problem.interfaces["ground"].weights
+        both = (np.tensordot(f, weights, (1, 0)) for f in (grid.force("ground")[k], alone.force("ground")))
+        assert np.allclose(*both, atol=1e-6 * AREA)
         assert np.allclose(grid.displacements(k)["block"], alone.displacements["block"], atol=1e-9)
     # a swept value keeps its amplitude
     swept = sweep(problem, {"drive.jump": pulls}, times=STEPS, options=options, progress=False)

@@ -231,9 +231,9 @@ class Run {
             std::sqrt(sums[5])};
   }
 
-  /// |r|; Newton steps are those of a rank alone.
+  /// |r|. Collective.
   [[nodiscard]] double norm_of(const Matrix& residual) const {
-    return std::sqrt(history_.share_of_square(residual));
+    return std::sqrt(problem_.communicator().sum(history_.share_of_square(residual)));
   }
 
   [[nodiscard]] double estimate(double norm, const Measure& measured) const {
@@ -368,8 +368,8 @@ class Run {
       problem_.precondition(step_);
       step_ *= options_.relaxation;
     }
-    const Matrix old_residual = residual_;
-    const Matrix old_traces = state_.traces;
+    residual_change_ = residual_;
+    traces_change_ = state_.traces;
     state_.data += step_;
     summary_.other_s += since(start);
     global();
@@ -378,7 +378,9 @@ class Run {
     if (problem_.balances()) {
       step_ += added_;
     }
-    history_.push(step_, residual_ - old_residual, state_.traces - old_traces);
+    residual_change_ = residual_ - residual_change_;
+    traces_change_ = state_.traces - traces_change_;
+    history_.push(step_, residual_change_, traces_change_);
     ++own_;
     summary_.other_s += since(pushing);
   }
@@ -423,6 +425,8 @@ class Run {
   Matrix added_;          ///< to the data, by the coarse problem
   Matrix step_traces_;    ///< global image of a proposed step
   Matrix step_residual_;  ///< residual after it
+  Matrix residual_change_;  ///< over the last step
+  Matrix traces_change_;
   std::unique_ptr<Newton> newton_;
   bool newton_helps_;                        ///< Newton steps are possible
   bool proposed_ = false;                    ///< `step_` is Newton's
