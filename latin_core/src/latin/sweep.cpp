@@ -176,7 +176,19 @@ class Sweep {
     problem_.communicator().together([&] { set_parameters({&point, 1}); });
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
-    const Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
+    Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
+    if (summary.status != Status::converged && !start.empty()) {
+      // friction may keep a state of other parameters in a trap: from zero it is another way
+      State cold;
+      Summary again = solve(problem_, options_, amplitudes_, cold, {}, callback_);
+      again.iterations += summary.iterations;
+      if (again.status == Status::converged || again.error < summary.error) {
+        state = std::move(cold);
+        summary = std::move(again);
+      } else {
+        summary.iterations = again.iterations;
+      }
+    }
     problem_.communicator().together([&] { point_callback_(point, summary, state); });
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
     const bool reproduced = summary.status == Status::converged && summary.iterations <= 1 && full;
