@@ -148,7 +148,7 @@ def test_estimate_of_the_accelerated_iteration(vessel, vessel_reference, factor,
 # Contact and friction: 60 and 80 iterations to a true error of 1e-5, whatever the search direction
 # ---------------------------------------------------------------------------------------------
 FACTORS = [0.1, 1.0, 10.0]
-"""Of the default search direction, 3 E/L."""
+"""Of the default search direction, E/L for contacts."""
 
 
 def demo(name: str) -> ModuleType:

@@ -169,7 +169,7 @@ def test_the_load_goes_through_the_clamp(demo, joint):
     """Load from the contacts against the reaction of the clamp, from the matrix of the lower plate."""
     problem = demo.study_problem(joint)
     options = demo.SETTINGS.with_(rtol=TIGHT)
-    result = solve(problem, times=demo.TIMES, direction=demo.DIRECTION, options=options)
+    result = solve(problem, times=demo.TIMES, options=options)
     assert result.converged
     lower = problem.substructures["lower"]
     u = result.displacements["lower"]
@@ -242,7 +242,7 @@ def test_without_shear_in_the_bolts_the_joint_slips_at_friction_times_clamping(d
         interfaces[name] = dataclasses.replace(interfaces[name], law=law)
     smooth = Problem(problem.substructures, interfaces)
     options = demo.SETTINGS.with_(rtol=TIGHT)
-    result = solve(smooth, times=[1.0, 1.5, 2.0], direction=demo.DIRECTION, options=options)
+    result = solve(smooth, times=[1.0, 1.5, 2.0], options=options)
     assert result.converged
     carried = demo.load(smooth, result)
     pressed = -demo.HALVES * result.force("plates")[..., 0] @ smooth.interfaces["plates"].weights
