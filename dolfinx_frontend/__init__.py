@@ -53,10 +53,12 @@ from dolfinx_frontend.sampling import (
     sparse_quadrature,
     tensor_quadrature,
 )
+from dolfinx_frontend.saved import SavedResult, load
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import HistoryResult, Result, solve
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import SweepResult, sweep
+from dolfinx_frontend.tables import Table
 from dolfinx_frontend.uncertain import StochasticResult
 from latin_core import Options
 
@@ -96,12 +98,14 @@ __all__ = [
     "RandomLaws",
     "Result",
     "SampleResult",
+    "SavedResult",
     "Scene",
     "SceneError",
     "StochasticResult",
     "Substructure",
     "SweepResult",
     "Symmetry",
+    "Table",
     "Traction",
     "TruncatedNormal",
     "TruncationError",
@@ -111,6 +115,7 @@ __all__ = [
     "assemble",
     "fields",
     "geometry",
+    "load",
     "make_plan",
     "monte_carlo",
     "plotting",

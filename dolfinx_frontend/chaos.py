@@ -29,7 +29,7 @@ from dolfinx import fem
 from latin_core import Iteration, Options, State, stochastic
 from latin_core import Problem as Kernel
 
-from dolfinx_frontend import bridge
+from dolfinx_frontend import bridge, saved, tables
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.chaos_file import Field, save_chaos, to_openturns
 from dolfinx_frontend.collocation import Collocation, collocation, sampled_parameters
@@ -663,6 +663,10 @@ class ChaosResult(Result, StochasticResult):
         The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
         """
         self.problem.on_one_rank("save_chaos")
+        save_chaos(path, self.space, self.basis, *self.chaos_fields(substructures))
+
+    def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
+        """Fields and notes of the file that :meth:`save_chaos` writes."""
         fields = {}
         for name in self.plan.active:
             for what, block, unit in (
@@ -677,8 +681,41 @@ class ChaosResult(Result, StochasticResult):
             fields[f"displacement:{name}"] = Field(
                 block.reshape(-1, self.modes), "length", block.shape[:-1]
             )
-        meta = {"order": int(self.chaos.order), "error": self.error, "status": self.status}
-        save_chaos(path, self.space, self.basis, fields, meta)
+        return fields, {"order": int(self.chaos.order), "error": self.error, "status": self.status}
+
+    def table(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        step: int | None = -1,
+        about: npt.ArrayLike | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+        samples: int = tables.SAMPLES,
+        seed: int = 0,
+    ) -> tables.Table:
+        """As :meth:`Result.table`, with mean, standard deviation and quantiles over samples of the chaos.
+
+        Every row is of the number itself, sample by sample: the largest pressure of each sample, not that of
+        the mean. Interfaces that are active have rows.
+        """
+        readings = tables.read_chaos(self, samples, seed).select(interfaces)
+        return tables.summarise(readings, step, about, quantiles)
+
+    def bolts(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+        samples: int = tables.SAMPLES,
+        seed: int = 0,
+    ) -> tables.Table:
+        """As :meth:`Result.bolts`, with mean, standard deviation and quantiles."""
+        readings = tables.read_chaos(self, samples, seed).select(interfaces)
+        return tables.bolts(readings, quantiles)
+
+    def save(
+        self, path: str | Path, fields: bool = True, samples: int = tables.SAMPLES, seed: int = 0
+    ) -> None:
+        """As :meth:`Result.save`, with the whole chaos; the tables are made of so many samples."""
+        saved.save_result(path, self, tables.read_chaos(self, samples, seed), fields)
 
     def to_openturns(self, interface: str, inputs: Literal["parameters", "germs"] = "parameters") -> Any:
         """The force (m * components outputs) of an active interface as OpenTURNS' chaos result."""

@@ -444,23 +444,23 @@ def _key(name: str) -> str:
     return name.replace(".", "%2E") if name.strip(".") == "" else name
 
 
-def _digest(path: Path) -> bytes:
+def _digest(path: Path, form: str = FORMAT) -> bytes:
     """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
     with path.open("rb") as file:
         file.seek(_USER_BLOCK)
         found = hashlib.file_digest(file, "sha256").hexdigest()
-    return f"{FORMAT} sha256 {found}\n".encode()
+    return f"{form} sha256 {found}\n".encode()
 
 
-def _seal(path: Path) -> None:
-    line = _digest(path)
+def _seal(path: Path, form: str = FORMAT) -> None:
+    line = _digest(path, form)
     with path.open("r+b") as file:
         file.write(line)
 
 
-def _check_seal(path: Path) -> None:
+def _check_seal(path: Path, form: str = FORMAT) -> None:
     """Before the HDF5 library sees the file: on some damaged ones it never returns."""
-    wanted = _digest(path)
+    wanted = _digest(path, form)
     with path.open("rb") as file:
         found = file.read(len(wanted))
     if found != wanted:
@@ -468,6 +468,17 @@ def _check_seal(path: Path) -> None:
 
 
 def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
+    write_tree(path, {"format": FORMAT, "version": VERSION, "checksum": checksum}, tree)
+
+
+def write_tree(path: Path, head: Tree, tree: Tree) -> None:
+    """Write nested dicts, sealed: texts and integers as attributes, arrays and lists of texts as datasets.
+
+    Parameters
+    ----------
+    head
+        The attributes of the file; ``format`` names its kind.
+    """
     h5py = _h5py()
 
     def put(group: Any, node: Tree) -> None:
@@ -484,12 +495,23 @@ def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
     # the layout of HDF5 1.8 has room for long attributes
     layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
     with h5py.File(path, "w", track_order=True, **layout) as file:
-        file.attrs.update({"format": FORMAT, "version": VERSION, "checksum": checksum})
+        file.attrs.update(head)
         put(file, tree)
-    _seal(path)
+    _seal(path, head["format"])
 
 
 def _read_hdf5(path: Path) -> Tree:
+    return read_tree(path, FORMAT)
+
+
+def read_tree(path: Path, form: str) -> Tree:
+    """What :func:`write_tree` wrote.
+
+    Raises
+    ------
+    ValueError
+        The file is of another kind, was damaged, or holds what does not belong there.
+    """
     h5py = _h5py()
     plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
 
@@ -515,7 +537,7 @@ def _read_hdf5(path: Path) -> Tree:
                 node[name] = child[()]
         return node
 
-    _check_seal(path)
+    _check_seal(path, form)
     with h5py.File(path, "r") as file:
         return get(file)
 
@@ -539,6 +561,27 @@ def _suffix(path: Path) -> str:
             f"{path}: the suffix tells the format: {', '.join(_WRITERS)}; not {path.suffix!r}"
         )
     return suffix
+
+
+def content(
+    space: RandomSpace, basis: ChaosBasis, fields: Mapping[str, Field], meta: Mapping[str, Any]
+) -> Tree:
+    """All of a chaos file as nested dicts, to be part of another file."""
+    tree = _tree(space, basis, fields, meta)
+    return {"format": FORMAT, "version": VERSION, "checksum": _checksum(tree), **tree}
+
+
+def from_tree(path: Path, tree: Tree) -> ChaosFile:
+    """A chaos from what :func:`content` made.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        It is damaged or of another version.
+    """
+    if tree["format"] != FORMAT or int(tree["version"]) != VERSION:
+        raise ValueError(f"a chaos of version {tree['version']}, known is {VERSION}")
+    return _read(path, tree)
 
 
 def save_chaos(

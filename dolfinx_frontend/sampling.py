@@ -6,7 +6,7 @@ tensor and sparse quadrature are the same run over different points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -21,7 +21,7 @@ from latin_core import sweep as kernel_sweep
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend import bridge
+from dolfinx_frontend import bridge, saved, tables
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Plan, make_plan
@@ -206,6 +206,31 @@ class SampleResult(StochasticResult):
             function(SampleFields(self.germs, self)), len(self.germs), name
         )
         return Quantity(name=name, unit=unit, values=values, weights=self.weights, kind=self.kind)
+
+    def table(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        step: int | None = -1,
+        about: npt.ArrayLike | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+    ) -> tables.Table:
+        """As :meth:`dolfinx_frontend.Result.table`, with mean, standard deviation and quantiles.
+
+        A quadrature has no quantiles.
+        """
+        return tables.summarise(tables.read_samples(self).select(interfaces), step, about, quantiles)
+
+    def bolts(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+    ) -> tables.Table:
+        """As :meth:`dolfinx_frontend.Result.bolts`, with mean, standard deviation and quantiles."""
+        return tables.bolts(tables.read_samples(self).select(interfaces), quantiles)
+
+    def save(self, path: str | Path, fields: bool = True) -> None:
+        """As :meth:`dolfinx_frontend.Result.save`; fields: force and jump of every sample."""
+        saved.save_samples(path, self, tables.read_samples(self), fields)
 
     def __repr__(self) -> str:
         return (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_frontend import bridge
+from dolfinx_frontend import bridge, saved, tables
 from dolfinx_frontend.assembly import Problem, stiffnesses
 from dolfinx_frontend.cost import shown
 from dolfinx_frontend.errors import SceneError, unknown_name
@@ -103,6 +104,52 @@ class Result:
     def spent(self) -> str:
         """Where the time and the memory went, beside what the plan predicted, as a table."""
         return spent(self)
+
+    def table(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        step: int | None = -1,
+        about: npt.ArrayLike | None = None,
+    ) -> tables.Table:
+        """Resultants, pressures and areas of the interfaces: ``print`` it, ``to_csv``, ``to_pandas``.
+
+        Columns (see :mod:`dolfinx_frontend.tables` for signs): area; ``force_x`` ..., ``moment_x`` ... on
+        side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``, ``_mean``,
+        ``_max``; ``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its limit) of
+        contacts. Of interfaces that were eliminated as supports or glue, the reactions; their points carry
+        no pressure that is known. Collective on several ranks.
+
+        Parameters
+        ----------
+        interfaces
+            Names; None: all.
+        step
+            Of a load history; None: all, one row each.
+        about
+            Point (d,) of the moments; None: the centroid of each interface.
+        """
+        return tables.summarise(tables.read(self).select(interfaces), step, about)
+
+    def bolts(self, interfaces: Sequence[str] | str | None = None) -> tables.Table:
+        """Bolt forces of a load history before and after loading: :func:`dolfinx_frontend.tables.bolts`."""
+        return tables.bolts(tables.read(self).select(interfaces))
+
+    def save(self, path: str | Path, fields: bool = True) -> None:
+        """Write the result to one HDF5 file, which :func:`dolfinx_frontend.load` reads in any process.
+
+        Parameters
+        ----------
+        path
+            ``.h5`` or ``.hdf5``; an existing file is replaced when the new one is complete.
+        fields
+            False: only what the tables need, no forces, jumps and displacements.
+
+        Raises
+        ------
+        ResultFileError
+            The file cannot be written.
+        """
+        saved.save_result(path, self, tables.read(self), fields)
 
     def _local(self, name: str) -> tuple[Array, Array]:
         """Force and jump (m, components) of an interface."""

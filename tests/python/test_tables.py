@@ -1,0 +1,421 @@
+"""Tables against closed forms; saved results against what was saved, read by a fresh process and by h5py."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from dolfinx_frontend import (
+    Amplitude,
+    Chaos,
+    Contact,
+    Displacement,
+    Elastic,
+    LinearElastic,
+    LogNormal,
+    Options,
+    Perfect,
+    Preload,
+    Scene,
+    SceneError,
+    Uniform,
+    assemble,
+    geometry,
+    load,
+    monte_carlo,
+    saved,
+    solve,
+    tensor_quadrature,
+)
+from dolfinx_frontend.laws import Law
+
+E, LENGTH, WIDTH = 200e3, 20.0, 10.0  # MPa, mm
+AREA = WIDTH**2
+TIGHT = Options(rtol=1e-10)
+
+
+def two_blocks(law: Law, nu: float = 0.0, dim: int = 3) -> Scene:
+    """Two bars in line along x, joined at x = 20; the left end is fixed."""
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", LENGTH)):
+        size = (LENGTH, WIDTH, WIDTH)[:dim]
+        cell = "hexahedron" if dim == 3 else "quadrilateral"
+        block = geometry.box(size, (2,) * dim, origin=(x0, 0.0, 0.0)[:dim], cell=cell)
+        scene.substructure(name, block, LinearElastic(E=E, nu=nu), degree=1)
+    scene.interface("joint", "left:x1", "right:x0", law)
+    scene.fix("left:x0")
+    return scene
+
+
+# --- deterministic ---------------------------------------------------------------------------------
+@pytest.mark.parametrize("active", [None, ["joint"], "all"])
+def test_resultants_are_those_of_the_load(active: Any) -> None:
+    """Force and moment at every section of a cantilever, however the plan treats its interfaces."""
+    scene = two_blocks(Elastic(normal=50.0, tangential=20.0), nu=0.3)
+    scene.traction("right:x1", (10.0, 3.0, -2.0))
+    result = solve(assemble(scene), active=active, options=TIGHT)
+    table = result.table()
+    force = AREA * np.array([10.0, 3.0, -2.0])
+    arms = {"joint": LENGTH, "displacement(left:x0)": 2 * LENGTH, "traction(right:x1)": 0.0}
+    signs = {"joint": 1.0, "displacement(left:x0)": -1.0, "traction(right:x1)": 1.0}
+    # 100 times the tolerance of the iteration, relative to the largest moment
+    near = dict(rtol=1e-8, atol=1e-8 * 2 * LENGTH * 300.0)
+    for name, arm in arms.items():
+        found = [table.value(f"force_{a}", name) for a in "xyz"]
+        np.testing.assert_allclose(found, signs[name] * force, **near)
+        found = [table.value(f"moment_{a}", name) for a in "xyz"]
+        exact = signs[name] * np.cross([arm, 0.0, 0.0], force)
+        np.testing.assert_allclose(found, exact, **near)
+        assert table.value("area", name) == pytest.approx(AREA)
+        assert table.value("normal", name) == pytest.approx(1000.0)
+        assert table.value("shear", name) == pytest.approx(np.hypot(300.0, 200.0))
+        assert table.value("pressure_mean", name) == pytest.approx(-10.0)
+    # about one point, support and load balance
+    table = result.table(about=(1.0, 2.0, 3.0))
+    for column in ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z"):
+        total = table.value(column, "displacement(left:x0)") + table.value(column, "traction(right:x1)")
+        assert abs(total) < near["atol"]
+
+
+def test_plane_problem_has_one_moment() -> None:
+    scene = two_blocks(Elastic(normal=50.0, tangential=20.0), dim=2)
+    scene.traction("right:x1", (0.0, 3.0))
+    table = solve(assemble(scene)).table("joint")
+    assert table.value("force_y", "joint") == pytest.approx(3.0 * WIDTH)
+    assert table.value("moment_z", "joint") == pytest.approx(3.0 * WIDTH * LENGTH)
+    assert "moment_x" not in table.columns and "force_z" not in table.columns
+
+
+def test_pressure_is_positive_in_compression() -> None:
+    scene = two_blocks(Elastic(normal=50.0))
+    scene.pressure("right:x1", 7.0)
+    for side in ("left", "right"):
+        scene.symmetry(f"{side}:y0")
+        scene.symmetry(f"{side}:z0")
+    table = solve(assemble(scene)).table("joint")
+    for column in ("pressure_min", "pressure_mean", "pressure_max"):
+        assert table.value(column, "joint") == pytest.approx(7.0)
+    assert table.value("shear_max", "joint") == pytest.approx(0.0, abs=1e-10)
+    assert np.isnan(table.value("open_area", "joint"))
+
+
+def test_reactions_that_share_nodes_are_told_apart_by_their_directions() -> None:
+    """Symmetry planes share edges, but each pushes along its own normal only."""
+    scene = two_blocks(Perfect(), nu=0.3)
+    scene.symmetry("left:y0")
+    scene.symmetry("left:z0")
+    scene.fix("right:x1", (0.01, 0.0, 0.0))
+    table = solve(assemble(scene)).table()
+    rows = dict(zip(table["interface"], zip(table["force_x"], table["law"], strict=True), strict=True))
+    support = rows["displacement(left:x0)"] if "displacement(left:x0)" in rows else None
+    # the clamped face holds y and z as well, which its edges share with the planes
+    assert support is None
+    assert "shares nodes" in str(table)
+    pulled = rows["joint"][0]
+    assert pulled > 0.0
+    scene = Scene()
+    block = geometry.box((LENGTH, WIDTH, WIDTH), (2, 2, 2), cell="hexahedron")
+    scene.substructure("bar", block, LinearElastic(E=E, nu=0.3), degree=1)
+    for face in ("x0", "y0", "z0"):
+        scene.symmetry(f"bar:{face}")
+    scene.fix("bar:x1", (0.01, None, None))
+    table = solve(assemble(scene)).table()
+    by = {name: table.value("force_x", name) for name in table["interface"]}
+    exact = E * 0.01 / LENGTH * AREA
+    assert by["symmetry(bar:x0)"] == pytest.approx(-exact)
+    assert by["displacement(bar:x1)"] == pytest.approx(exact)
+    for name in ("symmetry(bar:y0)", "symmetry(bar:z0)"):
+        each = [table.value(f"force_{a}", name) for a in "xyz"]
+        np.testing.assert_allclose(each, 0.0, atol=1e-9 * exact)
+
+
+def test_open_area_is_where_there_is_a_gap() -> None:
+    scene = two_blocks(Contact(gap=lambda x: np.where(x[:, 1] > WIDTH / 2, 1.0, 0.0)))
+    scene.fix("right:x1", (-0.01, 0.0, 0.0))
+    table = solve(assemble(scene), options=TIGHT).table("joint")
+    assert table.value("open_area", "joint") == pytest.approx(AREA / 2)
+    assert table.value("pressure_min", "joint") == 0.0
+    assert table.value("pressure_max", "joint") > 0.0
+    assert np.isnan(table.value("slip_area", "joint"))  # no friction, nothing to slip against
+
+
+def sheared(friction: Any) -> Scene:
+    """Pressed together until t = 1, then pulled far enough sideways to slip everywhere at t = 2."""
+    scene = two_blocks(Contact(friction=friction))
+    press, shear = Amplitude([0, 1], [0, 1]), Amplitude([1, 2], [0, 1])
+    move = press * (-0.01, 0.0, 0.0) + shear * (0.0, 0.2, 0.0)
+    scene.fix("right:x1", move, name="grip")
+    return scene
+
+
+def test_slipping_area_and_time() -> None:
+    table = solve(assemble(sheared(0.05)), times=[1.0, 2.0], options=TIGHT).table("joint", step=None)
+    assert list(table["time"]) == [1.0, 2.0]
+    assert table.value("slip_area", "joint", time=1.0) == 0.0
+    closed = AREA - table.value("open_area", "joint", time=2.0)
+    assert table.value("slip_area", "joint", time=2.0) == pytest.approx(closed)
+    normal = table.value("normal", "joint", time=2.0)
+    assert table.value("shear", "joint", time=2.0) == pytest.approx(-0.05 * normal, rel=1e-3)
+    assert len(solve(assemble(sheared(0.05)), times=[1.0, 2.0]).table("joint")) == 1
+
+
+def bolted() -> Scene:
+    """A bolt tightened to 500 N until t = 1, its end pulled by 0.01 mm until t = 2."""
+    scene = two_blocks(Preload(500.0, until=1.0))
+    pull = Amplitude([1, 2], [0, 1])
+    scene.fix("right:x1", pull * (0.01, 0.0, 0.0), name="grip")
+    return scene
+
+
+def test_bolt_before_and_after_loading() -> None:
+    result = solve(assemble(bolted()), times=[0.5, 1.0, 1.5, 2.0], options=TIGHT)
+    table = result.bolts()
+    after = 500.0 + E * AREA * 0.01 / (2 * LENGTH)
+    assert list(table["interface"]) == ["joint"] and list(table["tightened"]) == [1.0]
+    for column, exact in (("before", 500.0), ("after", after), ("change", after - 500.0)):
+        assert table.value(column, "joint") == pytest.approx(exact, rel=1e-7)
+    assert table.value("highest", "joint") == table.value("after", "joint")
+
+
+def test_bolt_by_shortening_is_tight_when_the_jump_is_constant() -> None:
+    tighten, pull = Amplitude([0, 1], [0, 1]), Amplitude([1, 2], [0, 1])
+    scene = two_blocks(Elastic(normal=50.0, tangential=50.0, jump=tighten * -0.02))
+    scene.fix("right:x1", pull * (0.01, 0.0, 0.0), name="grip")
+    table = solve(assemble(scene), times=[0.5, 1.0, 2.0]).bolts()
+    stiffness = AREA / (1 / 50.0 + 2 * LENGTH / E)
+    assert table.value("tightened", "joint") == 1.0
+    assert table.value("before", "joint") == pytest.approx(0.02 * stiffness)
+    assert table.value("after", "joint") == pytest.approx(0.03 * stiffness)
+
+
+# --- random ----------------------------------------------------------------------------------------
+STRETCH = 0.05
+
+
+def layered() -> Scene:
+    """The end is pulled by 0.05 mm, the layer has a random stiffness: N = A u / (2 L / E + 1 / k)."""
+    k = LogNormal("k", mean=50.0, cov=0.2)
+    scene = two_blocks(Elastic(normal=k, tangential=50.0))
+    scene.fix("right:x1", (STRETCH, 0.0, 0.0))
+    return scene
+
+
+def force_of(k: Any) -> Any:
+    return AREA * STRETCH / (2 * LENGTH / E + 1 / k)
+
+
+def test_statistics_of_samples_and_quadrature() -> None:
+    problem = assemble(layered())
+    result = monte_carlo(problem, 40, plan_options=TIGHT)
+    exact = force_of(np.exp(np.log(50.0 / np.sqrt(1.04)) + np.sqrt(np.log(1.04)) * result.germs[:, 0]))
+    table = result.table(quantiles=(0.1, 0.5))
+    assert table.value("normal", "joint", statistic="mean") == pytest.approx(exact.mean(), rel=1e-8)
+    assert table.value("normal", "joint", statistic="std") == pytest.approx(exact.std(ddof=1), rel=1e-6)
+    for q in (0.1, 0.5):
+        found = table.value("normal", "joint", statistic=f"{100 * q:g} %")
+        assert found == pytest.approx(np.quantile(exact, q, method="median_unbiased"), rel=1e-8)
+    rule = tensor_quadrature(problem, 8, plan_options=TIGHT).table()
+    assert set(rule["statistic"]) == {"mean", "std"}
+    x, w = np.polynomial.hermite_e.hermegauss(40)
+    w /= w.sum()
+    values = force_of(np.exp(np.log(50.0 / np.sqrt(1.04)) + np.sqrt(np.log(1.04)) * x))
+    mean = w @ values
+    assert rule.value("normal", "joint", statistic="mean") == pytest.approx(mean, rel=1e-6)
+    deviation = np.sqrt(w @ (values - mean) ** 2)
+    assert rule.value("normal", "joint", statistic="std") == pytest.approx(deviation, rel=1e-4)
+    chaos = solve(problem, chaos=Chaos(order=5), options=TIGHT)
+    table = chaos.table(samples=2000)
+    # 4 standard errors of 2 000 samples
+    found = table.value("normal", "joint", statistic="mean")
+    assert found == pytest.approx(mean, abs=4 * deviation / np.sqrt(2000))
+    median = force_of(50.0 / np.sqrt(1.04))
+    # the density of a quantile by that of the normal law: 1.25 standard errors of the mean
+    found = table.value("normal", "joint", statistic="50 %")
+    assert found == pytest.approx(median, abs=5 * deviation / np.sqrt(2000))
+
+
+def test_random_friction_slips_at_its_own_limit() -> None:
+    """At every sample the shear force is its own friction times the pressure."""
+    problem = assemble(sheared(Uniform("mu", 0.02, 0.06)))
+    result = monte_carlo(problem, 4, times=[1.0, 2.0], plan_options=TIGHT)
+    table = result.table()
+    closed = AREA - table.value("open_area", "joint", statistic="mean")
+    assert table.value("slip_area", "joint", statistic="mean") == pytest.approx(closed)
+    mu = 0.04 + 0.02 * result.germs[:, 0]
+    force = result.force("joint")[:, -1]
+    weights = problem.interfaces["joint"].weights
+    np.testing.assert_allclose(force[..., 1] @ weights, -mu * (force[..., 0] @ weights), rtol=1e-2)
+
+
+# --- forms of a table ------------------------------------------------------------------------------
+def test_csv_and_pandas_and_text(tmp_path: Path) -> None:
+    scene = two_blocks(Elastic(normal=50.0, tangential=20.0), nu=0.3)
+    scene.traction("right:x1", (10.0, 3.0, 0.0))
+    table = solve(assemble(scene)).table()
+    table.to_csv(tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["interface"] for row in rows] == list(table["interface"])
+    assert float(rows[0]["force_y"]) == table.value("force_y", "joint")
+    assert rows[0]["open_area"] == ""
+    pandas = pytest.importorskip("pandas")
+    frame = table.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    assert frame.loc["joint", "force_y"] == table.value("force_y", "joint")
+    text = str(table)
+    assert max(map(len, text.splitlines())) <= 110
+    # rounding is shown as nothing
+    assert text.splitlines()[1].split()[:6] == ["joint", "Elastic", "100", "1000", "300", "0"]
+
+
+def test_bad_questions() -> None:
+    scene = two_blocks(Elastic(normal=50.0, tangential=20.0))
+    scene.traction("right:x1", (10.0, 0.0, 0.0))
+    problem = assemble(scene)
+    result = solve(problem)
+    with pytest.raises(SceneError, match="unknown interface 'jiont'; did you mean 'joint'"):
+        result.table("jiont")
+    with pytest.raises(SceneError, match="there is no step 3, the history has 1"):
+        result.table(step=3)
+    with pytest.raises(SceneError, match="a point of 3 coordinates"):
+        result.table(about=(0.0, 0.0))
+    with pytest.raises(SceneError, match="no load history"):
+        result.bolts()
+    with pytest.raises(SceneError, match="no interface of the table is a bolt"):
+        solve(problem, times=[0.0, 1.0]).bolts()
+    with pytest.raises(SceneError, match="unknown column 'force_q'"):
+        result.table()["force_q"]
+    with pytest.raises(SceneError, match="0 rows with interface = 'j'"):
+        result.table().value("force_x", "j")
+    with pytest.raises(SceneError, match="quantile 1.5 must be between 0 and 1"):
+        monte_carlo(assemble(layered()), 2).table(quantiles=[1.5])
+
+
+# --- files -----------------------------------------------------------------------------------------
+def in_fresh_process(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_history_is_read_by_a_fresh_process(tmp_path: Path) -> None:
+    path = tmp_path / "bolt.h5"
+    result = solve(assemble(bolted()), times=[1.0, 2.0], options=TIGHT)
+    result.save(path)
+    printed = in_fresh_process(
+        "from dolfinx_frontend import load\n"
+        f"result = load({str(path)!r})\n"
+        "print(result.table(step=None), result.bolts(), result.plan, sep='\\n')\n"
+    )
+    assert printed == f"{result.table(step=None)}\n{result.bolts()}\n{result.plan}\n"
+    found = load(path)
+    assert found.kind == "history" and found.converged and found.iterations == result.iterations
+    np.testing.assert_array_equal(found.times, [1.0, 2.0])
+    np.testing.assert_array_equal(found.force("joint"), result.force("joint"))
+    np.testing.assert_array_equal(found.jump("joint"), result.jump("joint"))
+    part = result.problem.substructures["right"]
+    np.testing.assert_array_equal(found.nodes["right"], part.dof_coordinates)
+    values = found.displacements["right"]
+    assert values.shape == (2, len(part.dof_coordinates), 3)
+    np.testing.assert_array_equal(values.reshape(2, -1), result.displacements["right"])
+    assert found.interfaces["joint"].sides == ("left:x1", "right:x0")
+    assert "kind" not in found.interfaces["joint"].law and "Preload" in repr(found.interfaces["joint"])
+
+
+def test_file_is_plain_hdf5(tmp_path: Path) -> None:
+    path = tmp_path / "bolt.hdf5"
+    result = solve(assemble(bolted()), times=[1.0, 2.0])
+    result.save(path)
+    with h5py.File(path) as file:
+        assert file.attrs["format"] == "latin-result" and file.attrs["version"] == 1
+        joint = file["interfaces/joint"]
+        np.testing.assert_array_equal(joint["force"], result.force("joint"))
+        total = joint["force"][..., 0] @ joint["weights"][()]
+        np.testing.assert_allclose(total, joint["measures/normal"])
+        np.testing.assert_array_equal(file["times"], [1.0, 2.0])
+
+
+def test_chaos_and_samples_are_read_again(tmp_path: Path) -> None:
+    problem = assemble(layered())
+    chaos = solve(problem, chaos=Chaos(order=3))
+    chaos.save(tmp_path / "chaos.h5", samples=200)
+    found = load(tmp_path / "chaos.h5")
+    assert str(found.table()) == str(chaos.table(samples=200))
+    assert found.chaos is not None
+    germs = chaos.space.sample(3, 1)
+    np.testing.assert_allclose(
+        found.chaos.evaluate("force:joint", germs), chaos.at(germs).force("joint"), rtol=1e-12
+    )
+    mean = chaos.mean("left").x.array
+    np.testing.assert_allclose(found.displacements["left"].ravel(), mean)
+    samples = monte_carlo(problem, 5)
+    samples.save(tmp_path / "samples.h5")
+    found = load(tmp_path / "samples.h5")
+    assert str(found.table(quantiles=[0.3])) == str(samples.table(quantiles=[0.3]))
+    np.testing.assert_array_equal(found.force("joint"), samples.force("joint"))
+    np.testing.assert_array_equal(found.germs, samples.germs)
+    rule = tensor_quadrature(problem, 3)
+    rule.save(tmp_path / "rule.h5", fields=False)
+    found = load(tmp_path / "rule.h5")
+    assert str(found.table()) == str(rule.table())
+    with pytest.raises(saved.ResultFileError, match="saved without fields"):
+        found.force("joint")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("saved") / "small.h5"
+    scene = two_blocks(Elastic(normal=50.0, tangential=20.0))
+    scene.interface("extra", "right:y0", Displacement((None, 0.0, None)))
+    scene.traction("right:x1", (10.0, 0.0, 0.0))
+    solve(assemble(scene)).save(path)
+    return path
+
+
+def test_damaged_files_are_refused(small: Path, tmp_path: Path) -> None:
+    content = small.read_bytes()
+    bad = tmp_path / "bad.h5"
+    rng = np.random.default_rng(0)
+    for place in rng.integers(0, len(content), 20):
+        changed = bytearray(content)
+        changed[place] ^= 0x55
+        bad.write_bytes(changed)
+        if bad.read_bytes()[:100] == content[:100] and place < 512:
+            continue  # unused bytes of the head
+        with pytest.raises(saved.ResultFileError, match="damaged"):
+            load(bad)
+    for size in (0, 10, 600, len(content) // 2, len(content) - 1):
+        bad.write_bytes(content[:size])
+        with pytest.raises(saved.ResultFileError, match="truncated"):
+            load(bad)
+
+
+def test_other_files_are_refused(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = two_blocks(Elastic(normal=LogNormal("k", mean=50.0, cov=0.2), tangential=1.0))
+    scene.traction("right:x1", (10.0, 0.0, 0.0))
+    problem = assemble(scene)
+    solve(problem, chaos=1).save_chaos(tmp_path / "chaos.h5")
+    with pytest.raises(saved.ResultFileError, match="is a chaos file: read it with"):
+        load(tmp_path / "chaos.h5")
+    with pytest.raises(saved.ResultFileError, match="does not exist"):
+        load(tmp_path / "nothing.h5")
+    with pytest.raises(saved.ResultFileError, match=r"saved as \.h5 or \.hdf5, not '\.txt'"):
+        solve(problem).save(tmp_path / "result.txt")
+    with pytest.raises(saved.ResultFileError, match="cannot be written .* choose a folder"):
+        solve(problem).save(tmp_path / "nowhere" / "result.h5")
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["x"] = 1.0
+    with pytest.raises(saved.ResultFileError, match="no saved result"):
+        load(tmp_path / "foreign.h5")
+    monkeypatch.setattr(saved, "VERSION", 2)
+    with pytest.raises(saved.ResultFileError, match="of version 1; this software reads version 2"):
+        load(small)
