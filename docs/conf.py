@@ -34,31 +34,36 @@ python_maximum_signature_line_length = 90
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_rtype = False
-# generics, overloads and private names of annotations have no page to link to
-nitpicky = False
+napoleon_attr_annotations = False  # they are in the signature; "numpy.str_" would be a link
+# one class name in two packages
+suppress_warnings = ["ref.python"]
 
-_LITERAL = re.compile(r"(``.*?``|:\w+:`[^`]*`|`[^`]*`)")
+_LITERAL = re.compile(r"(``.*?``|:\w+:`[^`]*`|`[^`]*`|(?<!\w)\*\w[\w ]*\*(?!\w))")
+_BULLET = re.compile(r"\s*\* ")
 
 
 def _plain(line: str) -> str:
-    """A line of a docstring whose bars, stars and trailing underscores are no markup."""
-    parts = _LITERAL.split(line)
+    """A line of a docstring whose bars, lone stars and trailing underscores are no markup."""
+    bullet = _BULLET.match(line)
+    start = bullet.end() if bullet else 0
+    parts = _LITERAL.split(line[start:])
     for k in range(0, len(parts), 2):
-        part = re.sub(r"(?<!\\)([|*])", r"\\\1", parts[k])
+        part = re.sub(r"(?<!\\)(\||\*(?! )|(?<! )\*)", r"\\\1", parts[k])
         parts[k] = re.sub(r"(?<=\w)_(?=\W|$)", r"\\_", part)
-    return "".join(parts)
+    return line[:start] + "".join(parts)
 
 
 def _escape(app, what, name, obj, options, lines):  # type: ignore[no-untyped-def]
-    """Docstrings are plain text with mathematics in it, |f_t| <= mu |f_n|: not RST's substitutions."""
-    code = False
+    """Docstrings have mathematics in them, |f_t| <= mu |f_n|, which is no substitution of RST's."""
+    code = table = False
     for k, line in enumerate(lines):
-        stripped = line.lstrip()
+        stripped = line.strip()
+        if stripped.startswith("===="):  # the last rule of a table is followed by an empty line
+            table = k + 1 < len(lines) and bool(lines[k + 1].strip())
+            continue
         if code and stripped and not line.startswith(" "):
             code = False
-        if stripped.startswith(">>>"):
-            continue
-        if not code:
+        if not (code or table or stripped.startswith(">>>")):
             lines[k] = _plain(line)
         if stripped.endswith("::"):
             code = True

@@ -4,15 +4,15 @@ Every part is a mesh of its own on ``MPI.COMM_SELF``, because a substructure bel
 Parts that touch have coinciding nodes on the faces they share (unless asked otherwise), but share
 no degree of freedom: what connects them is an interface of the scene.
 
-====================  ===========================================================================
-:func:`box`           one block in two or three dimensions
-:func:`block_chain`   blocks end to end
-:func:`annulus`       sector of a ring, or a whole ring, in two dimensions
-:func:`two_rings`     two concentric rings
-:func:`bolted_vessel` pressurised cylinder closed by a screwed cover
-:func:`from_gmsh`     any gmsh model with physical groups
-:func:`read_msh`      the same from a file
-====================  ===========================================================================
+=====================  ===========================================================================
+:func:`box`            one block in two or three dimensions
+:func:`block_chain`    blocks end to end
+:func:`annulus`        sector of a ring, or a whole ring, in two dimensions
+:func:`two_rings`      two concentric rings
+:func:`bolted_vessel`  pressurised cylinder closed by a screwed cover
+:func:`from_gmsh`      any gmsh model with physical groups
+:func:`read_msh`       the same from a file
+=====================  ===========================================================================
 
 Lengths are in the unit of the coordinates; the defaults of :func:`bolted_vessel` are millimetres.
 """

@@ -1,20 +1,53 @@
-"""The examples of the documentation run as they stand."""
+"""The examples of the documentation run as they stand, and its pages build."""
 
 from __future__ import annotations
 
+import inspect
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+
+import dolfinx_frontend
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 # laws.md: test_user_laws; chaos_file.md: test_chaos_file; step.md: test_step
-@pytest.mark.parametrize("page", ["contact.md", "parallel.md"])
+@pytest.mark.parametrize("page", ["contact.md", "parallel.md", "results.md", "start.md"])
 def test_examples(page: str) -> None:
     names: dict[str, object] = {"__name__": "docs"}
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S)
     assert blocks
     for block in blocks:
         exec(compile(block, page, "exec"), names)
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    pages = "".join(page.read_text() for page in (DOCS / "api").glob("*.md"))
+    documented = set(re.findall(r"automodule:: (\S+)", pages))
+    for name in dolfinx_frontend.__all__:
+        thing = getattr(dolfinx_frontend, name)
+        module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
+        assert module in documented, f"{name} of {module}"
+
+
+def test_every_demo_is_a_tutorial() -> None:
+    pages = "".join(page.read_text() for page in (DOCS / "tutorials").glob("*.md"))
+    for demo in (DOCS.parent / "demos").glob("*.py"):
+        assert f"demos/{demo.name}" in pages
+
+
+@pytest.mark.slow
+def test_pages_build_without_warnings(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx")
+    pytest.importorskip("myst_parser")
+    pytest.importorskip("furo")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-d"]
+    command += [str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "html")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "html" / "api" / "laws.html").read_text()
+    assert 'id="dolfinx_frontend.laws.Contact"' in page and "|f_t| &lt;= mu |f_n| + tau" in page
