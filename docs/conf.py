@@ -6,6 +6,9 @@ import re
 import tomllib
 from pathlib import Path
 
+from docutils.nodes import SkipNode
+from docutils.utils.math import latex2mathml
+
 ROOT = Path(__file__).resolve().parents[1]
 with (ROOT / "pyproject.toml").open("rb") as file:
     release = tomllib.load(file)["project"]["version"]
@@ -15,13 +18,16 @@ author = "the latin-core developers"
 project_copyright = author
 version = release
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["figures"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 
+highlight_language = "none"
+html_math_renderer = "mathml"
 html_theme = "furo"
+html_theme_options = {"light_css_variables": {"code-font-size": "0.74rem"}}
 html_title = f"latin-core {release}"
 html_show_sourcelink = False
 
@@ -30,6 +36,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+autodoc_type_aliases = {"Array": "Array", "npt.ArrayLike": "ArrayLike", "Value": "Value"}
 python_maximum_signature_line_length = 90
 napoleon_google_docstring = False
 napoleon_use_ivar = True
@@ -39,6 +46,7 @@ napoleon_attr_annotations = False  # they are in the signature; "numpy.str_" wou
 suppress_warnings = ["ref.python"]
 
 _LITERAL = re.compile(r"(``.*?``|:\w+:`[^`]*`|`[^`]*`|(?<!\w)\*\w[\w ]*\*(?!\w))")
+_COLON = "\ue000"  # stands for a colon while napoleon reads
 _BULLET = re.compile(r"\s*\* ")
 
 
@@ -67,8 +75,33 @@ def _escape(app, what, name, obj, options, lines):  # type: ignore[no-untyped-de
             lines[k] = _plain(line)
         if stripped.endswith("::"):
             code = True
+    if what in ("attribute", "data", "property") and lines:
+        # napoleon takes what comes before a colon in the first line for a type
+        lines[0] = lines[0].replace(": ", _COLON)
+
+
+def _restore(app, what, name, obj, options, lines):  # type: ignore[no-untyped-def]
+    lines[:] = [line.replace(_COLON, ": ") for line in lines]
+
+
+def _signature(app, what, name, obj, options, signature, annotation):  # type: ignore[no-untyped-def]
+    """Defaults that are no Python keep a signature from being parsed."""
+    return (signature or "").replace("<factory>", "...") or signature, annotation
+
+
+def _formula(display):  # type: ignore[no-untyped-def]
+    """A renderer of formulas as MathML, which browsers show without scripts from elsewhere."""
+
+    def visit(translator, node):  # type: ignore[no-untyped-def]
+        translator.body.append(latex2mathml.tex2mathml(node.astext().strip(), as_block=display))
+        raise SkipNode
+
+    return visit, None
 
 
 def setup(app):  # type: ignore[no-untyped-def]
-    """Before napoleon, which turns sections into fields."""
+    """Around napoleon, which turns sections into fields."""
     app.connect("autodoc-process-docstring", _escape, priority=100)
+    app.connect("autodoc-process-docstring", _restore, priority=900)
+    app.connect("autodoc-process-signature", _signature)
+    app.add_html_math_renderer("mathml", _formula(False), _formula(True))
