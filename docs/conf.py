@@ -99,9 +99,15 @@ def _formula(display):  # type: ignore[no-untyped-def]
     return visit, None
 
 
+def _skip(app, what, name, obj, skip, options):  # type: ignore[no-untyped-def]
+    """Fields of named tuples, which are in the signature, have no text of their own."""
+    return True if type(obj).__name__ == "_tuplegetter" else None
+
+
 def setup(app):  # type: ignore[no-untyped-def]
     """Around napoleon, which turns sections into fields."""
     app.connect("autodoc-process-docstring", _escape, priority=100)
     app.connect("autodoc-process-docstring", _restore, priority=900)
     app.connect("autodoc-process-signature", _signature)
+    app.connect("autodoc-skip-member", _skip)
     app.add_html_math_renderer("mathml", _formula(False), _formula(True))
