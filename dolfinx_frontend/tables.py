@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -572,13 +573,9 @@ class Table:
         return pandas.DataFrame(self.columns).set_index(list(self.labels))
 
     def __str__(self) -> str:
-        largest: dict[str, float] = {}
-        for name, column in self.columns.items():
-            numbers = [abs(v) for v in column if isinstance(v, float) and math.isfinite(v)]
-            kind = name.split("_")[0]
-            largest[kind] = max([largest.get(kind, 0.0), *numbers])
+        largest = self._largest()
         shown = {
-            n: [_shown(v, ROUNDING * largest[n.split("_")[0]]) for v in c]
+            n: [_shown(v, ROUNDING * largest[_kind(n)]) for v in c]
             for n, c in self.columns.items()
             if not _empty(c)
         }
@@ -595,7 +592,20 @@ class Table:
             blocks[-1].append(name)
             room -= widths[name] + 2
         texts = [self._block(shown, widths, [*self.labels, *names]) for names in blocks]
-        return "\n\n".join(texts) + "".join(f"\n{note}" for note in self.notes)
+        notes = [line for note in self.notes for line in textwrap.wrap(note, WIDTH)]
+        return "\n\n".join(texts) + "".join(f"\n{line}" for line in notes)
+
+    def _largest(self) -> dict[str, float]:
+        """Largest number of each kind; of moments at least that of the forces at the size of a face."""
+        largest: dict[str, float] = {}
+        for name, column in self.columns.items():
+            numbers = [abs(v) for v in column if isinstance(v, float) and math.isfinite(v)]
+            largest[_kind(name)] = max([largest.get(_kind(name), 0.0), *numbers])
+        if "moment" in largest:
+            axes = sum(name.startswith("force_") for name in self.columns)
+            size = largest["area"] ** (1.0 / (axes - 1))
+            largest["moment"] = max(largest["moment"], largest["force"] * size)
+        return largest
 
     def _block(self, shown: dict[str, list[str]], widths: dict[str, int], names: list[str]) -> str:
         def line(cells: Iterable[str]) -> str:
@@ -610,6 +620,13 @@ class Table:
 
     def __repr__(self) -> str:
         return str(self)
+
+
+def _kind(column: str) -> str:
+    """Columns of one kind are of one size: a number far below the others of its kind is rounding."""
+    if column in ("normal", "shear", "before", "after", "change", "lowest", "highest"):
+        return "force"
+    return "pressure" if column == "shear_max" else column.split("_")[0]
 
 
 def _empty(column: list[Any]) -> bool:
