@@ -422,9 +422,9 @@ class Run {
   History history_;
   Matrix residual_;
   Matrix step_;
-  Matrix added_;          ///< to the data, by the coarse problem
-  Matrix step_traces_;    ///< global image of a proposed step
-  Matrix step_residual_;  ///< residual after it
+  Matrix added_;            ///< to the data, by the coarse problem
+  Matrix step_traces_;      ///< global image of a proposed step
+  Matrix step_residual_;    ///< residual after it
   Matrix residual_change_;  ///< over the last step
   Matrix traces_change_;
   std::unique_ptr<Newton> newton_;
