@@ -15,8 +15,6 @@ cycle.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
@@ -153,16 +151,18 @@ def tight(case: Case) -> Any:
 
 def main() -> None:
     """Measure and report."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = common.parser("iterations", "Iterations of contact and friction over search directions.")
     parser.add_argument("--scenes", nargs="*", default=None)
     parser.add_argument("--size", default="coarse", choices=("coarse", "demo"))
     parser.add_argument("--factors", nargs="*", type=float, default=[0.1, 1.0, 10.0])
     parser.add_argument("--newton", choices=("both", "on", "off"), default="both")
     given = parser.parse_args()
+    record: dict[str, Any] = {"benchmark": "iterations", "rtol": RTOL, "scenes": {}}
     for name, make in scenes(given.size).items():
         if given.scenes and name not in given.scenes:
             continue
         case = make()
+        runs = record["scenes"][name] = []
         began = perf_counter()
         exact = tight(case)
         points = {n: i.num_points for n, i in case.problem.interfaces.items() if n in exact.plan.active}
@@ -176,13 +176,15 @@ def main() -> None:
             for newton in (False, True):
                 if given.newton == "both" or (given.newton == "on") == newton:
                     r = measure(case, exact, factor, newton)
+                    runs.append(r)
                     print(
                         f"   k x {factor:<5g} {'newton  ' if newton else 'anderson'} {r['status']:10s} "
                         f"{r['iterations']:5d} its ({r['newton_steps']:3d} N, {r['restarts']} restarts) "
                         f"{r['seconds']:7.2f} s, estimate {r['error']:.1e}, true {r['true_error']:.1e}",
                         flush=True,
                     )
-    sys.stdout.flush()
+    record["environment"] = common.environment()
+    common.write_json(record, given.json)
 
 
 if __name__ == "__main__":
