@@ -378,7 +378,7 @@ def jammed(share: float, mu: float = 0.3, press: float = 10.0) -> tuple[Result, 
     for face in ("x0", "x1"):
         law = Contact(friction=mu, gap=-shift)
         scene.interface(face, f"block:{face}", law)
-    result = solve(assemble(scene), options=TIGHT.with_(max_iterations=1000))
+    result = solve(assemble(scene), options=TIGHT)
     held = sum(
         abs(resultant(result, face, 1)) if mu > 0 else 0.0 for face in ("x0", "x1")
     )
