@@ -101,6 +101,11 @@ class Case:
         """For the test's parameter."""
         return f"{self.row}: {self.value}"
 
+    @staticmethod
+    def right(outcome: Outcome) -> bool:
+        """Whether it claims to have an answer."""
+        return outcome.kind == "answer" or outcome.kind.endswith("IndefiniteWarning")
+
     def measure(self) -> Outcome:
         """Run it."""
         with warnings.catch_warnings(record=True) as caught:
@@ -151,17 +156,22 @@ def stack_error(
     nu: float = 0.3,
     size: float = 1.0,
     pull: float = PULL,
+    whole: bool = False,
 ) -> float:
-    """Largest relative error of the displacement of a part (by its own largest) and of a known force."""
+    """Largest relative error of the displacement of a part, by its own largest, and of a known force.
+
+    With `whole` by the largest displacement of all parts, which is what a tolerance speaks of.
+    """
     moduli = moduli or [E] * (len(openings) + 1)
     base, error = 0.0, 0.0
+    largest = max(float(np.abs(u).max()) for u in result.displacements.values()) if whole else 0.0
     for i, modulus in enumerate(moduli):
         x = result.problem.substructures[f"p{i}"].dof_coordinates
         along, across = (1 - nu**2) * pull / modulus, -nu * (1 + nu) * pull / modulus
         exact = np.stack([across * x[:, 0], base + along * (x[:, 1] - i * size)], axis=1)
         base += along * size + (openings[i] if i < len(openings) else 0.0)
         found = result.displacements[f"p{i}"].reshape(exact.shape)
-        error = max(error, float(np.abs(found - exact).max() / np.abs(exact).max()))
+        error = max(error, float(np.abs(found - exact).max() / (largest or np.abs(exact).max())))
     for i in range(len(openings)):
         name = f"j{i}"
         if name in result.plan.active or result.plan.eliminated[name] == "springs assembled":
@@ -172,6 +182,19 @@ def stack_error(
 def resultant(result: Result, name: str, component: int = 0) -> float:
     """Force over an interface."""
     return float(result.problem.interfaces[name].weights @ result.force(name)[:, component])
+
+
+def nodal(result: Result, name: str) -> Array:
+    """Forces of an interface on the nodes of its first side.
+
+    Those at the points of a rigid contact are not unique where there are more points than nodes.
+    """
+    interface = result.problem.interfaces[name]
+    force = result.force(name)
+    local = np.zeros((interface.num_points, interface.dim))
+    local[:, : force.shape[1]] = force
+    weighted = interface.weights[:, None] * local
+    return np.asarray(interface.local_trace(0).T @ weighted.ravel())
 
 
 # ---------------------------------------------------------------------------------------------
@@ -215,8 +238,8 @@ def free_stiffness(held: bool) -> tuple[Result, float, float]:
 # ---------------------------------------------------------------------------------------------
 def poisson(nu: float, active: str | None) -> tuple[Result, float, float]:
     result = solve(stack([Elastic(E, E)], nu=nu), active=active, options=TIGHT)
-    # lambda / mu = 2 nu / (1 - 2 nu): the volume is held that much more than the shape
-    bound = ROUND * EPS * (1.0 + 1.0 / (1.0 - 2.0 * nu)) + (LEFT if active else 0.0)
+    # bulk and shear modulus go as 1 / (1 - 2 nu) and 1 / (1 + nu): one is held that much more than the other
+    bound = ROUND * EPS * (1.0 + 1.0 / (1.0 - 2.0 * nu) + 1.0 / (1.0 + nu)) + (LEFT if active else 0.0)
     return result, stack_error(result, [PULL / E], nu=nu), bound
 
 
@@ -238,10 +261,11 @@ def contrast(ratio: float, active: str | None) -> tuple[Result, float, float]:
     """Upper part `ratio` times as stiff as the lower one, springs of the softer one's stiffness."""
     moduli = [E, E * ratio]
     kappa = min(moduli)
-    result = solve(stack([Elastic(kappa, kappa)], moduli), active=active, options=TIGHT)
+    # parts that contract differently must slide, or their stress is not uniform
+    result = solve(stack([Elastic(normal=kappa)], moduli), active=active, options=TIGHT)
     # a stiff part on soft springs: its rigid motion meets eps of its own stiffness
     bound = ROUND * EPS * (1.0 + max(ratio, 1.0 / ratio)) + (LEFT if active else 0.0)
-    return result, stack_error(result, [PULL / kappa], moduli), bound
+    return result, stack_error(result, [PULL / kappa], moduli, whole=bool(active)), bound
 
 
 def aspect(ratio: float, active: str | None) -> tuple[Result, float, float]:
@@ -274,7 +298,7 @@ def units(length: float, force: float = 1.0) -> tuple[Result, float, float]:
     for name, u in result.displacements.items():
         exact = mine.displacements[name]
         error = max(error, float(np.abs(u / size - exact).max() / np.abs(exact).max()))
-    f, exact = result.force("j0") / stress, mine.force("j0")
+    f, exact = nodal(result, "j0") / (stress * size), nodal(mine, "j0")
     error = max(error, float(np.abs(f - exact).max() / np.abs(exact).max()))
     if result.iterations != mine.iterations:
         raise AssertionError(f"{result.iterations} iterations, {mine.iterations} in N and mm")
@@ -299,7 +323,9 @@ def unloaded(law: Law, active: str | None) -> tuple[Result, float, float]:
 # ---------------------------------------------------------------------------------------------
 # Contact and friction
 # ---------------------------------------------------------------------------------------------
-def bolted(share: float, stiff: bool) -> tuple[Result, float, float]:
+def bolted(
+    share: float, stiff: bool, space: str = "points", options: Options = TIGHT
+) -> tuple[Result, float, float]:
     """Bolt K, D and joint in parallel under Q = share K D: opening exactly at 1 (TARGETS 2.6)."""
     K, D, k = 0.1 * E, 1e-3, 0.5 * E
     scene = Scene()
@@ -308,19 +334,29 @@ def bolted(share: float, stiff: bool) -> tuple[Result, float, float]:
         scene.substructure(f"p{i}", part, LinearElastic(E, 0.0), degree=1)
         scene.symmetry(f"p{i}:x0")
     scene.symmetry("p0:y0")
-    scene.interface("joint", "p0:y1", "p1:y0", Contact(stiffness=k) if stiff else Contact())
+    law = Contact(stiffness=k) if stiff else Contact()
+    scene.interface("joint", "p0:y1", "p1:y0", law, space=space)  # type: ignore[arg-type]
     scene.interface("bolt", "p0:y1", "p1:y0", Elastic(normal=K, jump=-D))
     scene.traction("p1:y1", (0.0, share * K * D), name="Q")
-    result = solve(assemble(scene), options=TIGHT)
+    result = solve(assemble(scene), options=options)
     opening = (share - 1.0) * K * D / (K + k if stiff and share < 1.0 else K)
     opening = 0.0 if not stiff and share < 1.0 else opening
     joint = min(share - 1.0, 0.0) * K * D * (k / (K + k) if stiff else 1.0)
     bolt = K * (opening + D)
+    per_node = nodal(result, "bolt") / bolt  # uniform: shares of the area
     error = max(
-        float(np.abs(result.force("joint")[:, 0] - joint).max()),
-        float(np.abs(result.force("bolt")[:, 0] - bolt).max()),
+        float(np.abs(nodal(result, "joint") - joint * per_node).max()) / (K * D),
+        float(np.abs(result.force("bolt")[:, 0] - bolt).max()) / (K * D),
     )
-    return result, error / (K * D), LEFT
+    return result, error, LEFT
+
+
+def at_points(space: str) -> tuple[Result, float, float]:
+    """The rigid joint at 0.8, force at its points, long after the displacements have converged."""
+    result, _, _ = bolted(0.8, False, space, Options(rtol=1e-12, newton=0))
+    exact = -0.2 * 0.1 * E * 1e-3
+    error = float(np.abs(result.force("joint")[:, 0] / exact - 1.0).max())
+    return result, error, LEFT if space == "facets" else 2.0
 
 
 def closing(gap: float, press: float) -> tuple[Result, float, float]:
@@ -365,12 +401,14 @@ def sliding(mu: float) -> tuple[Result, float, float]:
     return result, max(normal, balance, share), LEFT
 
 
-def jammed(share: float, mu: float = 0.3, press: float = 10.0) -> tuple[Result, float, float]:
+def jammed(
+    share: float, mu: float = 0.3, press: float = 10.0, newton: bool = True
+) -> tuple[Result, float, float]:
     """A block that only the friction of two walls holds, under its weight: share 1 is the limit."""
     width, height = 1.0, 1.0
     scene = Scene()
     part = geometry.box((width, height), (2, 2))
-    weight = share * 2.0 * mu * press / width
+    weight = share * 2.0 * mu * (press or 10.0) / width
     scene.substructure(
         "block", part, LinearElastic(E, 0.0), degree=1, body_force=(0.0, -weight) if weight else None
     )
@@ -378,12 +416,11 @@ def jammed(share: float, mu: float = 0.3, press: float = 10.0) -> tuple[Result, 
     for face in ("x0", "x1"):
         law = Contact(friction=mu, gap=-shift)
         scene.interface(face, f"block:{face}", law)
-    result = solve(assemble(scene), options=TIGHT)
+    result = solve(assemble(scene), options=TIGHT if newton else TIGHT.with_(newton=0))
     held = sum(
         abs(resultant(result, face, 1)) if mu > 0 else 0.0 for face in ("x0", "x1")
     )
-    size = 2.0 * mu * press * height
-    return result, abs(held - weight * width * height) / max(size, press), LEFT
+    return result, abs(held - weight * width * height) / (press or 10.0), LEFT
 
 
 def unclamped(force: float) -> tuple[Result, float, float]:
@@ -553,8 +590,10 @@ def _twice(
 def all_cases() -> Iterator[Case]:
     """Every row of the list of extremes, in its order."""
     row = "interface stiffness / (E/L)"
+    soft = ("answer", "stagnated")  # eps of the stiff parts is more than the tolerance asks for
     for ratio in (1e-12, 1e-8, 1e-4, 1.0, 1e4, 1e8, 1e12):
-        yield from _twice(row, f"{ratio:g}", stiffness, ratio)
+        how = {"expected": soft, "note": "iterated: may end as stagnated"} if ratio <= 1e-8 else {}
+        yield from _twice(row, f"{ratio:g}", stiffness, ratio, **how)
     refused = ("SceneError",)
     yield Case(row, "0, held otherwise", lambda: free_stiffness(True))
     yield Case(row, "0, held by nothing", lambda: free_stiffness(False), refused, "can move freely")
@@ -582,8 +621,14 @@ def all_cases() -> Iterator[Case]:
         yield Case("length", f"{length:g}", lambda a=length: units(a, a**2))
 
     row = "size of the load / ordinary"
-    for pull in (1e-290, 1e-160, 1e-100, 1e-12, 1e12, 1e100, 1e160, 1e290):
-        yield from _twice(row, f"{pull / PULL:g}", magnitude, pull)
+    for share in (1e-290, 1e-160, 1e-100, 1e-12, 1e12, 1e100, 1e160, 1e290):
+        pull = share * PULL
+        if 1e-130 < share < 1e130:
+            yield from _twice(row, f"{share:g}", magnitude, pull)
+            continue
+        yield Case(row, f"{share:g}, assembled", lambda p=pull: magnitude(p, None))
+        far = "leave the range of numbers"
+        yield Case(row, f"{share:g}, iterated", lambda p=pull: magnitude(p, "all"), refused, far)
     row = "no load"
     yield from _twice(row, "elastic", unloaded, Elastic(E, E))
     yield Case(row, "contact", lambda: unloaded(Contact(), "all"), ("answer",))
@@ -612,12 +657,19 @@ def all_cases() -> Iterator[Case]:
     yield Case("gap / (closing displacement)", "0 / 0", lambda: closing(0.0, 0.0))
 
     row = "held by friction only, load / limit"
-    for share in (0.0, 0.5, 0.99, 1.0 - 1e-6):
+    for share in (0.0, 0.5, 0.95):
         yield Case(row, f"{share:g}", lambda s=share: jammed(s))
-    row_beyond = ("stagnated, SceneWarning", "max_iterations, SceneWarning", "SceneError", "diverged, SceneWarning")
-    for share in (1.0 + 1e-6, 1.01, 2.0):
-        yield Case(row, f"{share:g}", lambda s=share: jammed(s), row_beyond, "slips")
-    yield Case(row, "no preload", lambda: jammed(1.0, press=0.0), ("answer",))
+    near_limit = "Newton steps may stagnate from 0.99 on; Options(newton=0) reaches 0.99"
+    for share in (0.99, 1.0 - 1e-6):
+        yield Case(row, f"{share:g}", lambda s=share: jammed(s), ("answer", "stagnated"), note=near_limit)
+        ends = ("answer",) if share < 0.999 else ("answer", "stagnated")
+        yield Case(row, f"{share:g}, newton=0", lambda s=share: jammed(s, newton=False), ends)
+    beyond = ("stagnated, SceneWarning", "max_iterations, SceneWarning")
+    within = "an imbalance below 2e-3 of the loads is not told from the error of the iteration"
+    yield Case(row, "1.000001", lambda: jammed(1.0 + 1e-6), ("stagnated", "max_iterations"), note=within)
+    for share in (1.01, 2.0):
+        yield Case(row, f"{share:g}", lambda s=share: jammed(s), beyond, "slips")
+    yield Case(row, "no preload", lambda: jammed(1.0, press=0.0), beyond, "slips")
 
     row = "normal stiffness, order 3: d / d_crit"
     critical = stochastic.critical_cov(stochastic.Germ.hermite(), 3)
@@ -669,6 +721,11 @@ def all_cases() -> Iterator[Case]:
                 f"{name}, {space}",
                 lambda k=law, s=space, o=opening, p=pull: one_facet(k, s, o, p),
             )
+
+    row = "rigid contact, force at a point"
+    yield Case(row, "space='facets'", lambda: at_points("facets"))
+    more = "two points a facet, but one node: resultants and nodal forces are unique, point values are not"
+    yield Case(row, "space='points', degree 1", lambda: at_points("points"), note=more)
 
     row = "numbers of 32 bits"
     yield Case(row, "in a scene", lambda: lowered(np.float32))
