@@ -250,8 +250,8 @@ class Scene:
             A nearly incompressible material with degree 1.
         """
         where = f"substructure {name!r}"
-        if not name or ":" in name:
-            raise SceneError(f"{where}: a name is not empty and has no colon")
+        if not isinstance(name, str) or not name or ":" in name:
+            raise SceneError(f"{where}: a name is a string, not empty, without a colon")
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
         spec = SubstructureSpec(name, part, material, degree, body_force, rank)

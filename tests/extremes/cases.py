@@ -698,7 +698,8 @@ def all_cases() -> Iterator[Case]:
         near = ("NearlyIndefiniteWarning",)
         yield Case(row, f"{order}, normal, d = 0.2", lambda o=order: gaussian(0.2, o), near, "nearly")
     for order in (10, 20):
-        yield Case(row, f"{order}, normal, d = 0.2", lambda o=order: gaussian(0.2, o), indefinite, "indefinite")
+        shown = f"{order}, normal, d = 0.2"
+        yield Case(row, shown, lambda o=order: gaussian(0.2, o), indefinite, "indefinite")
 
     row = "random variables"
     for count, chaos in (
