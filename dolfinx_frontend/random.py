@@ -409,8 +409,8 @@ def _spread(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
     share = spread / abs(mean) if mean != 0.0 else 1.0
     if not _LEAST_COV < share < 1.0 / _LEAST_COV or not _TINY < spread < 1.0 / _TINY:
         raise SceneError(
-            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is rounding of the other, "
-            "or their squares leave the range of numbers; give a number instead, or other units"
+            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is rounding of the "
+            "other, or their squares leave the range of numbers; give a number instead, or other units"
         )
     return spread
 
@@ -1409,11 +1409,14 @@ class Chaos:
         _number("Chaos", "q", "q", self.q, positive=True)
         if self.q > 1.0:
             raise SceneError(f"Chaos: q = {self.q:g} must be in (0, 1]")
-        if self.max_interaction is not None and self.max_interaction < 1:
-            raise SceneError(f"Chaos: max_interaction = {self.max_interaction} must be >= 1")
+        most = self.max_interaction
+        if most is not None and (not _whole(most) or most < 1):
+            raise SceneError(f"Chaos: max_interaction = {most!r} must be a whole number >= 1")
         self._check_points()
         if self.weights is not None:
             named = isinstance(self.weights, Mapping)
+            if not named and not isinstance(self.weights, (Sequence, np.ndarray)):
+                raise SceneError(f"Chaos: weights = {self.weights!r}: give one a germ, or by name")
             values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
             for value in values:
                 _number("Chaos", "weights", "weight", value, positive=True)

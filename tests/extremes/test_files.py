@@ -1,4 +1,4 @@
-"""Files that were cut, overwritten, spliced or are of another version: refused by name, and left as they are."""
+"""Files that were cut, overwritten, spliced or are of another version: refused by name, left as they are."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HEADER = {"run": "fuzz", "points": 4}
 
 
 def damages(good: bytes, count: int, seed: int) -> Iterator[bytes]:
-    """The file cut short, with changed bytes, zeroed or doubled blocks, blocks that are missing or swapped."""
+    """The file cut short, with changed bytes, zeroed, doubled, missing or random blocks."""
     rng = np.random.default_rng(seed)
     n = len(good)
     for k in range(count):
