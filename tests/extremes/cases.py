@@ -637,7 +637,7 @@ def all_cases() -> Iterator[Case]:
             continue
         yield Case(row, f"{share:g}, assembled", lambda p=pull: magnitude(p, None))
         far = "leave the range of numbers"
-        only = "only iterations are refused, beyond strains of 1e-130 and 1e130; a direct solve squares nothing"
+        only = "only iterations are refused, beyond strains of 1e-130 and 1e130; direct solves are not"
         yield Case(row, f"{share:g}, iterated", lambda p=pull: magnitude(p, "all"), refused, far, note=only)
     row = "no load"
     yield from _twice(row, "elastic", unloaded, Elastic(E, E))
