@@ -53,6 +53,9 @@ CONTACT = 1.0 / 3.0
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, as a share of factor * E / L."""
 
+RANGE = 1e130
+"""Largest strain of an iteration, and the inverse of the smallest: room for squares, moduli and tolerance."""
+
 
 def _scale(problem: Problem, plan: Plan) -> float:
     """E / L of the scene: geometric mean of the moduli, over the scene's length."""
@@ -217,7 +220,8 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     interfaces = []
     laws = {}
     with agreement(comm):
-        bodies = [_body(own, patterns) for patterns in _reduced(own, plan)]
+        reduced = _reduced(own, plan)
+        bodies = [_body(own, patterns) for patterns in reduced]
         for name in plan.active:
             if name not in own.interfaces:
                 continue
@@ -249,6 +253,8 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
                     paired=name in plan.paired,
                 )
             )
+    loading = _loading(own, [body for patterns in reduced for body in patterns.values()], laws)
+    _check_range(loading if comm is None else max(comm.allgather(loading)))
     options = plan.options
     core = _core.Problem(
         bodies=bodies,
@@ -264,6 +270,42 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
             for parameter, values in fields.parameters.items():
                 core.set_parameter(name, parameter, values)
     return core
+
+
+def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, LawFields]) -> float:
+    """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
+    if not laws:
+        return 0.0  # one solve; nothing is squared to decide anything
+    found = [0.0]
+
+    def add(value: Array, unit: float) -> None:
+        found.append(float(np.abs(value).max(initial=0.0)) / unit)
+
+    parts = problem.substructures
+    for body in bodies:
+        for name in body.members:
+            part = parts[name]
+            add(body.load[name], part.modulus * part.length ** (part.dim - 1))
+            add(body.offset[name], part.length)
+    for name, fields in laws.items():
+        sides = [parts[s.substructure] for s in problem.interfaces[name].sides if s.substructure in parts]
+        part = min(sides, key=lambda each: each.modulus)
+        for parameter, unit in (("force", part.modulus), ("jump", part.length)):
+            if parameter in fields.parameters:
+                add(fields.parameters[parameter], unit)
+        if "gap" in fields.parameters:  # an interference loads, an opening does not
+            add(np.minimum(fields.parameters["gap"], 0.0), part.length)
+    return max(found)
+
+
+def _check_range(strain: float) -> None:
+    """Refuse loads whose squares are no numbers: every error would be 0 or infinite."""
+    if 0.0 < strain < 1.0 / RANGE or not strain < RANGE:
+        raise SceneError(
+            f"the loads make strains of about {strain:.0e}; energies, which are their squares, leave the "
+            f"range of numbers below {1.0 / RANGE:.0e} and above {RANGE:.0e}: scale the loads, or choose "
+            "units that fit them"
+        )
 
 
 def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:

@@ -141,7 +141,7 @@ def evaluate(
             )
     try:
         data = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as err:
+    except (TypeError, ValueError, OverflowError) as err:
         raise SceneError(f"{what}: {value!r} is not a number or an array of numbers") from err
     if not np.all(np.isfinite(data)):
         raise SceneError(f"{what}: contains NaN or infinity; give finite numbers")
@@ -263,7 +263,12 @@ class Law:
                 f"{type(self).__name__}: {name} = {value!r} is not a number, an array, a callable "
                 "or a parameter with a mean"
             )
-        data = np.asarray(value, dtype=np.float64)
+        try:
+            data = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise SceneError(
+                f"{type(self).__name__}: {name} = {value!r} is not a number or an array of numbers"
+            ) from None
         end = f"; {mend}" if mend else ""
         if not np.all(np.isfinite(data)):
             raise SceneError(
@@ -643,7 +648,10 @@ class Displacement(Law):
     def __post_init__(self) -> None:
         self._check("value", self.value)
         if self.components is not None:
-            components = tuple(int(c) for c in np.atleast_1d(np.asarray(self.components)))
+            try:
+                components = tuple(int(c) for c in np.atleast_1d(np.asarray(self.components)))
+            except (TypeError, ValueError, OverflowError):
+                components = ()
             if not components or len(set(components)) < len(components) or min(components) < 0:
                 raise SceneError(
                     f"Displacement: components = {self.components!r}; name different axes, 0 = x"

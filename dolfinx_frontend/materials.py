@@ -47,6 +47,10 @@ def _check_plane(name: str, plane: str) -> None:
         raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress'")
 
 
+_LOCKS = 0.45
+"""Poisson's ratio from which on a bent part of linear elements is more than a third too stiff."""
+
+
 @dataclass(frozen=True)
 class LinearElastic:
     """Isotropic linear elasticity: sigma = lambda tr(eps) I + 2 mu eps.
@@ -82,6 +86,11 @@ class LinearElastic:
         """
         if dim == 3 and self.plane == "stress":
             raise SceneError("LinearElastic: plane='stress' in 3D; it is for 2D parts only")
+
+    def locks(self, dim: int) -> bool:
+        """Whether linear elements are too stiff for it: nu > 0.45, lambda > 9 mu, and volume is kept."""
+        known = isinstance(self.nu, (int, float, np.number))
+        return known and float(self.nu) > _LOCKS and not (dim == 2 and self.plane == "stress")
 
     def stress(self, u: Any) -> Any:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""

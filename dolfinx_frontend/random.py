@@ -379,12 +379,18 @@ class _Gaussian(RandomParameter):
 def _number(kind: str, name: str, what: str, value: Any, positive: bool = False) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SceneError(f"{kind} {name!r}: {what} = {value!r} is not a number") from error
     if not math.isfinite(number) or (positive and number <= 0.0):
         wanted = "a positive number" if positive else "a finite number"
         raise SceneError(f"{kind} {name!r}: {what} = {number:g}; it must be {wanted}")
     return number
+
+
+_LEAST_COV = 1e-13
+"""Coefficient of variation that is told from rounding."""
+_TINY = 1e-150
+"""Standard deviation whose square is a number."""
 
 
 def _spread(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
@@ -395,10 +401,18 @@ def _spread(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
             + ("none" if cov is None else "both")
         )
     if std is not None:
-        return _number(kind, name, "std", std, positive=True)
-    if mean == 0.0:
+        spread = _number(kind, name, "std", std, positive=True)
+    elif mean == 0.0:
         raise SceneError(f"{kind} {name!r}: mean 0 has no coefficient of variation; give std")
-    return abs(mean) * _number(kind, name, "cov", cov, positive=True)
+    else:
+        spread = abs(mean) * _number(kind, name, "cov", cov, positive=True)
+    share = spread / abs(mean) if mean != 0.0 else 1.0
+    if not _LEAST_COV < share < 1.0 / _LEAST_COV or not _TINY < spread < 1.0 / _TINY:
+        raise SceneError(
+            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is rounding of the "
+            "other, or their squares leave the range of numbers; give a number instead, or other units"
+        )
+    return spread
 
 
 def _bounds(kind: str, name: str, lower: Any, upper: Any) -> tuple[float, float]:
@@ -1395,11 +1409,14 @@ class Chaos:
         _number("Chaos", "q", "q", self.q, positive=True)
         if self.q > 1.0:
             raise SceneError(f"Chaos: q = {self.q:g} must be in (0, 1]")
-        if self.max_interaction is not None and self.max_interaction < 1:
-            raise SceneError(f"Chaos: max_interaction = {self.max_interaction} must be >= 1")
+        most = self.max_interaction
+        if most is not None and (not _whole(most) or most < 1):
+            raise SceneError(f"Chaos: max_interaction = {most!r} must be a whole number >= 1")
         self._check_points()
         if self.weights is not None:
             named = isinstance(self.weights, Mapping)
+            if not named and not isinstance(self.weights, (Sequence, np.ndarray)):
+                raise SceneError(f"Chaos: weights = {self.weights!r}: give one a germ, or by name")
             values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
             for value in values:
                 _number("Chaos", "weights", "weight", value, positive=True)

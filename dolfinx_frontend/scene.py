@@ -6,6 +6,7 @@ where it is made.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.errors import SceneError, SceneWarning, unknown_name
 from dolfinx_frontend.history import Varying
 from dolfinx_frontend.laws import (
     Displacement,
@@ -131,6 +132,14 @@ class SubstructureSpec:
                 check(spec.dim)
             except SceneError as err:
                 raise SceneError(f"{where}: {err}") from None
+        locks = getattr(spec.material, "locks", None)
+        if spec.degree == 1 and locks is not None and locks(spec.dim):
+            warnings.warn(
+                f"{where}: nu = {getattr(spec.material, 'nu', None):g} with degree=1: linear elements lock "
+                "near nu = 1/2 (too stiff by any factor unless the stress is uniform); give degree=2",
+                SceneWarning,
+                stacklevel=3,
+            )
         varies = isinstance(spec.body_force, Varying)
         for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:
             if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
@@ -234,10 +243,15 @@ class Scene:
         ------
         SceneError
             Name in use, cells or degree that are not supported, a material that does not fit.
+
+        Warns
+        -----
+        SceneWarning
+            A nearly incompressible material with degree 1.
         """
         where = f"substructure {name!r}"
-        if not name or ":" in name:
-            raise SceneError(f"{where}: a name is not empty and has no colon")
+        if not isinstance(name, str) or not name or ":" in name:
+            raise SceneError(f"{where}: a name is a string, not empty, without a colon")
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
         spec = SubstructureSpec(name, part, material, degree, body_force, rank)

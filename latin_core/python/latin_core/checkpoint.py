@@ -6,6 +6,7 @@ size of the point, not of the file.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import sqlite3
@@ -19,7 +20,13 @@ import numpy.typing as npt
 
 __all__ = ["Checkpoint", "CheckpointError"]
 
-_VERSION = 1
+_VERSION = 2
+_DIGEST = hashlib.sha256().digest_size
+
+
+def _digest(number: int, arrays: bytes) -> bytes:
+    """Checksum of a point: the database itself does not notice a changed number or byte."""
+    return hashlib.sha256(b"%d:" % number + arrays).digest()
 
 
 class CheckpointError(ValueError):
@@ -47,7 +54,7 @@ class Checkpoint:
             )
         try:
             theirs = self._open(mine)
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.Error, UnicodeDecodeError, OverflowError, OSError) as error:
             raise CheckpointError(
                 f"checkpoint {self.path} cannot be read ({error}): move it away to start anew"
             ) from error
@@ -81,7 +88,7 @@ class Checkpoint:
             if row is None:
                 raise sqlite3.DatabaseError("not a checkpoint file")
             return str(row[0])
-        except sqlite3.DatabaseError:
+        except (sqlite3.Error, UnicodeDecodeError, OverflowError):
             self._db.close()
             raise
 
@@ -90,19 +97,32 @@ class Checkpoint:
         buffer = io.BytesIO()
         named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
         np.savez(buffer, **named)
+        blob = buffer.getvalue()
         with self._db:
             self._db.execute(
-                "insert or replace into point values (?, ?)", (number, buffer.getvalue())
+                "insert or replace into point values (?, ?)", (number, _digest(number, blob) + blob)
             )
 
     def __iter__(self) -> Iterator[tuple[int, dict[str, npt.NDArray[Any]]]]:
         """Finished points as (number, arrays), by number."""
         query = "select number, arrays from point order by number"
         try:
-            for number, blob in self._db.execute(query):
+            for number, stored in self._db.execute(query):
+                digest, blob = bytes(stored[:_DIGEST]), bytes(stored[_DIGEST:])
+                if digest != _digest(number, blob):
+                    raise ValueError(f"point {number}: its checksum is another one")
                 with np.load(io.BytesIO(blob), allow_pickle=False) as arrays:
-                    yield number, dict(arrays)
-        except (sqlite3.DatabaseError, zipfile.BadZipFile, ValueError, OSError, EOFError) as error:
+                    point = dict(arrays)
+                yield number, point
+        except (
+            sqlite3.Error,
+            zipfile.BadZipFile,
+            ValueError,  # UnicodeDecodeError, too
+            TypeError,
+            OverflowError,
+            OSError,
+            EOFError,
+        ) as error:
             raise CheckpointError(
                 f"checkpoint {self.path} is damaged ({error}): move it away to start anew"
             ) from error
