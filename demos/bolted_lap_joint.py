@@ -88,9 +88,9 @@ SHEAR = Amplitude([1.0, 2.0], [0.0, 1.0])
 
 TIMES = (1.0, 2.0)  # of the parametric study
 
-# Measured on the medium mesh: a Newton step solves a dense system of 800 unknowns for each time step, and in a
-# sweep, which starts close to the answer, costs more than the iterations that it saves. Five earlier states to
-# start from are as good as 15.
+# Measured on the medium mesh: a Newton step solves a dense system of 800 unknowns for each time step; in a
+# sweep, which starts close to the answer, that costs more than the iterations that it saves. Five earlier
+# states to start from are as good as 15.
 SETTINGS = Options(newton=0, snapshots=5, max_iterations=3000)
 RTOL = 5e-5  # of the parametric study
 

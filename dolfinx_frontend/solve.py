@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
 
+_log = logging.getLogger(__name__)
 Array = npt.NDArray[np.float64]
 
 
@@ -430,6 +432,14 @@ def solve(
     cuts = fields_of_cuts(problem, core, state)
     kind = Result if plan.times is None else HistoryResult
     result = kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
+    if not result.converged:
+        # logged as for the points of a sweep: the answer is there, with its estimated error
+        _log.warning(
+            "the iteration ended as %s after %d iterations (estimated error %.1e)",
+            summary.status,
+            summary.iterations,
+            result.error,
+        )
     check_support(result)
     return result
 

@@ -1,4 +1,4 @@
-"""Iterations of contact and friction to a true error of 1e-5 over search directions, with and without Newton.
+"""Iterations of contact and friction to an error of 1e-5 over search directions, with and without Newton.
 
 ``./run bench iterations [--scenes vessel lap ...] [--size coarse] [--json FILE]`` solves each scene
 to `rtol` = 1e-5 with the default search direction k and with multiples of it, with Newton steps and
