@@ -72,7 +72,8 @@ class PointwiseLawAdapter final : public Law {
   [[nodiscard]] bool history() const override { return memory > 0; }
   /// By L::slopes(jump, flexibility, p[, state], slopes), where there is one: as resolve(), but the derivatives
   /// into a span of components x components, row by row, and the state is only read.
-  [[nodiscard]] bool slopes(const LocalProblem& problem, Index column, MatrixRef slopes) const override {
+  [[nodiscard]] bool slopes(const LocalProblem& problem, Index column,
+                            MatrixRef slopes) const override {
     if constexpr (memory > 0) {
       using State = std::array<double, memory>;
       if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
