@@ -181,17 +181,27 @@ def sweep_error(demo: Any, problem: Problem, grid: Any, surface: Any) -> float:
     return float((wrong / whole).max())
 
 
-def in_process(arguments: list[str]) -> dict[str, Any]:
-    """Run this file in a process of its own, and read the record that it prints last."""
+def in_process(arguments: list[str], kept: Path | None) -> dict[str, Any]:
+    """Run this file in a process of its own, and read the record that it prints last.
+
+    Records are kept in a folder, and taken from there by a run that goes on.
+    """
+    file = None if kept is None else kept / ("_".join(arguments).replace("-", "") + ".json")
+    if file is not None and file.exists():
+        stored: dict[str, Any] = json.loads(file.read_text())
+        return stored
     command = [sys.executable, __file__, *arguments]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(found))
     return found
 
 
-def sizes_part(sizes: tuple[str, ...], repeats: int) -> list[dict[str, Any]]:
+def sizes_part(sizes: tuple[str, ...], repeats: int, kept: Path | None) -> list[dict[str, Any]]:
     """All methods on all meshes."""
     rows = []
     for size in sizes:
@@ -199,7 +209,7 @@ def sizes_part(sizes: tuple[str, ...], repeats: int) -> list[dict[str, Any]]:
         for method in METHODS:
             if method in ("ssfem_cg", "monte_carlo") and row["monolithic"]["dof"] > HUGE:
                 continue
-            row[method] = in_process(["--one", method, size, "--repeats", str(repeats)])
+            row[method] = in_process(["--one", method, size, "--repeats", str(repeats)], kept)
             seconds = row[method]["seconds"]
             row[method]["units"] = seconds / row["monolithic"]["seconds"]
             print(
@@ -516,6 +526,7 @@ def main() -> None:
     """Measure, print and write."""
     parser = common.parser("performance", "Cost against size, modes and parts.")
     parser.add_argument("--markdown", type=Path, help="page to write, with figures beside it")
+    parser.add_argument("--keep", type=Path, help="folder of records, to go on with after a stop")
     parser.add_argument("--sizes", nargs="+", default=list(SIZES))
     parser.add_argument("--modes-size", default="paper")
     parser.add_argument("--orders", nargs="+", type=int, default=[1, 2, 3, 4, 5])
@@ -532,12 +543,12 @@ def main() -> None:
     record: dict[str, Any] = {
         "benchmark": "performance",
         "machine": machine(),
-        "sizes": sizes_part(tuple(options.sizes), options.repeats),
+        "sizes": sizes_part(tuple(options.sizes), options.repeats, options.keep),
     }
     record["modes"] = []
     for order in options.orders:
         arguments = ["--order", str(order), "--modes-size", options.modes_size]
-        record["modes"].append(in_process(arguments))
+        record["modes"].append(in_process(arguments, options.keep))
         row = record["modes"][-1]
         print(f"  {row['modes']} modes {row['units']:.2f} units, {row['iterations']} iterations", flush=True)
     record["parts"] = [chain(n) for n in options.parts]
