@@ -228,6 +228,7 @@ void Problem::connect() {
            entry.geometry.law->name();
   };
   std::vector<std::string> labels;
+  labels.reserve(shared.size());
   for (const Entry* entry : shared) {
     labels.push_back(label(*entry, entry->away.rank));
   }
