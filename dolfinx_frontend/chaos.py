@@ -409,7 +409,7 @@ def _percent(share: float) -> str:
 
 
 # share of the mean below which a deviation does not count by itself
-LEAST_SPREAD = 0.01
+LEAST_SPREAD = 0.002
 
 
 def _relative(difference: Array, whole: Array, weights: Array) -> float:
