@@ -48,7 +48,8 @@ struct InterfaceDescription {
   std::vector<SideDescription> sides;  ///< one or two
   /// Z (components * points, moments) of the coarse problem, any unit; empty: not in it. On a boundary
   /// interface the forces are balanced against those of its law, which must not depend on the jump.
-  Matrix basis;
+  // NOLINTNEXTLINE(readability-redundant-member-init): callers may leave it out
+  Matrix basis{};
   /// Whether its residual is solved for instead of taken as it is (Pair); for linear laws. On a boundary
   /// interface half the residual is taken: the step for a k far above (prescribed displacement) or below
   /// (prescribed force) the stiffness of the body.
