@@ -16,6 +16,7 @@ from dolfinx_frontend.chaos import (
 )
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
+from dolfinx_frontend.interest import Resultant
 from dolfinx_frontend.laws import (
     Contact,
     Debonding,
@@ -97,6 +98,7 @@ __all__ = [
     "RandomField",
     "RandomLaws",
     "Result",
+    "Resultant",
     "SampleResult",
     "SavedResult",
     "Scene",
