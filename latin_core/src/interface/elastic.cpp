@@ -1,6 +1,5 @@
 #include "latin/interface/elastic.hpp"
 
-#include <cmath>
 #include <limits>
 
 namespace latin {
@@ -12,19 +11,34 @@ std::vector<Law::ParameterInfo> ElasticLaw::parameters() const {
 }
 
 void ElasticLaw::resolve(const LocalProblem& problem, MatrixRef force) const {
-  const ParameterField& normal = get("normal");
-  const ParameterField& tangential = get("tangential");
-  const ParameterField& jump = get("jump");
+  const Matrix& normal = get("normal").values();
+  const Matrix& tangential = get("tangential").values();
+  const Matrix& imposed = get("jump").values();
+  const Index points = force.rows() / problem.components;
+  Vector conductance(force.rows());
   for (Index column = 0; column < force.cols(); ++column) {
-    for (Index row = 0; row < force.rows(); ++row) {
-      const Index point = row / problem.components;
-      const double kappa =
-          row % problem.components == 0 ? normal(point, column) : tangential(point, column);
+    const auto at = [column](const Matrix& field) { return field.cols() == 1 ? 0 : column; };
+    if (column == 0 || normal.cols() > 1 || tangential.cols() > 1) {
+      for (Index component = 0; component < problem.components; ++component) {
+        const Matrix& field = component == 0 ? normal : tangential;
+        auto own = conductance(Eigen::seqN(component, points, problem.components));
+        if (field.rows() == 1) {
+          own.setConstant(field(0, at(field)));
+        } else {
+          own = field.col(at(field));
+        }
+      }
       // kappa / (1 + c kappa), written so that neither end of the range overflows
-      const double conductance = kappa > 1.0 / problem.flexibility(row)
-                                     ? 1.0 / (1.0 / kappa + problem.flexibility(row))
-                                     : kappa / (1.0 + kappa * problem.flexibility(row));
-      force(row, column) = conductance * (problem.jump(row, column) - jump(row, column));
+      conductance =
+          (conductance.array().inverse() + problem.flexibility.array()).inverse().matrix();
+    }
+    if (imposed.rows() == 1) {
+      const double jump = imposed(0, at(imposed));
+      force.col(column) =
+          conductance.array() * (problem.jump.col(column).array() - jump);
+    } else {
+      force.col(column) =
+          conductance.cwiseProduct(problem.jump.col(column) - imposed.col(at(imposed)));
     }
   }
 }

@@ -149,10 +149,14 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
   remainder_ = best.remainder;
 }
 
-State History::predicted_error() const {
-  const Vector data = data_.leftCols(gamma_.size()) * gamma_;
-  const Vector traces = traces_.leftCols(gamma_.size()) * gamma_;
-  return {data.reshaped(rows_, columns_), traces.reshaped(rows_, columns_)};
+const State& History::predicted_error() const {
+  const auto combine = [this](const Matrix& store, Matrix& sum) {
+    sum.resize(rows_, columns_);
+    Eigen::Map<Vector>(sum.data(), sum.size()).noalias() = store.leftCols(gamma_.size()) * gamma_;
+  };
+  combine(data_, error_.data);
+  combine(traces_, error_.traces);
+  return error_;
 }
 
 double History::error(const Size& whole, double rounding) const {
@@ -166,7 +170,7 @@ double History::error(const Size& whole, double rounding) const {
       return residual_norm_ * worst;
     }
   }
-  const State error = predicted_error();
+  const State& error = predicted_error();
   // what the history cannot explain is taken to be amplified as much as what it can
   return problem_->difference_size(error.data, error.traces).relative_to(whole) / explained;
 }

@@ -1,5 +1,4 @@
 #include "latin/latin/newton.hpp"
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>

@@ -55,24 +55,24 @@ void check_interface(const InterfaceDescription& interface, const auto& is_here)
   }
 }
 
-/// Columns of a block (rows, steps * c) times no matrix, one for all points, or one for each. Time steps run
+using Block = Eigen::Map<Matrix>;
+
+/// Columns of a block (rows, steps * c) times one matrix for all points, or one for each. Time steps run
 /// fastest, so that one product on the (rows * steps, c) view transforms all of them.
-Matrix transformed(const std::vector<Matrix>& by, const Matrix& block, Index components,
-                   Index steps) {
-  if (by.empty()) {
-    return block;
-  }
+Block transform(const std::vector<Matrix>& by, const Block& block, Index components, Index steps,
+                Workspace& work) {
   const Matrix& first = by.front();
-  Matrix result(block.rows(), first.cols() * steps);
+  Block result = work.shaped(block.rows(), first.cols() * steps);
   if (by.size() == 1) {
     result.reshaped(block.rows() * steps, first.cols()).noalias() =
         block.reshaped(block.rows() * steps, first.rows()) * first;
     return result;
   }
+  Matrix own(components, block.cols());
+  Matrix product(components, result.cols());
   for (std::size_t point = 0; point < by.size(); ++point) {
     const Index row = components * static_cast<Index>(point);
-    const Matrix own = block.middleRows(row, components);
-    Matrix product(components, result.cols());
+    own = block.middleRows(row, components);
     product.reshaped(components * steps, first.cols()).noalias() =
         own.reshaped(components * steps, first.rows()) * by[point];
     result.middleRows(row, components) = product;
@@ -203,6 +203,7 @@ void Problem::build(std::vector<BodyDescription> bodies,
     weights_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].weights();
     directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
   }
+  inverse_directions_ = directions_.cwiseInverse();
 }
 
 /// What the ranks must know of each other.
@@ -431,11 +432,10 @@ Matrix Problem::balance(MatrixRef data, MatrixRef traces) const {
     macro_ = std::make_unique<Macro>(bodies_, body_rows_, interfaces);
   }
   Matrix forces = data - directions_.asDiagonal() * traces;
-  Matrix of_law;
   for (const Entry& entry : interfaces_) {
     if (entry.basis.size() > 0 && entry.rows.size() == 1) {
-      resolve(entry, free_jump(entry, data, traces, Matrix()), of_law);
-      forces.middleRows(entry.rows.front(), of_law.rows()) -= of_law;
+      forces.middleRows(entry.rows.front(), entry.flexibility.size()) -=
+          resolve(entry, free_jump(entry, data, traces, Matrix()));
     }
   }
   return macro_->correct(forces, data, traces);
@@ -486,59 +486,70 @@ void Problem::precondition(MatrixRef residual) const {
   }
 }
 
-Matrix Problem::share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
-                              ConstMatrixRef traces) const {
+void Problem::share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
+                            ConstMatrixRef traces, MatrixRef share) const {
   const Index rows = entry.flexibility.size();
   const Index first = entry.rows[side];
-  const auto k = directions_.segment(first, rows);
   // a / k = (f - k w) / k = s / k - 2 w
-  return k.cwiseInverse().asDiagonal() * data.middleRows(first, rows) -
-         2.0 * traces.middleRows(first, rows);
+  share = inverse_directions_.segment(first, rows).asDiagonal() * data.middleRows(first, rows) -
+          2.0 * traces.middleRows(first, rows);
 }
 
-Matrix Problem::free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
-                          ConstMatrixRef away) const {
-  Matrix jump;
+Block Problem::free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
+                         ConstMatrixRef away) const {
+  Block jump = jump_.shaped(entry.flexibility.size(), data.cols());
   for (std::size_t s = 0; s < entry.rows.size(); ++s) {
-    const Matrix share = entry.shared() && s == entry.away.side
-                             ? Matrix(away)
-                             : share_of_jump(entry, s, data, traces);
-    if (s == 0) {
-      jump = share;
+    const bool elsewhere = entry.shared() && s == entry.away.side;
+    if (s == 0 && elsewhere) {
+      jump = away;
+    } else if (s == 0) {
+      share_of_jump(entry, s, data, traces, jump);
+    } else if (elsewhere) {
+      jump -= away;
     } else {
+      Block share = share_.shaped(jump.rows(), jump.cols());
+      share_of_jump(entry, s, data, traces, share);
       jump -= share;
     }
   }
   return jump;
 }
 
-void Problem::resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const {
+Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
   const Index components = entry.geometry.components;
-  force.resize(free_jump.rows(), free_jump.cols());
+  const auto ask = [&](const Law& law, const Block& jump, Workspace& work) {
+    Block answer = work.shaped(jump.rows(), jump.cols());
+    law.resolve({components, jump, entry.flexibility, steps_, entry.geometry.name}, answer);
+    return answer;
+  };
   if (entry.groups.empty()) {
-    entry.geometry.law->resolve(
-        {components, free_jump, entry.flexibility, steps_, entry.geometry.name}, force);
-    return;
+    return ask(*entry.geometry.law, free_jump, force_);
   }
+  Block force = force_.shaped(free_jump.rows(), free_jump.cols());
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
-    const Matrix samples = transformed(group.forward, free_jump, components, steps_);
-    Matrix forces(samples.rows(), samples.cols());
-    entry.group_laws[g]->resolve(
-        {components, samples, entry.flexibility, steps_, entry.geometry.name}, forces);
-    const Matrix back = transformed(group.backward, forces, components, steps_);
+    const Law& law = *entry.group_laws[g];
+    const auto rows_of = [&](Index component) {
+      return Eigen::seqN(component, entry.geometry.points, components);
+    };
+    const Block back =
+        group.forward.empty()
+            ? ask(law, free_jump, back_)
+            : transform(group.backward,
+                        ask(law, transform(group.forward, free_jump, components, steps_, samples_),
+                            sample_forces_),
+                        components, steps_, back_);
     for (Index component = group.begin; component < group.end; ++component) {
-      const auto rows = Eigen::seqN(component, entry.geometry.points, components);
-      force(rows, Eigen::all) = back(rows, Eigen::all);
+      force(rows_of(component), Eigen::all) = back(rows_of(component), Eigen::all);
     }
   }
+  return force;
 }
 
 void Problem::local_stage(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
                           ConstMatrixRef away, MatrixRef residual) const {
-  Matrix force;
   const Index rows = entry.flexibility.size();
-  resolve(entry, free_jump(entry, data, traces, away), force);
+  const Block force = resolve(entry, free_jump(entry, data, traces, away));
   for (std::size_t s = 0; s < entry.rows.size(); ++s) {
     if (entry.rows[s] < 0) {
       continue;
@@ -556,7 +567,7 @@ void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef 
   exchange_->prepare(data.cols());
   for (const Entry& entry : interfaces_) {
     if (entry.shared()) {
-      exchange_->outgoing(entry.away.slot) = share_of_jump(entry, entry.here(), data, traces);
+      share_of_jump(entry, entry.here(), data, traces, exchange_->outgoing(entry.away.slot));
     }
   }
   Exchange::Transit transit = exchange_->start();
@@ -574,13 +585,17 @@ void Problem::local_stage(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef 
   }
 }
 
+bool Problem::linear() const {
+  return std::ranges::all_of(interfaces_,
+                             [](const Entry& each) { return each.geometry.law->linear(); });
+}
+
 bool Problem::suits_newton(Index limit) const {
   return communicator_.alone() && interface_unknowns_ <= limit &&
          std::ranges::all_of(
              bodies_, [](const Body& body) { return body.rows() == 0 || body.condensed(); }) &&
          std::ranges::all_of(interfaces_, [](const Entry& each) { return each.groups.empty(); }) &&
-         std::ranges::any_of(interfaces_,
-                             [](const Entry& each) { return !each.geometry.law->linear(); });
+         !linear();
 }
 
 const Flexibility& Problem::flexibility() const {
@@ -706,13 +721,13 @@ Problem::LocalFields Problem::local_fields(std::size_t interface, ConstMatrixRef
     Exchange once(communicator_);
     const std::size_t slot = once.add(entry.away.rank, entry.flexibility.size());
     once.prepare(data.cols());
-    once.outgoing(slot) = share_of_jump(entry, entry.here(), data, traces);
+    share_of_jump(entry, entry.here(), data, traces, once.outgoing(slot));
     once.start().finish();
     away = once.incoming(slot);
   }
   LocalFields fields;
-  const Matrix jump = free_jump(entry, data, traces, away);
-  resolve(entry, jump, fields.force);
+  const Block jump = free_jump(entry, data, traces, away);
+  fields.force = resolve(entry, jump);
   fields.jump = jump - entry.flexibility.asDiagonal() * fields.force;
   return fields;
 }
@@ -776,12 +791,15 @@ Size Problem::share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
                             ConstMatrixRef amplitudes) const {
   Size size;
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
-    const Index rows = bodies_[b].rows();
-    const auto s = data.middleRows(body_rows_[b], rows);
-    const auto w = traces.middleRows(body_rows_[b], rows);
-    const Matrix f = s - bodies_[b].directions().asDiagonal() * w;
-    size.strain += bodies_[b].energy(s, w, f, amplitudes);
-    size.work += (bodies_[b].weights().asDiagonal() * w.cwiseProduct(f).cwiseAbs()).sum();
+    const Body& body = bodies_[b];
+    const auto s = data.middleRows(body_rows_[b], body.rows());
+    const auto w = traces.middleRows(body_rows_[b], body.rows());
+    Block f = force_.shaped(w.rows(), w.cols());
+    f = s - body.directions().asDiagonal() * w;
+    size.strain += body.energy(s, w, f, amplitudes);
+    for (Index column = 0; column < w.cols(); ++column) {
+      size.work += w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
+    }
   }
   size.trace = squared_traces(traces);
   return size;

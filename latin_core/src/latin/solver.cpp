@@ -86,6 +86,7 @@ class Run {
         step_residual_(problem.rows(), amplitudes.cols()),
         newton_helps_(options.acceleration > 0 && options.newton > 0 &&
                       problem.suits_newton(options.newton)),
+        may_fly_(problem.communicator().maximum(problem.linear() ? 0 : 1) > 0),
         start_(Clock::now()) {}
 
   /// Start from the combination of snapshots with the smallest residual. It costs local stages only,
@@ -101,7 +102,7 @@ class Run {
                     snapshots[i]->traces - state_.traces);
     }
     history_.fit(residual_);
-    const State away = history_.predicted_error();
+    const State& away = history_.predicted_error();
     state_.data -= away.data;
     state_.traces -= away.traces;
     summary_.other_s += since(start);
@@ -356,7 +357,7 @@ class Run {
     }
     if (accelerate) {
       history_.step(residual_, options_.relaxation, step_);
-      if (norm_of(step_) > longest_step * norm) {
+      if (may_fly_ && norm_of(step_) > longest_step * norm) {
         // nothing answers yet (a body flies through a gap): the history says nothing
         history_.clear();
         step_ = std::min(options_.relaxation, averaged) * residual_;
@@ -429,6 +430,7 @@ class Run {
   Matrix traces_change_;
   std::unique_ptr<Newton> newton_;
   bool newton_helps_;                        ///< Newton steps are possible
+  bool may_fly_;                             ///< some law is not linear, so that a body may lose touch
   bool proposed_ = false;                    ///< `step_` is Newton's
   Index proposed_columns_ = 0;               ///< that Newton's step has solved
   Index solved_columns_ = 0;                 ///< that Newton's method has solved before

@@ -335,7 +335,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     // u^T K u = q^T K_r q + 2 q^T Z^T K u0 + u0^T K u0, and K_r q = F_r + T^T W f
     const Matrix work = shifted ? Matrix(load + 2.0 * of_offset) : load;
     work_loads_ = work.transpose() * response + offset_energy;
-    work_traces_ = traces_ * (shifted ? factor_->solve(work) : response);
+    work_traces_ = weights_.asDiagonal() * (traces_ * (shifted ? factor_->solve(work) : response));
   } else {
     load_traces_ = Matrix::Zero(rows, 0);
     work_loads_ = Matrix::Zero(0, 0);
@@ -362,12 +362,15 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
       condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
       compliance_.noalias() = half.transpose() * half;
     }
-    multiply_symmetric(compliance_, weights_.asDiagonal() * data, traces);
+    weighted_ = weights_.asDiagonal() * data;
+    multiply_symmetric(compliance_, weighted_, traces);
   } else if (condensed()) {
-    Matrix unknowns = active_traces_.transpose() * (weights_.asDiagonal() * data);
-    condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
-    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
-    traces = active_traces_ * unknowns;
+    weighted_ = weights_.asDiagonal() * data;
+    unknowns_.resize(active_, data.cols());
+    unknowns_.noalias() = active_traces_.transpose() * weighted_;
+    condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns_);
+    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_);
+    traces.noalias() = active_traces_ * unknowns_;
   } else {
     traces = traces_ * factor_->solve(traces_.transpose() * (weights_.asDiagonal() * data));
   }
@@ -411,12 +414,23 @@ std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef ampl
 
 double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
                     ConstMatrixRef amplitudes) const {
-  const Matrix relative = traces - offset_traces_ * amplitudes;
-  double energy = (relative.array() * (weights_.asDiagonal() * forces).array()).sum();
-  if (loads() > 0) {
-    const Matrix of_loads =
-        work_loads_ * amplitudes + work_traces_.transpose() * (weights_.asDiagonal() * data);
-    energy += (amplitudes.array() * of_loads.array()).sum();
+  double energy = 0.0;
+  const bool loaded = loads() > 0;  // BLAS does not take empty blocks
+  for (Index column = 0; column < traces.cols(); ++column) {
+    if (rows() > 0) {
+      relative_ = traces.col(column);
+      if (loaded) {
+        relative_.noalias() -= offset_traces_ * amplitudes.col(column);
+      }
+      energy += relative_.cwiseProduct(forces.col(column)).dot(weights_);
+    }
+    if (loaded) {
+      of_loads_.noalias() = work_loads_ * amplitudes.col(column);
+      if (rows() > 0) {
+        of_loads_.noalias() += work_traces_.transpose() * data.col(column);
+      }
+      energy += of_loads_.dot(amplitudes.col(column));
+    }
   }
   return energy;
 }

@@ -88,11 +88,8 @@ class LATIN_SHARED Law {
   /// of the free jump at the same point and in the same time step. Where the law has a kink, any side; a
   /// point that just touches is best taken as closed and sticking.
   /// @return false if the law does not know: they are taken by differences
-  [[nodiscard]] virtual bool slopes(const LocalProblem& problem, Index column,
-                                    MatrixRef slopes) const {
-    static_cast<void>(problem);
-    static_cast<void>(column);
-    static_cast<void>(slopes);
+  [[nodiscard]] virtual bool slopes(const LocalProblem& /*problem*/, Index /*column*/,
+                                    MatrixRef /*slopes*/) const {
     return false;
   }
 

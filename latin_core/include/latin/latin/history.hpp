@@ -72,7 +72,7 @@ class History {
   /// Relative remainder |r - dR gamma| / |r| of the last fit (1 with an empty history).
   [[nodiscard]] double remainder() const { return remainder_; }
   /// What the last fit takes to be wrong with the present iterate: dS gamma and dW gamma.
-  [[nodiscard]] State predicted_error() const;
+  [[nodiscard]] const State& predicted_error() const;
   /// Estimated relative error of the present iterate, whose own size is `whole`; infinity with an empty
   /// history. Collective. A residual up to `rounding` is noise: no combination of differences is fitted to it, it is
   /// amplified as the worst of them was.
@@ -104,6 +104,7 @@ class History {
   std::vector<Index> fresh_;  ///< slots that it has not
   Vector metric_;             ///< W/k
   Vector work_;
+  mutable State error_;
   Vector gamma_;
   double remainder_ = 1.0;
   double residual_norm_ = 0.0;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "latin/common/communicator.hpp"
+#include "latin/common/workspace.hpp"
 #include "latin/interface/interface.hpp"
 #include "latin/latin/flexibility.hpp"
 #include "latin/latin/macro.hpp"
@@ -86,7 +87,7 @@ struct LawColumns {
 /// On several ranks each holds some of the bodies, with the interfaces that touch them. All rows here are
 /// those of the rank's own bodies. The local stage of an interface between two ranks is done on both, from
 /// the same numbers: what they swap is each side's share of the free jump. Members marked as collective
-/// are called on all ranks together.
+/// are called on all ranks together. One thread at a time: the stages keep their working blocks here.
 class Problem {
  public:
   /// Collective. @throws InputError or NumericalError naming the body or interface
@@ -125,6 +126,8 @@ class Problem {
   /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
 
+  /// Whether all laws on this rank are linear.
+  [[nodiscard]] bool linear() const;
   /// Whether Newton steps are possible (every body condensed, every column a sample of its own, one rank),
   /// of use (some law is not linear) and affordable (at most `limit` unknowns: points times components).
   [[nodiscard]] bool suits_newton(Index limit) const;
@@ -237,16 +240,17 @@ class Problem {
   void connect();
 
   [[nodiscard]] double squared_traces(ConstMatrixRef traces) const;
-  void resolve(const Entry& entry, const Matrix& free_jump, Matrix& force) const;
+  [[nodiscard]] Eigen::Map<Matrix> resolve(const Entry& entry,
+                                           const Eigen::Map<Matrix>& free_jump) const;
   /// The law without transforms, for any flexibility.
   void ask(const Entry& entry, ConstMatrixRef free_jump, ConstVectorRef flexibility,
            Matrix& force) const;
   /// What a side on this rank adds to (side 2: takes from) the free jump: s / k - 2 w.
-  [[nodiscard]] Matrix share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
-                                     ConstMatrixRef traces) const;
+  void share_of_jump(const Entry& entry, std::size_t side, ConstMatrixRef data,
+                     ConstMatrixRef traces, MatrixRef share) const;
   /// @param away share of the side on another rank, where there is one
-  [[nodiscard]] Matrix free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
-                                 ConstMatrixRef away) const;
+  [[nodiscard]] Eigen::Map<Matrix> free_jump(const Entry& entry, ConstMatrixRef data,
+                                             ConstMatrixRef traces, ConstMatrixRef away) const;
   void local_stage(const Entry& entry, ConstMatrixRef data, ConstMatrixRef traces,
                    ConstMatrixRef away, MatrixRef residual) const;
 
@@ -258,6 +262,7 @@ class Problem {
   std::vector<Entry> interfaces_;
   Vector weights_;
   Vector directions_;
+  Vector inverse_directions_;
   Vector trace_metric_;  ///< scale * W
   Index rows_ = 0;
   Index total_rows_ = 0;
@@ -266,6 +271,14 @@ class Problem {
   Index interface_unknowns_ = 0;
   [[nodiscard]] std::size_t body_of(Index row) const;
   [[nodiscard]] Pair make_pair(const Entry& entry) const;
+
+  // blocks of the local stage, kept from one to the next: no block is allocated in the iteration
+  mutable Workspace jump_;
+  mutable Workspace share_;
+  mutable Workspace force_;
+  mutable Workspace samples_;
+  mutable Workspace sample_forces_;
+  mutable Workspace back_;
 
   mutable std::unique_ptr<Flexibility> flexibility_;
   mutable std::unique_ptr<Macro> macro_;

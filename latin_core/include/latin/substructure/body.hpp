@@ -133,9 +133,14 @@ class Body {
   Matrix load_;                   ///< right-hand side of the load patterns, with offsets
   Matrix load_traces_;            ///< T u of the load patterns at s = 0
   Matrix offset_traces_;          ///< T u0
-  // energy = a^T work_loads a + a^T work_traces^T W s + (w - T u0)^T W f, see energy()
+  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see energy()
   Matrix work_loads_;
   Matrix work_traces_;
+  // working blocks of apply() and energy()
+  mutable Matrix weighted_;
+  mutable Matrix unknowns_;
+  mutable Vector relative_;
+  mutable Vector of_loads_;
   BodyCost cost_;
 };
 

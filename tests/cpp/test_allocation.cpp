@@ -1,0 +1,71 @@
+#include <gtest/gtest.h>
+
+#include <cstddef>
+
+#include "chain.hpp"
+
+// The iteration must not allocate blocks: malloc is replaced to count the large requests. glibc only.
+#ifdef __GLIBC__
+
+namespace {
+
+constexpr latin::Index columns = 500;
+/// Half a row of a block; what depends on the depth of the history alone is smaller.
+constexpr std::size_t large = columns * sizeof(double) / 2;
+int large_requests = 0;
+
+}  // namespace
+
+extern "C" {
+void* __libc_malloc(std::size_t size);  // NOLINT(bugprone-reserved-identifier): glibc's own name
+void* malloc(std::size_t size) {
+  large_requests += size >= large ? 1 : 0;
+  return __libc_malloc(size);
+}
+}
+
+namespace {
+
+/// Large requests in iterations 15 to 25, when all blocks are there.
+int requests(const latin::Problem& problem, latin::Index acceleration) {
+  latin::Options options = chain::options(acceleration, 1e-15);
+  options.max_iterations = 25;
+  options.newton = 0;
+  latin::Matrix amplitudes(1, columns);
+  for (latin::Index column = 0; column < columns; ++column) {
+    amplitudes(0, column) = 1.0 + 0.01 * static_cast<double>(column);
+  }
+  int before = 0;
+  const auto count = [&before](const latin::Iteration& iteration) {
+    if (iteration.number == 15) {
+      before = large_requests;
+    }
+  };
+  latin::State state;
+  const auto summary = latin::solve(problem, options, amplitudes, state, {}, count);
+  EXPECT_EQ(summary.iterations, 25);
+  return large_requests - before;
+}
+
+}  // namespace
+
+class Allocation : public testing::TestWithParam<latin::Index> {};
+
+TEST_P(Allocation, NoneInTheIteration) {
+  chain::Scene scene;
+  scene.parts = 40;
+  EXPECT_EQ(requests(scene.build(), GetParam()), 0);
+}
+
+TEST_P(Allocation, NoneWithColumnTransforms) {
+  chain::Scene scene;
+  scene.parts = 40;
+  latin::Problem problem = scene.build();
+  const latin::Matrix identity = latin::Matrix::Identity(columns, columns);
+  problem.set_columns("joint1", {{0, 1, {identity}, {identity}, {}}});
+  EXPECT_EQ(requests(problem, GetParam()), 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(Depths, Allocation, testing::Values(0, 10));
+
+#endif
