@@ -92,7 +92,6 @@ from dolfinx_frontend import (
     geometry,
     solve,
 )
-from dolfinx_frontend.plan import Direction
 from dolfinx_frontend.scene import Space
 
 Array = npt.NDArray[np.float64]
@@ -398,16 +397,10 @@ class Answer:
         return np.array([self.a / hertz.a - 1.0, self.p0 / hertz.p0 - 1.0, l2])
 
 
-def direction(hertz: Hertz) -> Direction:
-    """The contact is far smaller than the bodies, whose size the default looks at."""
-    return Direction(given={"contact": 3.0 * hertz.modulus / hertz.a})
-
-
-def press(
-    hertz: Hertz, across: float, space: Space = "facets", gap: Any = None, rtol: float = 1e-6
-) -> Answer:
-    """The frictionless half model; `gap` None: as meshed."""
-    upper, lower, h = bodies(hertz, across, whole=False)
+def pressed(
+    hertz: Hertz, upper: geometry.Part, lower: geometry.Part, law: Contact, space: Space
+) -> Scene:
+    """Cylinder on block under its load; what holds them sideways is not there yet."""
     scene = Scene()
     scene.substructure("cylinder", upper, LinearElastic(hertz.moduli[0], hertz.nu))
     scene.substructure("block", lower, LinearElastic(hertz.moduli[1], hertz.nu))
@@ -415,16 +408,25 @@ def press(
         "contact",
         "block:contact",
         "cylinder:contact",
-        Contact(gap=gap),
+        law,
         space=space,
         quadrature_degree=3 if space == "points" else None,
         max_distance=100.0,  # the gap at the ends of the faces is many facets wide
     )
-    scene.symmetry(["cylinder:middle", "block:middle"])
     scene.fix("block:bottom", components=1)
     scene.pressure("cylinder:top", hertz.load / (2.0 * RADIUS))
+    return scene
+
+
+def press(
+    hertz: Hertz, across: float, space: Space = "facets", gap: Any = None, rtol: float = 1e-6
+) -> Answer:
+    """The frictionless half model; `gap` None: as meshed."""
+    upper, lower, h = bodies(hertz, across, whole=False)
+    scene = pressed(hertz, upper, lower, Contact(gap=gap), space)
+    scene.symmetry(["cylinder:middle", "block:middle"])
     problem = assemble(scene)
-    result = solve(problem, direction=direction(hertz), options=Options(rtol=rtol))
+    result = solve(problem, options=Options(rtol=rtol))
     along, order = strip(problem, mirrored=True)
     pressure = -result.force("contact")[order, 0]
     return Answer(hertz, h, problem.size, along, pressure, result, scene)
@@ -499,26 +501,13 @@ class Rubbing:
 def rub(hertz: Hertz, across: float, space: Space = "facets", rtol: float = 1e-5) -> Rubbing:
     """The whole model with friction, over a cycle of Q at constant P."""
     upper, lower, h = bodies(hertz, across, whole=True)
-    scene = Scene()
-    scene.substructure("cylinder", upper, LinearElastic(hertz.moduli[0], hertz.nu))
-    scene.substructure("block", lower, LinearElastic(hertz.moduli[1], hertz.nu))
-    scene.interface(
-        "contact",
-        "block:contact",
-        "cylinder:contact",
-        Contact(friction=MU),
-        space=space,
-        quadrature_degree=3 if space == "points" else None,
-        max_distance=100.0,
-    )
+    scene = pressed(hertz, upper, lower, Contact(friction=MU), space)
     scene.fix("cylinder:walls", components=0)
-    scene.fix("block:bottom", components=1)
-    scene.pressure("cylinder:top", hertz.load / (2.0 * RADIUS))
     times = np.arange(len(CYCLE), dtype=np.float64)
     pull = MU * hertz.load / (2.0 * HALF_WIDTH)
     scene.traction("block:bottom", Amplitude(times, CYCLE) * (-pull, 0.0))
     problem = assemble(scene)
-    result = solve(problem, times=times, direction=direction(hertz), options=Options(rtol=rtol))
+    result = solve(problem, times=times, options=Options(rtol=rtol))
     along, order = strip(problem, mirrored=False)
     force, jump = result.force("contact")[:, order], result.jump("contact")[:, order]
     # n is up, t1 is n turned by +90 degrees: -x

@@ -46,6 +46,17 @@ Array = npt.NDArray[np.float64]
 Map = Literal["affine", "exponential", "table"]
 Tree: TypeAlias = dict[str, Any]
 
+# what a damaged file may raise while it is read, whatever is damaged
+DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
 FORMAT = "latin-chaos"
 VERSION = 1
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
@@ -771,21 +782,11 @@ def load_chaos(path: str | Path) -> ChaosFile:
         raise ChaosFileError(f"{source} does not exist or is no file: check the name")
     if suffix != ".json":
         _h5py()
-    damaged = (
-        ArithmeticError,
-        AttributeError,
-        LookupError,
-        MemoryError,
-        OSError,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    )
     try:
         node = _READERS[suffix](source)
         marked = node.get("format") == FORMAT
         version = int(node["version"]) if marked else 0
-    except damaged as error:
+    except DAMAGE as error:
         raise ChaosFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no chaos file; save "
             "it again"
@@ -799,7 +800,7 @@ def load_chaos(path: str | Path) -> ChaosFile:
         )
     try:
         return _read(source, node)
-    except damaged as error:
+    except DAMAGE as error:
         raise ChaosFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error

@@ -899,7 +899,15 @@ def bolted_vessel(
     }
     with gmsh_session("bolted_vessel", options) as gmsh:
         volumes = _vessel_volumes(gmsh.model, shape)
-        _refine_around_screw(gmsh.model, shape, size)
+        refine_around(
+            gmsh.model,
+            [shape.bolt_circle],
+            shape.head_radius,
+            size,
+            # at least three cells along a half circle, or curved cells fold
+            smallest=min(0.6 * size, 1.05 * shape.screw_radius),
+            reach=2 * shape.head_radius,
+        )
         try:
             gmsh.model.mesh.generate(3)
         except Exception as failure:  # gmsh raises nothing more specific
@@ -953,24 +961,37 @@ def _vessel_volumes(model: Any, shape: VesselShape) -> dict[str, list[int]]:
     return volumes
 
 
-def _refine_around_screw(model: Any, shape: VesselShape, h: float) -> None:
-    """Cells of size h, smaller on the circles around the screw."""
+def refine_around(
+    model: Any, axes: Sequence[float], radius: float, size: float, smallest: float, reach: float
+) -> None:
+    """Set the mesh size of a gmsh model: smaller on the curves around bolts whose axes are parallel to z.
+
+    Parameters
+    ----------
+    axes
+        x of the axes, at y = 0.
+    radius
+        Curves that lie within it of an axis are the bolt's.
+    size, smallest
+        Mesh size, and that on these curves.
+    reach
+        Distance over which one changes to the other.
+    """
     curves = []
     for _, curve in model.getEntities(1):
         x0, y0, _, x1, y1, _ = model.getBoundingBox(1, curve)
-        if max(shape.bolt_circle - x0, x1 - shape.bolt_circle, y1, -y0) < 1.001 * shape.head_radius:
+        if any(max(axis - x0, x1 - axis, y1, -y0) < 1.001 * radius for axis in axes):
             curves.append(curve)
-    size = model.mesh.field
-    distance, threshold = size.add("Distance"), size.add("Threshold")
-    size.setNumbers(distance, "CurvesList", curves)
-    size.setNumber(distance, "Sampling", 20)
-    size.setNumber(threshold, "InField", distance)
-    # at least three cells along a half circle, or curved cells fold
-    size.setNumber(threshold, "SizeMin", min(0.6 * h, 1.05 * shape.screw_radius))
-    size.setNumber(threshold, "SizeMax", h)
-    size.setNumber(threshold, "DistMin", 0.0)
-    size.setNumber(threshold, "DistMax", 2 * shape.head_radius)
-    size.setAsBackgroundMesh(threshold)
+    field = model.mesh.field
+    distance, threshold = field.add("Distance"), field.add("Threshold")
+    field.setNumbers(distance, "CurvesList", curves)
+    field.setNumber(distance, "Sampling", 20)
+    field.setNumber(threshold, "InField", distance)
+    field.setNumber(threshold, "SizeMin", smallest)
+    field.setNumber(threshold, "SizeMax", size)
+    field.setNumber(threshold, "DistMin", 0.0)
+    field.setNumber(threshold, "DistMax", reach)
+    field.setAsBackgroundMesh(threshold)
 
 
 def _curve(model: Any) -> None:

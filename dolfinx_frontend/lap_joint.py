@@ -22,6 +22,7 @@ from dolfinx_frontend.geometry import (
     Part,
     from_gmsh,
     gmsh_session,
+    refine_around,
 )
 
 __all__ = ["LapJoint", "LapShape", "lap_joint"]
@@ -237,7 +238,15 @@ def _meshed(
     """Mesh the volumes, name their faces, and make parts of them."""
     for name, tags in volumes.items():
         model.addPhysicalGroup(3, tags, name=name)
-    _refine_around_bolts(model, shape, size)
+    refine_around(
+        model,
+        shape.bolts,
+        shape.head_radius,
+        size,
+        # at least three cells along a half circle, or curved cells fold
+        smallest=min(0.7 * size, 1.05 * shape.bolt_radius),
+        reach=shape.head_radius,
+    )
     try:
         model.mesh.generate(3)
         if order == 2:
@@ -265,28 +274,6 @@ def _meshed(
     for name, surfaces in faces.items():
         model.addPhysicalGroup(2, surfaces, name=name)
     return from_gmsh(model).parts
-
-
-def _refine_around_bolts(model: Any, shape: LapShape, h: float) -> None:
-    """Cells of size h, smaller on the circles of bolts, holes and heads."""
-    curves = []
-    reach = 1.001 * shape.head_radius
-    for _, curve in model.getEntities(1):
-        x0, y0, _, x1, y1, _ = model.getBoundingBox(1, curve)
-        for axis in shape.bolts:
-            if max(axis - x0, x1 - axis, y1, -y0) < reach:
-                curves.append(curve)
-    size = model.mesh.field
-    distance, threshold = size.add("Distance"), size.add("Threshold")
-    size.setNumbers(distance, "CurvesList", curves)
-    size.setNumber(distance, "Sampling", 20)
-    size.setNumber(threshold, "InField", distance)
-    # at least three cells along a half circle, or curved cells fold
-    size.setNumber(threshold, "SizeMin", min(0.7 * h, 1.05 * shape.bolt_radius))
-    size.setNumber(threshold, "SizeMax", h)
-    size.setNumber(threshold, "DistMin", 0.0)
-    size.setNumber(threshold, "DistMax", shape.head_radius)
-    size.setAsBackgroundMesh(threshold)
 
 
 def _face(part: str, shape: LapShape, x: Array) -> str:

@@ -334,6 +334,25 @@ def energy_error(
     return float(np.sqrt(max(above, 0.0) / below))
 
 
+def energy_difference(problem: Problem, one: Any, other: Any) -> float:
+    """Relative difference of two results in the strain energy of all bodies, over all times.
+
+    Parameters
+    ----------
+    problem
+        Assembled scene of both.
+    one, other
+        Results, with ``displacements`` of (n_e,) or (T, n_e); `other` is the reference.
+    """
+    above = below = 0.0
+    for name, part in problem.substructures.items():
+        exact = np.atleast_2d(other.displacements[name]).T
+        error = np.atleast_2d(one.displacements[name]).T - exact
+        above += float(np.sum(error * (part.matrix @ error)))
+        below += float(np.sum(exact * (part.matrix @ exact)))
+    return float(np.sqrt(abs(above) / below))
+
+
 @dataclass(frozen=True)
 class Unit:
     """The unit of cost: one analysis, factorisation and solve of the assembled structure."""

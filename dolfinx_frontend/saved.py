@@ -36,16 +36,6 @@ Array = npt.NDArray[np.float64]
 FORMAT = "latin-result"
 VERSION = 1
 SUFFIXES = (".h5", ".hdf5")
-DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)
 
 
 class ResultFileError(ValueError):
@@ -327,7 +317,7 @@ def load(path: str | Path) -> SavedResult:
     try:
         tree = chaos_file.read_tree(source, FORMAT)
         version = int(tree["version"])
-    except DAMAGE as error:
+    except chaos_file.DAMAGE as error:
         raise ResultFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
         ) from error
@@ -338,7 +328,7 @@ def load(path: str | Path) -> SavedResult:
         )
     try:
         return _read(source, tree)
-    except DAMAGE as error:
+    except chaos_file.DAMAGE as error:
         raise ResultFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error

@@ -155,13 +155,15 @@ void bind_iteration(py::module_& m) {
   py::class_<latin::Options>(m, "Options", "Settings of the iteration; defaults are in Python")
       .def(py::init([](double rtol, bool stop_on_indicator, latin::Index max_iterations,
                        latin::Index acceleration, double relaxation, latin::Index stagnation_window,
-                       latin::Index newton, latin::Index snapshots, latin::Index together) {
-             return latin::Options{rtol,         stop_on_indicator, max_iterations,
-                                   acceleration, relaxation,        stagnation_window,
-                                   newton,       snapshots,         together};
+                       latin::Index newton, latin::Index snapshots, latin::Index together,
+                       bool single_precision) {
+             return latin::Options{rtol,       stop_on_indicator, max_iterations, acceleration,
+                                   relaxation, stagnation_window, newton,         snapshots,
+                                   together,   single_precision};
            }),
            py::kw_only(), "rtol"_a, "stop_on_indicator"_a, "max_iterations"_a, "acceleration"_a,
-           "relaxation"_a, "stagnation_window"_a, "newton"_a, "snapshots"_a, "together"_a);
+           "relaxation"_a, "stagnation_window"_a, "newton"_a, "snapshots"_a, "together"_a,
+           "single_precision"_a);
 }
 
 py::dict cost_of(const latin::Body& body) {

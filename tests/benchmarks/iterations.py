@@ -29,11 +29,11 @@ from dolfinx_frontend import (
     Options,
     Problem,
     assemble,
+    reference,
     geometry,
     solve,
 )
 from dolfinx_frontend.lap_joint import lap_joint
-from dolfinx_frontend.pairing import csr
 from dolfinx_frontend.plan import Direction
 
 RTOL = 1e-5
@@ -101,18 +101,6 @@ def scenes(size: str) -> dict[str, Callable[[], Case]]:
     }
 
 
-def energy_difference(problem: Problem, one: Any, other: Any) -> float:
-    """|one - other| / |other| in the energy of all bodies, over all times."""
-    above = below = 0.0
-    for name, part in problem.substructures.items():
-        stiffness = csr(part.stiffness)
-        exact = np.atleast_2d(other.displacements[name]).T
-        error = np.atleast_2d(one.displacements[name]).T - exact
-        above += float(np.sum(error * (stiffness @ error)))
-        below += float(np.sum(exact * (stiffness @ exact)))
-    return float(np.sqrt(abs(above) / below))
-
-
 def measure(
     case: Case, exact: Any, factor: float, newton: bool, **changes: Any
 ) -> dict[str, Any]:
@@ -137,7 +125,7 @@ def measure(
         + result.summary.other_s,
         "seconds_in_all": seconds,
         "error": result.error,
-        "true_error": energy_difference(case.problem, result, exact),
+        "true_error": reference.energy_difference(case.problem, result, exact),
     }
 
 

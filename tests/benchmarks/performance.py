@@ -343,6 +343,18 @@ def exponent(x: list[float], y: list[float], last: int = 4) -> float:
     return float(np.polyfit(np.log(x[-last:]), np.log(y[-last:]), 1)[0])
 
 
+def plot(path: Path, xlabel: str, ylabel: str, x: list[float], lines: dict[str, list[float]]) -> None:
+    """One small doubly logarithmic figure, label -> values over x."""
+    figure = Figure(figsize=(5.5, 4), layout="constrained")
+    axis = figure.subplots()
+    for (label, y), style in zip(lines.items(), ("o-", "s--"), strict=False):
+        axis.loglog(x, y, style, label=label)
+    axis.set(xlabel=xlabel, ylabel=ylabel)
+    axis.legend()
+    axis.grid(alpha=0.3, which="both")
+    figure.savefig(path, dpi=130)
+
+
 def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
     """The three figures; returns the exponents that stand in them."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -373,29 +385,21 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
         axis.grid(alpha=0.3, which="both")
     figure.savefig(folder / "performance_sizes.png", dpi=130)
 
-    figure = Figure(figsize=(5.5, 4), layout="constrained")
-    axis = figure.subplots()
     x = [row["modes"] for row in record["modes"]]
     y = [row["units"] for row in record["modes"]]
     found["modes"]["units"] = exponent(x, y, 2)
-    axis.loglog(x, y, "o-", label=f"order 1 to {len(x)}, last slope {found['modes']['units']:.2f}")
-    axis.set(xlabel="chaos modes (five germs)", ylabel="units")
-    axis.legend()
-    axis.grid(alpha=0.3, which="both")
-    figure.savefig(folder / "performance_modes.png", dpi=130)
+    label = f"order 1 to {len(x)}, last slope {found['modes']['units']:.2f}"
+    plot(folder / "performance_modes.png", "chaos modes (five germs)", "units", x, {label: y})
 
-    figure = Figure(figsize=(5.5, 4), layout="constrained")
-    axis = figure.subplots()
     x = [row["parts"] for row in record["parts"]]
     y = [row["seconds"] for row in record["parts"]]
-    found["parts"]["seconds"] = exponent(x, y)
-    axis.loglog(x, y, "o-", label=f"LATIN, N^{found['parts']['seconds']:.2f}")
     units = [row["unit_s"] for row in record["parts"]]
-    axis.loglog(x, units, "s--", label=f"one direct solution, N^{exponent(x, units):.2f}")
-    axis.set(xlabel="parts in a chain, all interfaces kept", ylabel="seconds")
-    axis.legend()
-    axis.grid(alpha=0.3, which="both")
-    figure.savefig(folder / "performance_parts.png", dpi=130)
+    found["parts"]["seconds"] = exponent(x, y)
+    lines = {
+        f"LATIN, N^{found['parts']['seconds']:.2f}": y,
+        f"one direct solution, N^{exponent(x, units):.2f}": units,
+    }
+    plot(folder / "performance_parts.png", "parts in a chain, all interfaces kept", "seconds", x, lines)
     return found
 
 

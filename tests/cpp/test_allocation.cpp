@@ -27,10 +27,11 @@ void* malloc(std::size_t size) {
 namespace {
 
 /// Large requests in iterations 15 to 25, when all blocks are there.
-int requests(const latin::Problem& problem, latin::Index acceleration) {
+int requests(const latin::Problem& problem, latin::Index acceleration, bool single = false) {
   latin::Options options = chain::options(acceleration, 1e-15);
   options.max_iterations = 25;
   options.newton = 0;
+  options.single_precision = single;
   latin::Matrix amplitudes(1, columns);
   for (latin::Index column = 0; column < columns; ++column) {
     amplitudes(0, column) = 1.0 + 0.01 * static_cast<double>(column);
@@ -55,6 +56,12 @@ TEST_P(Allocation, NoneInTheIteration) {
   chain::Scene scene;
   scene.parts = 40;
   EXPECT_EQ(requests(scene.build(), GetParam()), 0);
+}
+
+TEST_P(Allocation, NoneInSinglePrecision) {
+  chain::Scene scene;
+  scene.parts = 40;
+  EXPECT_EQ(requests(scene.build(), GetParam(), true), 0);
 }
 
 TEST_P(Allocation, NoneWithColumnTransforms) {

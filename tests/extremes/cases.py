@@ -127,6 +127,23 @@ class Case:
 # ---------------------------------------------------------------------------------------------
 # Scenes
 # ---------------------------------------------------------------------------------------------
+def blocks(
+    moduli: Sequence[float] = (E, E),
+    nu: float = 0.0,
+    size: float = 1.0,
+    width: float = 1.0,
+    cells: tuple[int, int] = (1, 1),
+) -> Scene:
+    """Blocks on one another and on a smooth plane, free to move up and to widen."""
+    scene = Scene()
+    for i, modulus in enumerate(moduli):
+        part = geometry.box((width * size, size), cells, origin=(0.0, i * size))
+        scene.substructure(f"p{i}", part, LinearElastic(modulus, nu), degree=1)
+        scene.symmetry(f"p{i}:x0")
+    scene.symmetry("p0:y0")
+    return scene
+
+
 def stack(
     laws: Sequence[Law],
     moduli: Sequence[float] | None = None,
@@ -138,13 +155,7 @@ def stack(
     **kinds: Any,
 ) -> Problem:
     """Blocks on one another under uniform uniaxial stress (plane strain), a law between each two."""
-    scene = Scene()
-    moduli = moduli or [E] * (len(laws) + 1)
-    for i, modulus in enumerate(moduli):
-        part = geometry.box((width * size, size), cells, origin=(0.0, i * size))
-        scene.substructure(f"p{i}", part, LinearElastic(modulus, nu), degree=1)
-        scene.symmetry(f"p{i}:x0")
-    scene.symmetry("p0:y0")
+    scene = blocks(moduli or [E] * (len(laws) + 1), nu, size, width, cells)
     for i, law in enumerate(laws):
         scene.interface(f"j{i}", f"p{i}:y1", f"p{i + 1}:y0", law, **kinds)
     scene.traction(f"p{len(laws)}:y1", (0.0, pull), name="pull")
@@ -219,12 +230,7 @@ def glued() -> tuple[Result, float, float]:
 
 def free_stiffness(held: bool) -> tuple[Result, float, float]:
     """No stiffness at all; the upper block is held by springs of its own, or by nothing."""
-    scene = Scene()
-    for i in (0, 1):
-        part = geometry.box((1.0, 1.0), (1, 1), origin=(0.0, float(i)))
-        scene.substructure(f"p{i}", part, LinearElastic(E, 0.3), degree=1)
-        scene.symmetry(f"p{i}:x0")
-    scene.symmetry("p0:y0")
+    scene = blocks(nu=0.3)
     scene.interface("j0", "p0:y1", "p1:y0", Elastic(0.0, 0.0))
     scene.traction("p1:y1", (0.0, PULL))
     if held:
@@ -331,12 +337,7 @@ def bolted(
 ) -> tuple[Result, float, float]:
     """Bolt K, D and joint in parallel under Q = share K D: opening exactly at 1 (TARGETS 2.6)."""
     K, D, k = 0.1 * E, 1e-3, 0.5 * E
-    scene = Scene()
-    for i in (0, 1):
-        part = geometry.box((1.0, 1.0), (2, 1), origin=(0.0, float(i)))
-        scene.substructure(f"p{i}", part, LinearElastic(E, 0.0), degree=1)
-        scene.symmetry(f"p{i}:x0")
-    scene.symmetry("p0:y0")
+    scene = blocks(cells=(2, 1))
     law = Contact(stiffness=k) if stiff else Contact()
     scene.interface("joint", "p0:y1", "p1:y0", law, space=space)  # type: ignore[arg-type]
     scene.interface("bolt", "p0:y1", "p1:y0", Elastic(normal=K, jump=-D))
@@ -359,17 +360,13 @@ def at_points(space: str) -> tuple[Result, float, float]:
     result, _, _ = bolted(0.8, False, space, Options(rtol=1e-12, newton=0))
     exact = -0.2 * 0.1 * E * 1e-3
     error = float(np.abs(result.force("joint")[:, 0] / exact - 1.0).max())
-    return result, error, LEFT if space == "facets" else 2.0
+    # what the nodes do not see of the point forces is not determined, and has no reason to grow either
+    return result, error, LEFT if space == "facets" else 1e-2
 
 
 def closing(gap: float, press: float) -> tuple[Result, float, float]:
     """Two bars of length 1, a gap, and a prescribed end displacement -press."""
-    scene = Scene()
-    for i in (0, 1):
-        part = geometry.box((1.0, 1.0), (1, 1), origin=(0.0, float(i)))
-        scene.substructure(f"p{i}", part, LinearElastic(E, 0.0), degree=1)
-        scene.symmetry(f"p{i}:x0")
-    scene.symmetry("p0:y0")
+    scene = blocks()
     scene.interface("joint", "p0:y1", "p1:y0", Contact(gap=gap))
     scene.fix("p1:y1", (0.0, -press), components=1, name="end")
     result = solve(assemble(scene), options=TIGHT)
@@ -428,12 +425,7 @@ def jammed(
 
 def unclamped(force: float) -> tuple[Result, float, float]:
     """A joint whose bolt is tightened to a force of zero or little, pressed by its load."""
-    scene = Scene()
-    for i in (0, 1):
-        part = geometry.box((1.0, 1.0), (1, 1), origin=(0.0, float(i)))
-        scene.substructure(f"p{i}", part, LinearElastic(E, 0.0), degree=1)
-        scene.symmetry(f"p{i}:x0")
-    scene.symmetry("p0:y0")
+    scene = blocks()
     scene.interface("joint", "p0:y1", "p1:y0", Contact())
     scene.interface("bolt", "p0:y1", "p1:y0", Preload(force))
     scene.traction("p1:y1", (0.0, -PULL), name="load")

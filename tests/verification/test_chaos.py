@@ -78,9 +78,9 @@ def two_blocks() -> Problem:
     return assemble(scene)
 
 
-def difference(problem: Problem, chaos: Chaos, **settings: Any) -> float:
+def difference(problem: Problem, chaos: Chaos, options: Options = TIGHT, **settings: Any) -> float:
     """Relative energy-norm difference of LATIN-PCE and SSFEM over all coefficients."""
-    result = solve_chaos(problem, chaos, options=TIGHT, **settings)
+    result = solve_chaos(problem, chaos, options=options, **settings)
     assert result.converged
     blocks = {name: result.coefficients(name) for name in problem.substructures}
     return energy_error_modes(problem, blocks, ssfem(problem, chaos).coefficients)
@@ -89,6 +89,10 @@ def difference(problem: Problem, chaos: Chaos, **settings: Any) -> float:
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_vessel_equals_ssfem(paper: Problem, order: int) -> None:
     assert difference(paper, Chaos(order)) < 1e-8
+
+
+def test_single_precision_with_correction_equals_ssfem(paper: Problem) -> None:
+    assert difference(paper, Chaos(3), TIGHT.with_(precision="single")) < 1e-8
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.lap_joint import lap_joint
 from dolfinx_frontend.pairing import csr
 from dolfinx_frontend.plan import Direction
-from dolfinx_frontend.reference import ReferenceSolution, energy_error, monolithic
+from dolfinx_frontend.reference import ReferenceSolution, energy_difference, energy_error, monolithic
 from dolfinx_frontend.solve import Result, solve
 from dolfinx_frontend.sweep import SweepResult, sweep
 from latin_core import Options
@@ -162,18 +162,6 @@ def demo(name: str) -> ModuleType:
     return module
 
 
-def difference(problem: Problem, one: Any, other: Any) -> float:
-    """In the energy norm of all bodies over all times, relative."""
-    above = below = 0.0
-    for name, part in problem.substructures.items():
-        stiffness = csr(part.stiffness)
-        exact = np.atleast_2d(other.displacements[name]).T
-        error = np.atleast_2d(one.displacements[name]).T - exact
-        above += float(np.sum(error * (stiffness @ error)))
-        below += float(np.sum(exact * (stiffness @ exact)))
-    return float(np.sqrt(abs(above) / below))
-
-
 def within(problem: Problem, limit: int, **settings: Any) -> None:
     """At most `limit` iterations to a true error of 1e-5 that is not above the estimate."""
     exact = solve(problem, options=Options(rtol=1e-11, max_iterations=1000), **settings)
@@ -183,7 +171,7 @@ def within(problem: Problem, limit: int, **settings: Any) -> None:
         result = solve(
             problem, options=options, direction=Direction(factor=3.0 * factor), **settings
         )
-        error = difference(problem, result, exact)
+        error = energy_difference(problem, result, exact)
         assert result.converged and result.iterations <= limit, (factor, result.iterations)
         assert error < min(1e-5, 3.0 * result.error), (factor, error, result.error)
 

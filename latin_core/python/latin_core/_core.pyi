@@ -166,6 +166,7 @@ class Options:
         newton: int,
         snapshots: int,
         together: int,
+        single_precision: bool,
     ) -> None: ...
 
 class BodyCost(TypedDict):

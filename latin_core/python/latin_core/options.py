@@ -52,6 +52,10 @@ class Options:
     operator
         ``"condensed"`` (dense factor of the Schur complement on the active unknowns),
         ``"factored"`` (sparse solves) or ``"automatic"``.
+    precision
+        ``"single"``: condensed global stages on the steps alone in single precision, corrected by one in
+        double precision before an answer is accepted, so that every `rtol` is reached; points of a sweep
+        that are tried side by side stay in double precision. ``"double"``: all in double precision.
     backend
         ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
     memory_limit
@@ -70,6 +74,7 @@ class Options:
     macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
     directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
+    precision: Literal["double", "single"] = "double"
     backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
     memory_limit: float = 8e9
 
@@ -96,6 +101,8 @@ class Options:
             raise ValueError(
                 f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'"
             )
+        if self.precision not in ("double", "single"):
+            raise ValueError(f"precision {self.precision!r} is not known: use 'double' or 'single'")
         if self.macro not in ("automatic", "none", "resultants", "linear"):
             raise ValueError(
                 f"macro {self.macro!r} is not known: use 'automatic', 'none', 'resultants' or 'linear'"
@@ -117,4 +124,5 @@ class Options:
             newton=self.newton,
             snapshots=self.snapshots,
             together=self.together,
+            single_precision=self.precision == "single",
         )

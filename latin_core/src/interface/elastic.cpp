@@ -34,8 +34,7 @@ void ElasticLaw::resolve(const LocalProblem& problem, MatrixRef force) const {
     }
     if (imposed.rows() == 1) {
       const double jump = imposed(0, at(imposed));
-      force.col(column) =
-          conductance.array() * (problem.jump.col(column).array() - jump);
+      force.col(column) = conductance.array() * (problem.jump.col(column).array() - jump);
     } else {
       force.col(column) =
           conductance.cwiseProduct(problem.jump.col(column) - imposed.col(at(imposed)));

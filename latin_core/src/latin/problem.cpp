@@ -417,6 +417,15 @@ void Problem::global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, Matri
   }
 }
 
+void Problem::global_change(ConstMatrixRef change, MatrixRef traces) const {
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    const Body& body = bodies_[b];
+    Block added = share_.shaped(body.rows(), change.cols());
+    body.apply_single(change.middleRows(body_rows_[b], body.rows()), added);
+    traces.middleRows(body_rows_[b], body.rows()) += added;
+  }
+}
+
 bool Problem::balances() const {
   return std::ranges::any_of(interfaces_, [](const Entry& each) { return each.basis.size() > 0; });
 }

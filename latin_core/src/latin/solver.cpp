@@ -159,6 +159,13 @@ class Run {
         break;
       }
       if ((options_.stop_on_indicator ? summary_.indicator : error) <= options_.rtol) {
+        if (rounded_ && summary_.iterations < options_.max_iterations) {
+          global();
+          local();
+          // what was small before was so in single precision only
+          best_norm_ = norm_then = error_then = std::numeric_limits<double>::infinity();
+          continue;
+        }
         summary_.status = Status::converged;
         if (proposed_ && proposed_columns_ == step_.cols()) {
           follow(norm);
@@ -180,6 +187,9 @@ class Run {
       advance(norm, measured.data_norm);
     }
     problem_.communicator().agree(failure_);
+    if (rounded_) {
+      problem_.global_stage(state_.data, amplitudes_, state_.traces);
+    }
     return summary_;
   }
 
@@ -324,14 +334,20 @@ class Run {
     }
   }
 
-  void global() {
+  /// Traces of the data; `step`: of what was added to it, in single precision.
+  void global(const Matrix* step = nullptr) {
     const auto start = Clock::now();
     attempt([&] {
-      problem_.global_stage(state_.data, amplitudes_, state_.traces);
+      if (step != nullptr) {
+        problem_.global_change(*step, state_.traces);
+      } else {
+        problem_.global_stage(state_.data, amplitudes_, state_.traces);
+      }
       if (problem_.balances()) {
         added_ = problem_.balance(state_.data, state_.traces);
       }
     });
+    rounded_ = step != nullptr;
     summary_.global_s += since(start);
     ++summary_.iterations;
   }
@@ -373,7 +389,7 @@ class Run {
     traces_change_ = state_.traces;
     state_.data += step_;
     summary_.other_s += since(start);
-    global();
+    global(options_.single_precision ? &step_ : nullptr);
     local();
     const auto pushing = Clock::now();
     if (problem_.balances()) {
@@ -429,11 +445,12 @@ class Run {
   Matrix residual_change_;  ///< over the last step
   Matrix traces_change_;
   std::unique_ptr<Newton> newton_;
-  bool newton_helps_;                        ///< Newton steps are possible
-  bool may_fly_;                             ///< some law is not linear, so that a body may lose touch
-  bool proposed_ = false;                    ///< `step_` is Newton's
-  Index proposed_columns_ = 0;               ///< that Newton's step has solved
-  Index solved_columns_ = 0;                 ///< that Newton's method has solved before
+  bool newton_helps_;           ///< Newton steps are possible
+  bool may_fly_;                ///< some law is not linear, so that a body may lose touch
+  bool rounded_ = false;        ///< the traces hold single-precision changes
+  bool proposed_ = false;       ///< `step_` is Newton's
+  Index proposed_columns_ = 0;  ///< that Newton's step has solved
+  Index solved_columns_ = 0;    ///< that Newton's method has solved before
   Index newton_wait_ = steps_before_newton;  ///< iterations until Newton's method is tried again
   Index wait_ = steps_after_failure;         ///< after the next failure
   Index failures_ = 0;

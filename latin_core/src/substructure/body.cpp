@@ -376,6 +376,30 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
   }
 }
 
+void Body::apply_single(ConstMatrixRef data, MatrixRef traces) const {
+  if (!condensed() || compliance_pays(data.cols())) {
+    apply(data, traces);
+    return;
+  }
+  if (condensed_single_.size() == 0) {
+    condensed_single_ = condensed_.cast<float>();
+  }
+  weighted_ = weights_.asDiagonal() * data;
+  unknowns_.resize(active_, data.cols());
+  unknowns_.noalias() = active_traces_.transpose() * weighted_;
+  // scaled, because changes of the data may be far below what single precision can hold
+  const double scale = unknowns_.cwiseAbs().maxCoeff();
+  if (!(scale > 0.0)) {
+    traces.setConstant(scale);  // zero, or not a number
+    return;
+  }
+  unknowns_single_ = (unknowns_ / scale).cast<float>();
+  condensed_single_.triangularView<Eigen::Lower>().solveInPlace(unknowns_single_);
+  condensed_single_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_single_);
+  unknowns_ = scale * unknowns_single_.cast<double>();
+  traces.noalias() = active_traces_ * unknowns_;
+}
+
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   const auto count = static_cast<Index>(unknowns.size());
   const Index first = condensed() ? 0 : size_ - active_;

@@ -155,6 +155,8 @@ class Problem {
 
   /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
   void global_stage(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) const;
+  /// Add to the traces what a change of the data (rows, c) adds to them, in single precision.
+  void global_change(ConstMatrixRef change, MatrixRef traces) const;
   /// Whether the global stage is followed by a coarse problem.
   [[nodiscard]] bool balances() const;
   /// Balance the moments of the interface forces after a global stage, see Macro. The coarse problem is

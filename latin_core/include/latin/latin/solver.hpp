@@ -29,6 +29,9 @@ struct Options {
   Index newton;             ///< most interface unknowns for which Newton steps are taken; 0: never
   Index snapshots;  ///< earlier states combined for the start of a new point; 0: the nearest alone
   Index together = 1;  ///< points of a sweep that may be tried side by side
+  /// Global stages on the steps alone, in single precision; an iterate is only accepted with its traces in
+  /// double precision.
+  bool single_precision = false;
 };
 
 /// One iteration as a callback sees it.

@@ -93,6 +93,9 @@ class Body {
   /// Response of the traces to the interface data alone: w = T A^-1 T^T W s.
   /// @param data s (rows, c)  @param traces w (rows, c), overwritten
   void apply(ConstMatrixRef data, MatrixRef traces) const;
+  /// As apply(), with the condensed factor in single precision where there is one: what it is fast for are
+  /// changes of the data, whose own error shrinks with them. The copy is made when first asked for.
+  void apply_single(ConstMatrixRef data, MatrixRef traces) const;
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
   /// Traces of the load patterns (rows, l) with s = 0.
@@ -139,6 +142,8 @@ class Body {
   // working blocks of apply() and energy()
   mutable Matrix weighted_;
   mutable Matrix unknowns_;
+  mutable Eigen::MatrixXf condensed_single_;
+  mutable Eigen::MatrixXf unknowns_single_;
   mutable Vector relative_;
   mutable Vector of_loads_;
   BodyCost cost_;
