@@ -101,6 +101,8 @@ class Substructure:
         Volume (area in 2D) and centre of gravity.
     dof_coordinates
         (nodes, d).
+    integrand
+        The material: (u, v) -> UFL integrand or form of which `stiffness` is the matrix.
     """
 
     name: str
@@ -115,6 +117,7 @@ class Substructure:
     centre: Array
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
+    integrand: Callable[[Any, Any], Any] | None = field(default=None, repr=False)
 
     def load_of(self, amplitude: Amplitude | None) -> Array:
         """The part of the body forces that one amplitude multiplies (None: the constant part), (n,)."""
@@ -463,11 +466,17 @@ def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
     return 0.65 * total / (pairs * volume)
 
 
+def _integrand(spec: SubstructureSpec) -> Callable[[Any, Any], Any]:
+    material: Any = spec.material
+    integrand: Callable[[Any, Any], Any] = getattr(material, "bilinear", material)
+    return integrand
+
+
 def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
     """The compiled bilinear form of a substructure."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     material = spec.material
-    integrand = material.bilinear(u, v) if hasattr(material, "bilinear") else material(u, v)
+    integrand = _integrand(spec)(u, v)
     if not isinstance(integrand, ufl.Form):
         if integrand is None or getattr(integrand, "ufl_shape", None) != ():
             raise SceneError(
@@ -553,6 +562,7 @@ def _substructure(spec: SubstructureSpec) -> Substructure:
         centre=centre,
         dof_coordinates=coordinates,
         varying_loads={a: f for a, f in loads.items() if a is not None},
+        integrand=_integrand(spec),
     )
 
 

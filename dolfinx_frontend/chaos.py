@@ -17,7 +17,8 @@ answer is compared with deterministic solves at check points before it is handed
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -745,8 +746,7 @@ class ChaosResult(Result, StochasticResult):
             )
             for i, one in enumerate(np.split(columns, len(psi), axis=1))
         }
-        _make_deterministic(self.core, self.problem, self.plan)
-        try:
+        with self.at_mean():
             return sample_on(
                 self.core,
                 self.random,
@@ -758,6 +758,13 @@ class ChaosResult(Result, StochasticResult):
                 progress=progress,
                 start=start,
             )
+
+    @contextmanager
+    def at_mean(self) -> Iterator[None]:
+        """The factorised problem with every random parameter at its mean, as long as the context lasts."""
+        _make_deterministic(self.core, self.problem, self.plan)
+        try:
+            yield
         finally:
             _make_deterministic(self.core, self.problem, self.plan)
             _make_stochastic(self.core, self._columns)

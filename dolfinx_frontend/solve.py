@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -153,6 +154,11 @@ class Result:
         """
         saved.save_result(path, self, tables.read(self), fields)
 
+    @contextmanager
+    def at_mean(self) -> Iterator[None]:
+        """The factorised problem with its deterministic laws, as long as the context lasts."""
+        yield
+
     def _local(self, name: str) -> tuple[Array, Array]:
         """Force and jump (m, components) of an interface."""
         if name not in self.problem.interfaces:
@@ -162,7 +168,7 @@ class Result:
             force, jump = self._kernel_fields(name)
             points = interface.num_points
             return force.reshape(points, -1), jump.reshape(points, -1)
-        return self._eliminated(interface, interface.law, self.displacements)
+        return self.eliminated(interface, interface.law, self.displacements)
 
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
         return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
@@ -176,7 +182,7 @@ class Result:
             interface, lambda: (self.force(interface), self.jump(interface))
         )
 
-    def _eliminated(
+    def eliminated(
         self, interface: Interface, law: Law, displacements: Mapping[str, Array]
     ) -> tuple[Array, Array]:
         """Force and jump (m, components) of an interface that was assembled into the bodies."""
@@ -289,7 +295,7 @@ class HistoryResult(Result):
             return force, jump
         fields = self.displacements
         pairs = [
-            self._eliminated(interface, interface.law.at(t), {n: u[k] for n, u in fields.items()})
+            self.eliminated(interface, interface.law.at(t), {n: u[k] for n, u in fields.items()})
             for k, t in enumerate(self.times)
         ]
         return np.array([f for f, _ in pairs]), np.array([j for _, j in pairs])

@@ -13,6 +13,7 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -237,7 +238,21 @@ def _held_axes(interface: Interface) -> set[int] | None:
 def _reaction(
     result: Result, name: str, steps: Sequence[float | None], forces: Mapping[str, Array]
 ) -> dict[str, Array] | None:
-    """Resultants of an eliminated interface from the equilibrium of one of its parts; None: not separable.
+    """Resultants of an eliminated interface, see :func:`nodal_reaction`; None: not separable."""
+    found = nodal_reaction(result, name, steps, forces)
+    if found is None:
+        return None
+    number, nodal = found
+    interface = result.problem.interfaces[name]
+    side = interface.sides[number]
+    x = result.problem.substructures[side.substructure].dof_coordinates[side.nodes]
+    return _resultants(x, _centre(interface), nodal)
+
+
+def nodal_reaction(
+    result: Result, name: str, steps: Sequence[float | None], forces: Mapping[str, Array]
+) -> tuple[int, Array] | None:
+    """Forces of an eliminated interface on side 1 from the equilibrium of one of its parts.
 
     Parameters
     ----------
@@ -245,12 +260,17 @@ def _reaction(
         Times; (None,) without a history.
     forces
         Force per area (T, m, components) of every interface whose force is an unknown.
+
+    Returns
+    -------
+    tuple or None
+        Number of the side, and (T, its nodes, d); None: another interface holds the same nodes.
     """
     problem = result.problem
     interface = problem.interfaces[name]
     own = _held_axes(interface)
-    for sign, side in zip((1.0, -1.0), interface.sides, strict=False):
-        mine = side.nodes
+    for number, side in enumerate(interface.sides):
+        sign, mine = 1.0 - 2.0 * number, side.nodes
         part = problem.substructures[side.substructure]
         others = [
             (other, each)
@@ -269,8 +289,7 @@ def _reaction(
         nodal = sign * _residual(problem, part, result, steps, forces)
         away = sorted(set(range(interface.dim)) - (own or set(range(interface.dim))))
         nodal[..., away] = 0.0
-        at = side.nodes
-        return _resultants(part.dof_coordinates[at], _centre(interface), nodal[:, at])
+        return number, nodal[:, mine]
     return None
 
 
@@ -350,19 +369,22 @@ def _steps_of_limits(pairs: list[tuple[Array, Array] | None]) -> tuple[Array, Ar
     return np.array([p[0] for p in known]), np.array([p[1] for p in known])
 
 
+def known_forces(result: Result) -> dict[str, Array]:
+    """Force per area (T, m, components) of every interface whose force is an unknown; collective."""
+    forces: dict[str, Array] = {}
+    for name, interface in result.problem.interfaces.items():
+        if name in result.plan.active or not is_glue(interface.law):
+            read = partial(result.force, name)
+            force = result.problem.everywhere(name, read)
+            forces[name] = force[None] if result.plan.times is None else force
+    return forces
+
+
 def read(result: Result) -> Readings:
     """Numbers of all interfaces of a deterministic answer; collective on several ranks."""
-    problem, plan = result.problem, result.plan
-    times = plan.times
+    problem, times = result.problem, result.plan.times
     steps: Sequence[float | None] = (None,) if times is None else list(times)
-    forces: dict[str, Array] = {}
-    glued = []
-    for name, interface in problem.interfaces.items():
-        if name in plan.active or not is_glue(interface.law):
-            force = problem.everywhere(name, lambda name=name: result.force(name))  # type: ignore[misc]
-            forces[name] = force[None] if times is None else force
-        else:
-            glued.append(name)
+    forces = known_forces(result)
     found: dict[str, Measures] = {}
     missing: dict[str, str] = {}
     for name, interface in problem.interfaces.items():

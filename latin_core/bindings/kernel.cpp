@@ -229,6 +229,7 @@ void bind_problem(py::module_& m) {
                              })
       .def("set_parameter", &latin::Problem::set_parameter, "interface"_a, "parameter"_a,
            "values"_a)
+      .def("set_extra_loads", &latin::Problem::set_extra_loads, "loads"_a)
       .def("set_steps", &latin::Problem::set_steps, "steps"_a)
       .def("parameter", &latin::Problem::parameter, "interface"_a, "parameter"_a)
       .def(

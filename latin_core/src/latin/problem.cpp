@@ -401,6 +401,24 @@ void Problem::check_columns(Index columns) const {
   }
 }
 
+void Problem::set_extra_loads(const std::map<std::string, Matrix>& loads) {
+  std::size_t taken = 0;
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    std::vector<Matrix> of_body;
+    for (const std::string& member : member_names_[b]) {
+      const auto found = loads.find(member);
+      of_body.push_back(found != loads.end() ? found->second : Matrix());
+      taken += found != loads.end() ? 1 : 0;
+    }
+    bodies_[b].set_extra_loads(of_body);
+  }
+  if (taken < loads.size()) {
+    throw InputError("extra loads of " + std::to_string(loads.size() - taken) +
+                     " substructures that are not on this rank, '" + loads.begin()->first +
+                     "' or others");
+  }
+}
+
 void Problem::set_steps(Index steps) {
   if (steps < 1) {
     throw InputError("a history has " + std::to_string(steps) + " time steps: give at least one");

@@ -329,19 +329,59 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     row += side.trace.rows();
   }
   load_ = load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
-  if (loads > 0) {
-    const Matrix response = factor_->solve(load_);
-    load_traces_ = traces_ * response + offset_traces_;
-    // u^T K u = q^T K_r q + 2 q^T Z^T K u0 + u0^T K u0, and K_r q = F_r + T^T W f
-    const Matrix work = shifted ? Matrix(load + 2.0 * of_offset) : load;
-    work_loads_ = work.transpose() * response + offset_energy;
-    work_traces_ = weights_.asDiagonal() * (traces_ * (shifted ? factor_->solve(work) : response));
-  } else {
-    load_traces_ = Matrix::Zero(rows, 0);
-    work_loads_ = Matrix::Zero(0, 0);
-    work_traces_ = Matrix::Zero(rows, 0);
+  if (shifted) {
+    work_ = load + 2.0 * of_offset;
   }
+  offset_energy_ = std::move(offset_energy);
+  respond();
   cost_.condense_s = seconds_since(condensing);
+}
+
+void Body::respond() {
+  if (loads() == 0) {
+    load_traces_ = Matrix::Zero(rows(), 0);
+    work_loads_ = Matrix::Zero(0, 0);
+    work_traces_ = Matrix::Zero(rows(), 0);
+    return;
+  }
+  Matrix load = load_;
+  Matrix work = work_;
+  if (extra_.size() > 0) {
+    load += extra_;
+    if (work.size() > 0) {
+      work += extra_;
+    }
+  }
+  const Matrix response = factor_->solve(load);
+  load_traces_ = traces_ * response + offset_traces_;
+  // u^T K u = q^T K_r q + 2 q^T Z^T K u0 + u0^T K u0, and K_r q = F_r + T^T W f
+  const bool shifted = work.size() > 0;
+  work_loads_ = (shifted ? work : load).transpose() * response + offset_energy_;
+  work_traces_ = weights_.asDiagonal() * (traces_ * (shifted ? factor_->solve(work) : response));
+}
+
+void Body::set_extra_loads(const std::vector<Matrix>& loads) {
+  Matrix sum;
+  for (std::size_t e = 0; e < loads.size(); ++e) {
+    const Matrix& load = loads[e];
+    if (load.size() == 0) {
+      continue;
+    }
+    const SparseRows& prolongation = prolongations_.at(e);
+    if (load.rows() != prolongation.rows() || load.cols() != this->loads()) {
+      throw InputError("body '" + name_ + "': extra load " + std::to_string(load.rows()) + " x " +
+                       std::to_string(load.cols()) + ", expected " +
+                       std::to_string(prolongation.rows()) + " x " + std::to_string(this->loads()));
+    }
+    if (sum.size() == 0) {
+      sum = Matrix::Zero(size_, this->loads());
+    }
+    sum += prolongation.transpose() * load;
+  }
+  if (sum.size() > 0 || extra_.size() > 0) {
+    extra_ = std::move(sum);
+    respond();
+  }
 }
 
 bool Body::compliance_pays(Index columns) const {
@@ -417,6 +457,9 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
 
 Matrix Body::right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
   Matrix rhs = load_ * amplitudes;
+  if (extra_.size() > 0) {
+    rhs += extra_ * amplitudes;
+  }
   if (rows() > 0) {
     rhs += traces_.transpose() * (weights_.asDiagonal() * data);
   }

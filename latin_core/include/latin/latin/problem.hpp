@@ -119,6 +119,11 @@ class Problem {
   ///         disagree
   void set_columns(const std::string& interface, std::vector<LawColumns> groups);
 
+  /// Add forces on substructures to the load patterns, instead of all that were added before.
+  /// @param loads (n, l), force, by substructure of this rank
+  /// @throws InputError naming a substructure that is not on this rank, or whose load does not fit
+  void set_extra_loads(const std::map<std::string, Matrix>& loads);
+
   /// Columns that are the time steps of one history, in order; laws with history follow them. With chaos
   /// modes beside them the time steps run fastest.
   void set_steps(Index steps);

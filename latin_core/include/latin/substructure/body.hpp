@@ -101,6 +101,11 @@ class Body {
   /// Traces of the load patterns (rows, l) with s = 0.
   [[nodiscard]] const Matrix& load_traces() const { return load_traces_; }
 
+  /// Add forces on members to the load patterns, instead of those added before.
+  /// @param loads (n, l), force, for each member, or empty: none
+  /// @throws InputError on a shape that does not fit
+  void set_extra_loads(const std::vector<Matrix>& loads);
+
   /// Displacements of one member, (n, c).
   /// @param data s (rows, c)  @param amplitudes (l, c) of the load patterns
   [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data,
@@ -118,6 +123,8 @@ class Body {
   /// Whether T A^-1 T^T as a dense matrix is the cheaper operator from now on.
   [[nodiscard]] bool compliance_pays(Index columns) const;
   [[nodiscard]] Matrix right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const;
+  /// Solve for the load patterns.
+  void respond();
 
   std::string name_;
   Index size_ = 0;
@@ -134,6 +141,9 @@ class Body {
   mutable Matrix compliance_;
   mutable double applied_ = 0.0;  ///< columns so far
   Matrix load_;                   ///< right-hand side of the load patterns, with offsets
+  Matrix work_;                   ///< load + 2 Z^T K u0; empty where there are no offsets
+  Matrix offset_energy_;          ///< u0^T K u0
+  Matrix extra_;                  ///< sum of Z^T times the extra loads, or empty
   Matrix load_traces_;            ///< T u of the load patterns at s = 0
   Matrix offset_traces_;          ///< T u0
   // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see energy()
