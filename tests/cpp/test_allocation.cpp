@@ -10,8 +10,8 @@
 namespace {
 
 constexpr latin::Index columns = 500;
-/// Half a row of a block; what depends on the depth of the history alone is smaller.
-constexpr std::size_t large = columns * sizeof(double) / 2;
+/// More than a row of a block; what depends on the depth of the history alone is smaller.
+constexpr std::size_t large = 3 * columns * sizeof(double) / 2;
 int large_requests = 0;
 
 }  // namespace

@@ -16,7 +16,11 @@ def test_force_is_a_total_and_jump_is_a_mean():
 
 @pytest.mark.parametrize(
     ("settings", "said"),
-    [({"of": "pressure"}, "use 'force' or 'jump'"), ({"component": 3}, "must be 0"), ({"component": -1}, "joint")],
+    [
+        ({"of": "pressure"}, "use 'force' or 'jump'"),
+        ({"component": 3}, "must be 0"),
+        ({"component": -1}, "joint"),
+    ],
 )
 def test_what_is_not_known_is_refused(settings, said):
     with pytest.raises(SceneError, match=said):

@@ -433,7 +433,7 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces) const {
     traces.setConstant(scale);  // zero, or not a number
     return;
   }
-  unknowns_single_ = (unknowns_ / scale).cast<float>();
+  unknowns_single_ = (unknowns_ * (1.0 / scale)).cast<float>();
   condensed_single_.triangularView<Eigen::Lower>().solveInPlace(unknowns_single_);
   condensed_single_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_single_);
   unknowns_ = scale * unknowns_single_.cast<double>();
