@@ -103,6 +103,8 @@ class Substructure:
         (nodes, d).
     integrand
         The material: (u, v) -> UFL integrand or form of which `stiffness` is the matrix.
+    material
+        As the scene has it.
     """
 
     name: str
@@ -118,6 +120,7 @@ class Substructure:
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     integrand: Callable[[Any, Any], Any] | None = field(default=None, repr=False)
+    material: Any = field(default=None, repr=False)
 
     def load_of(self, amplitude: Amplitude | None) -> Array:
         """The part of the body forces that one amplitude multiplies (None: the constant part), (n,)."""
@@ -563,6 +566,7 @@ def _substructure(spec: SubstructureSpec) -> Substructure:
         dof_coordinates=coordinates,
         varying_loads={a: f for a, f in loads.items() if a is not None},
         integrand=_integrand(spec),
+        material=spec.material,
     )
 
 

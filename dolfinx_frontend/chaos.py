@@ -322,13 +322,15 @@ class FieldSamples:
         A law that is not linear is evaluated anew at every sample, with the parameters of the sample: it
         holds exactly, so that a contact never pulls.
         """
-        return self._fields(interface)[0]
+        return self.both(interface)[0]
 
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1, (N, [T,] m, components), local frame."""
-        return self._fields(interface)[1]
+        return self.both(interface)[1]
 
-    def _fields(self, name: str) -> tuple[Array, Array]:
+    def both(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump, for the work of one."""
+        name = interface
         result = self._result
         blocks = result._columns_of(name)  # (m, components, modes, steps) each
         force, jump = (np.einsum("pcjs,nj->pcns", block, self._psi) for block in blocks)
@@ -547,10 +549,14 @@ class ChaosResult(Result, StochasticResult):
         block = self.force_coefficients(interface)
         return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
 
+    def moment_germs(self) -> Array:
+        """Points (N, L) of the germs from which moments of a law that is not linear are computed."""
+        return self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
+
     def _sampled_moments(self, interface: str) -> tuple[Array, Array, Array, Array]:
         """Mean and variance of the force ([T,] m, components) and of its resultant, from Sobol points."""
         if interface not in self._moments:
-            germs = self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
+            germs = self.moment_germs()
             # about a first sample, so that nothing cancels
             origin = self.at(germs[:1]).force(interface)[0]
             total = self._resultant(interface, origin[None])[0]

@@ -154,6 +154,8 @@ class Interface:
         Global axis whose projection is t1 (3D).
     space
         ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1.
+    facets
+        (m,), the facet of side 1 that a point is on, numbered as in its :class:`FacetMap`.
     """
 
     name: str
@@ -167,6 +169,7 @@ class Interface:
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
 
     @property
     def clearance(self) -> Array:
@@ -794,6 +797,7 @@ class _Samples:
     weights: Array
     shapes: tuple[sp.csr_matrix, ...]
     gap: Array
+    facets: Ints
 
 
 def _sample_points(
@@ -818,7 +822,7 @@ def _sample_points(
     columns = [v.dofmap.index_map.size_local for v in spaces]
     shape = first.trace(spaces[0], index, s, columns[0])
     if second is None:
-        return _Samples(points, normals, weights, (shape,), np.zeros(len(points)))
+        return _Samples(points, normals, weights, (shape,), np.zeros(len(points)), index)
     index2, s2, x2, n2 = _project(second, points, normals)
     sizes = np.maximum(first.sizes[index], second.sizes[index2])
     _check_pairing(
@@ -826,7 +830,7 @@ def _sample_points(
     )
     gap = np.einsum("pi,pi->p", x2 - points, normals)
     shape2 = second.trace(spaces[1], index2, s2, columns[1])
-    return _Samples(points, normals, weights, (shape, shape2), gap)
+    return _Samples(points, normals, weights, (shape, shape2), gap, index)
 
 
 def make_interface(
@@ -921,4 +925,5 @@ def make_interface(
         tangent_axis=axis,
         space=space,
         sag=_sag(first, second, sampled.points),
+        facets=sampled.facets,
     )

@@ -127,9 +127,10 @@ class SampleResult(StochasticResult):
         )
 
     @property
-    def _probabilities(self) -> Array:
+    def probabilities(self) -> Array:
+        """(N,) weights of the points, of sum 1."""
         count = len(self.germs)
-        return self.weights if self.weights is not None else np.full(count, 1.0 / count)
+        return np.full(count, 1.0 / count) if self.weights is None else self.weights / self.weights.sum()
 
     def displacements(self, chunk: int = 64) -> Iterator[tuple[slice, dict[str, Array]]]:
         """Unknowns of all substructures, some points at a time: (points, substructure -> ([T,] n, points)).
@@ -163,32 +164,31 @@ class SampleResult(StochasticResult):
         second: dict[str, Array] = {}
         shift: dict[str, Array] = {}
         for part, fields in self.displacements():
-            weights = self._probabilities[part]
+            weights = self.probabilities[part]
             for name, values in fields.items():
                 # deviations from the first point: no cancellation where the spread is small
                 base = shift.setdefault(name, values[..., 0].copy())
                 away = values - base[..., None]
                 first[name] = first.get(name, 0.0) + away @ weights
                 second[name] = second.get(name, 0.0) + away**2 @ weights
-        total = float(self._probabilities.sum())
         out = {}
         for name, base in shift.items():
-            mean = first[name] / total
-            variance = second[name] / total - mean**2
+            mean = first[name]
+            variance = second[name] - mean**2
             out[name] = (base + mean, np.sqrt(np.maximum(variance, 0.0)))
         return out
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
         samples = self.force(interface)
-        weights = self._probabilities / self._probabilities.sum()
+        weights = self.probabilities
         mean = np.tensordot(weights, samples, 1)
         variance = np.tensordot(weights, (samples - mean) ** 2, 1)
         return mean, np.sqrt(np.maximum(variance, 0.0))
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients ([T,] n, P + 1) of the unknowns, projected with the weights."""
-        weighted = basis.evaluate(self.germs) * self._probabilities[:, None]
+        weighted = basis.evaluate(self.germs) * self.probabilities[:, None]
         out: dict[str, Array] = {}
         for part, fields in self.displacements():
             for name, values in fields.items():
