@@ -130,7 +130,10 @@ class SampleResult(StochasticResult):
     def probabilities(self) -> Array:
         """(N,) weights of the points, of sum 1."""
         count = len(self.germs)
-        return np.full(count, 1.0 / count) if self.weights is None else self.weights / self.weights.sum()
+        if self.weights is None:
+            return np.full(count, 1.0 / count)
+        share: Array = self.weights / self.weights.sum()
+        return share
 
     def displacements(self, chunk: int = 64) -> Iterator[tuple[slice, dict[str, Array]]]:
         """Unknowns of all substructures, some points at a time: (points, substructure -> ([T,] n, points)).
@@ -182,7 +185,7 @@ class SampleResult(StochasticResult):
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
         samples = self.force(interface)
         weights = self.probabilities
-        mean = np.tensordot(weights, samples, 1)
+        mean: Array = np.tensordot(weights, samples, 1)
         variance = np.tensordot(weights, (samples - mean) ** 2, 1)
         return mean, np.sqrt(np.maximum(variance, 0.0))
 

@@ -315,11 +315,11 @@ def of_saved(result: SavedResult, interface: SavedInterface) -> dict[str, Array]
         return None
     normals, frames = interface.frames[:, 0], interface.law_frames
     if result.kind == "samples":
-        both = (_steps(values, result.times, 1) for values in (force, jump))
+        force, jump = _steps(force, result.times, 1), _steps(jump, result.times, 1)
         count = len(force)
         weights = np.full(count, 1.0 / count) if result.weights is None else result.weights
         moments = _Moments()
-        moments.add(point_fields(normals, frames, *both, None), weights)
+        moments.add(point_fields(normals, frames, force, jump, None), weights)
         return moments.fields()
     if result.chaos is not None:
         chaos = result.chaos
@@ -328,6 +328,6 @@ def of_saved(result: SavedResult, interface: SavedInterface) -> dict[str, Array]
             block = chaos.fields[f"{what}:{interface.name}"].coefficients.T
             modes.append(_steps(block.reshape(len(block), *values.shape), result.times, 1))
         return _of_modes(point_fields(normals, frames, modes[0], modes[1], None))
-    both = (_steps(values, result.times) for values in (force, jump))
-    return point_fields(normals, frames, *both, interface.contact)
+    force, jump = _steps(force, result.times), _steps(jump, result.times)
+    return point_fields(normals, frames, force, jump, interface.contact)
 

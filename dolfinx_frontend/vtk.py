@@ -1,12 +1,15 @@
 """VTK's XML files: unstructured grids (``.vtu``), an index of several (``.vtm``), a series in time (``.pvd``).
 
-ParaView, VisIt and pyvista read all three, meshio the grids. Numbers are appended in binary.
+ParaView, VisIt and pyvista read all three, meshio the grids, which is why numbers are compressed in place (it
+does not read what is appended).
 """
 
 from __future__ import annotations
 
+import base64
 import re
 import sys
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,7 +37,23 @@ CELLS = {
 }
 """VTK's number of a cell by its name and degree."""
 
+_LAGRANGE_HEXAHEDRON = 72
+_FAST = 1  # of zlib
 _TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
+
+
+def _encoded(values: npt.NDArray[np.generic]) -> str:
+    """Numbers as one compressed block in base64, its sizes in front."""
+    data = np.ascontiguousarray(values).tobytes()
+    block = zlib.compress(data, _FAST)
+    sizes = [1, len(data), len(data), len(block)] if data else [0, 0, 0]
+    head = np.array(sizes, dtype=np.uint64).tobytes()
+    return base64.b64encode(head).decode() + base64.b64encode(block if data else b"").decode()
+
+
+def _version(cell: int) -> str:
+    """Of the format: Lagrange hexahedra have another order of nodes since 2.1, which meshio does not know."""
+    return "2.2" if cell == _LAGRANGE_HEXAHEDRON else "1.0"
 
 
 @dataclass(frozen=True)
@@ -61,23 +80,15 @@ class Grid:
 
     def write(self, path: Path) -> None:
         """Write a ``.vtu`` file."""
-        appended: list[bytes] = []
-        size = 0
-
         def array(values: npt.NDArray[np.generic], name: str, components: str = "") -> str:
-            nonlocal size
-            data = np.ascontiguousarray(values).tobytes()
             labels = components.split() if " " in components else list(components)
             text = "".join(f" ComponentName{i}={quoteattr(label)}" for i, label in enumerate(labels))
-            count = 1 if values.ndim == 1 else values.shape[1]
-            entry = (
-                f'        <DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)} '
-                f'NumberOfComponents="{count}"{text} format="appended" offset="{size}"/>\n'
+            if values.ndim > 1:
+                text = f' NumberOfComponents="{values.shape[1]}"{text}'
+            return (
+                f'        <DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)}{text} '
+                f'format="binary">{_encoded(values)}</DataArray>\n'
             )
-            appended.append(len(data).to_bytes(8, sys.byteorder))
-            appended.append(data)
-            size += 8 + len(data)
-            return entry
 
         def arrays(data: Mapping[str, Values]) -> str:
             return "".join(array(values, name, labels) for name, (values, labels) in data.items())
@@ -85,22 +96,20 @@ class Grid:
         count, width = self.cells.shape
         offsets = width * np.arange(1, count + 1, dtype=np.int64)
         types = np.full(count, self.type, dtype=np.uint8)
-        header = (
-            '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="2.2" '
-            f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64">\n'
-            "  <UnstructuredGrid>\n"
+        path.write_text(
+            '<?xml version="1.0"?>\n'
+            f'<VTKFile type="UnstructuredGrid" version="{_version(self.type)}" '
+            f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64" '
+            'compressor="vtkZLibDataCompressor">\n  <UnstructuredGrid>\n'
             f'    <Piece NumberOfPoints="{len(self.x)}" NumberOfCells="{count}">\n'
             f"      <Points>\n{array(self.x, 'Points')}      </Points>\n"
             f"      <Cells>\n{array(self.cells.ravel(), 'connectivity')}{array(offsets, 'offsets')}"
             f"{array(types, 'types')}      </Cells>\n"
             f"      <PointData>\n{arrays(self.point_data)}      </PointData>\n"
             f"      <CellData>\n{arrays(self.cell_data)}      </CellData>\n"
-            '    </Piece>\n  </UnstructuredGrid>\n  <AppendedData encoding="raw">\n_'
+            "    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
+            encoding="utf-8",
         )
-        with path.open("wb") as file:
-            file.write(header.encode())
-            file.writelines(appended)
-            file.write(b"\n  </AppendedData>\n</VTKFile>\n")
 
 
 def vertices(points: Array, point_data: Mapping[str, Values]) -> Grid:
