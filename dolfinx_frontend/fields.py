@@ -37,7 +37,7 @@ from dolfinx_frontend.solve import HistoryResult, Result
 from dolfinx_frontend.tables import is_glue
 from dolfinx_frontend.vtk import CELLS, Blocks, Grid, Values, check_target, vertices, write_index, write_series
 
-__all__ = ["stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
+__all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
 
 Array = npt.NDArray[np.float64]
 Materials = Mapping[str, Material | Callable[[Any, Any], Any]]
@@ -420,6 +420,29 @@ def write_interfaces(
         assert times is not None  # checked above
         return write_series(target, times, blocks, rank)
     return write_index(target, blocks(step), rank)
+
+
+def facet_fields(
+    result: Result | SampleResult, interface: str, step: int = -1
+) -> tuple[npt.NDArray[np.int64], dict[str, Array]]:
+    """What :func:`write_interfaces` writes on the facets of an interface, as arrays.
+
+    Returns
+    -------
+    facets
+        (k,), facets of the mesh of side 1.
+    fields
+        Name -> (k,) or (k, 3).
+    """
+    if interface not in (known := _known(result)):
+        raise unknown_name("interface with a known force", interface, known, "facet_fields")
+    at = _check_step(_times(result), step)
+    side = result.problem.here(interface).sides[0]
+    part = result.problem.substructures[side.substructure].part
+    data = _InterfaceWriter.of(result, interface).facets(at).cell_data
+    numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
+    covered = np.unique(result.problem.interfaces[interface].facets)
+    return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
 
 
 def _known(result: AnyResult) -> list[str]:

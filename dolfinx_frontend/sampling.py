@@ -132,8 +132,7 @@ class SampleResult(StochasticResult):
         count = len(self.germs)
         if self.weights is None:
             return np.full(count, 1.0 / count)
-        share: Array = self.weights / self.weights.sum()
-        return share
+        return np.asarray(self.weights / self.weights.sum(), dtype=np.float64)
 
     def displacements(self, chunk: int = 64) -> Iterator[tuple[slice, dict[str, Array]]]:
         """Unknowns of all substructures, some points at a time: (points, substructure -> ([T,] n, points)).
@@ -185,7 +184,7 @@ class SampleResult(StochasticResult):
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
         samples = self.force(interface)
         weights = self.probabilities
-        mean: Array = np.tensordot(weights, samples, 1)
+        mean: Array = np.asarray(np.tensordot(weights, samples, 1), dtype=np.float64)
         variance = np.tensordot(weights, (samples - mean) ** 2, 1)
         return mean, np.sqrt(np.maximum(variance, 0.0))
 

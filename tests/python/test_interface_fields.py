@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from dolfinx_frontend import (
     fields,
     geometry,
     load,
+    plotting,
     quasi_monte_carlo,
     solve,
 )
@@ -298,6 +300,40 @@ def test_a_loaded_result_has_the_same_points(history: Any, random: Any, tmp_path
         u = u[-1] if u.ndim == 2 else u
         assert np.array_equal(cloud["displacement"], u.reshape(-1, 3))
     assert len(series(fields.write(load(tmp_path / "0.h5"), tmp_path / "s")[1])) == 3
+
+
+# --- pictures --------------------------------------------------------------------------------------
+@pytest.mark.parametrize("renderer", ["vtk", "matplotlib"])
+def test_picture_of_the_pressure(history: Any, renderer: str, tmp_path: Path) -> None:
+    """The colours of the lowest and of the highest facet, and no others at these places, are in it."""
+    image = pytest.importorskip("PIL.Image")
+    if renderer == "vtk" and shutil.which("xvfb-run") is None:
+        pytest.skip("needs xvfb-run")
+    path = plotting.interface_figure(history, "joint", tmp_path / "a.png", renderer=renderer)
+    pixels = np.asarray(image.open(path).convert("RGB"), dtype=int)[:, :800]  # without the colour bar
+    for colour in ((68, 1, 84), (253, 231, 37)):  # ends of viridis
+        near = np.abs(pixels - colour).max(axis=2) < 30
+        assert near.sum() > 5000
+    # pressed hardest on the left
+    assert np.nonzero(near)[1].mean() < 0.5 * pixels.shape[1]
+
+
+def test_picture_in_the_plane_and_mistakes(tmp_path: Path) -> None:
+    scene = blocks(Contact(gap=0.0), d=2)
+    scene.pressure("top:y1", 10.0)
+    result = solve(assemble(scene))
+    assert plotting.interface_figure(result, "joint", tmp_path / "a.png").stat().st_size > 5000
+    with pytest.raises(SceneError, match="pressur"):
+        plotting.interface_figure(result, "joint", tmp_path / "b.png", quantity="presure")
+    with pytest.raises(SceneError, match="guide"):
+        plotting.interface_figure(result, "guide", tmp_path / "b.png")
+
+
+def test_no_vtk_is_said(history: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    (tmp_path / "pyvista.py").write_text("raise ImportError('no pyvista here')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(plotting.RenderError, match=r"no pyvista here.*install pyvista"):
+        plotting.interface_figure(history, "joint", tmp_path / "a.png", renderer="vtk")
 
 
 # --- mistakes --------------------------------------------------------------------------------------
