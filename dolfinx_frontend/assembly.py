@@ -6,10 +6,12 @@ the traces, weights and frames of every interface.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from time import perf_counter
 from typing import Any, TypeVar
 
 import basix
@@ -55,6 +57,7 @@ from dolfinx_frontend.parallel import (
     place,
     swap,
 )
+from dolfinx_frontend.progress import Bar
 from dolfinx_frontend.rigid import Resistance, check_resistances, resistance, rigid_modes
 from dolfinx_frontend.scene import PartLike, Scene, SubstructureSpec, check_face
 
@@ -71,6 +74,7 @@ __all__ = [
     "stiffnesses",
 ]
 
+_log = logging.getLogger(__name__)
 T = TypeVar("T")
 Flags = npt.NDArray[np.bool_]
 
@@ -593,7 +597,7 @@ def assemble(
     scene
         The scene; the same on all ranks.
     progress
-        Called with a line before each substructure and interface.
+        Called with a line before each substructure and interface; None: a progress bar if on a terminal.
     comm
         mpi4py communicator over which the parts are spread; collective. None: this process alone,
         with a warning if it is one of several.
@@ -611,13 +615,36 @@ def assemble(
     """
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
-    say = progress or (lambda line: None)
+    began = perf_counter()
+    count = len(scene.substructures) + len(scene.interfaces)
+    first = comm is None or comm.rank == 0
+    with Bar(count, "assemble", "item", progress is None and first) as bar:
+
+        def say(line: str) -> None:
+            bar.step()
+            _log.debug("%s", line)
+            if progress is not None:
+                progress(line)
+
+        problem = _assemble(scene, say, comm)
+    if first:
+        _log.info(
+            "assembled %d unknowns in %d substructures, %d interfaces, %.2f s",
+            problem.size,
+            len(problem.parts),
+            len(problem.interfaces),
+            perf_counter() - began,
+        )
+    return problem
+
+
+def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
         warnings.warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
             "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
             SceneWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
     owner = place(scene.substructures, 1 if comm is None else comm.size)

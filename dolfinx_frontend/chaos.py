@@ -38,6 +38,7 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol
+from dolfinx_frontend.running import iterate
 from dolfinx_frontend.solve import Result, fields_of_cuts, start_states
 from dolfinx_frontend.stochastic import RandomLaws, Source
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
@@ -862,7 +863,10 @@ class ChaosResult(Result, StochasticResult):
         # independent of the Sobol points at which the law may be evaluated
         germs = self.space.sample(MOST_CHECKS * count, 1)
         for first, last in ((0, 1), (1, 2), (2, MOST_CHECKS)):
-            self.checked += (self.sample(germs[first * count : last * count]),)
+            part = self.sample(germs[first * count : last * count])
+            if not part.complete:
+                return  # Ctrl-C: not checked, so not trusted; the log says so
+            self.checked += (part,)
             own = [name for name in self.plan.active if self.problem.speaks_for(name)]
             self.checks = self.problem.gather({n: self._compared(n, self.checked) for n in own})
             if self.trusted or any(not c.estimate <= tolerance for c in self.checks.values()):
@@ -1035,11 +1039,8 @@ def solve_chaos(
     core.set_steps(steps)
     _make_stochastic(core, columns)
     built = perf_counter()
-    summary, state = core.solve(
-        options=plan.options.kernel(),
-        amplitudes=_amplitudes(plan, len(basis)),
-        start=start_states(start),
-        callback=callback,
+    summary, state = iterate(
+        problem, plan, core, _amplitudes(plan, len(basis)), start_states(start), callback
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(

@@ -757,7 +757,7 @@ def _check_pairing(
             f"{where}: {100 * weights[beside].sum() / total:.3g} % of {names[0]} lies beside "
             f"{names[1]}; it is joined to the edge of it",
             SceneWarning,
-            stacklevel=4,
+            stacklevel=6,
         )
 
 
@@ -898,7 +898,7 @@ def make_interface(
                 f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
                 f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
                 SceneWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
         coordinates = tuple(
             v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
@@ -911,7 +911,7 @@ def make_interface(
                 f"{where}: {m} facets but {n} nodes on {names[0]}: a law that prescribes the jump "
                 "locks there and converges slowly; give the substructures degree=2",
                 SceneWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
     return Interface(
         name=name,

@@ -6,6 +6,7 @@ and the iteration runs on the others. Every decision carries its reason and can 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
 
+_log = logging.getLogger(__name__)
 Method = Literal["auto", "direct", "accelerated", "latin"]
 
 _PLAIN_FACTOR = 2.0
@@ -383,6 +385,7 @@ def make_plan(
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
+    _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
     return Plan(
         chosen,
         kept,

@@ -475,6 +475,7 @@ def read_chaos(result: ChaosResult, samples: int = SAMPLES, seed: int = 0) -> Re
 
 def read_samples(result: SampleResult) -> Readings:
     """Numbers of all active interfaces at the points of a sampling."""
+    result.check_complete()
     return _of_random(
         result.problem,
         result.plan,

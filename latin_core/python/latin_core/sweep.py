@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -113,7 +114,8 @@ def sweep(
     header
         Facts that make the run what it is, compared with the file's.
     progress, callback
-        Called after every point, and after every iteration.
+        Called after every point, and after every iteration; a callback that raises StopIteration ends the
+        sweep with the points that are finished.
     keep_states
         Keep s and w of every point; not with a checkpoint, which has them.
     keep_fields
@@ -132,6 +134,7 @@ def sweep(
         Within one iteration of Ctrl-C; finished points are in the checkpoint.
     """
     options = options or Options()
+    log = logging.getLogger(__name__)
     points = parameters[0].values.shape[1] if parameters else 1
     result = SweepPoints(
         iterations=np.full(points, -1, dtype=np.int64),
@@ -198,6 +201,7 @@ def sweep(
             keep(point, arrays)
             if result.states is not None:
                 result.states[point] = state.data, state.traces
+            log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)
             result.histories[point] = summary.history
             result.order.append(point)
             if file is not None:
