@@ -79,7 +79,7 @@ T = TypeVar("T")
 Flags = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Substructure:
     """A part, discretised; n = d * nodes unknowns, unknown d*node + component.
 
@@ -125,6 +125,12 @@ class Substructure:
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     integrand: Callable[[Any, Any], Any] | None = field(default=None, repr=False)
     material: Any = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"Substructure({self.name!r}, {self.size} unknowns, {self.dim}D, volume {self.volume:.6g}, "
+            f"modulus {self.modulus:.6g}, length {self.length:.6g})"
+        )
 
     def load_of(self, amplitude: Amplitude | None) -> Array:
         """The part of the body forces that one amplitude multiplies (None: the constant part), (n,)."""

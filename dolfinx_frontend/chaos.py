@@ -303,7 +303,7 @@ def _columns(
     return Columns({}, groups)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FieldSamples:
     """Fields at N points of the germs; what a quantity of interest is computed from.
 
@@ -316,6 +316,9 @@ class FieldSamples:
     germs: Array
     _result: ChaosResult = field(repr=False)
     _psi: Array = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"FieldSamples({len(self.germs)} points in {self.germs.shape[1]} germs)"
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal.

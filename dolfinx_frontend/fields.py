@@ -1,10 +1,10 @@
 """Displacements, stresses and what acts on the interfaces, as files that ParaView, VisIt and pyvista read.
 
-The format is VTK's XML: a multi-block index (``.vtm``) of unstructured grids (``.vtu``, which meshio reads as
-well), and for all times of a load history a collection (``.pvd``) of such. Nothing is projected: the cells of a
-part are Lagrange cells of the displacement's degree, so curved parts and quadratic fields are kept as they are,
-and every cell has nodes of its own, so stresses may jump between cells, as they do; values of interfaces are at
-the points where they are computed, beside their means over the facets.
+The format is VTK's XML: a multi-block index (``.vtm``) of unstructured grids (``.vtu``, which meshio reads
+as well), and for all times of a load history a collection (``.pvd``) of such. Nothing is projected: the
+cells of a part are Lagrange cells of the displacement's degree, so curved parts and quadratic fields are
+kept as they are, and every cell has nodes of its own, so stresses may jump between cells, as they do;
+values of interfaces are at the points where they are computed, beside their means over the facets.
 
 >>> fields.write(result, "out")                      # out/parts.vtm, out/interfaces.vtm; .pvd of a history
 >>> fields.write_fields(result, "out/parts.pvd")     # or one of the two, by name
@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import basix
 import basix.ufl
@@ -25,7 +25,7 @@ import numpy.typing as npt
 from dolfinx import fem, plot
 
 from dolfinx_frontend import surfaces
-from dolfinx_frontend.assembly import Problem, Substructure
+from dolfinx_frontend.assembly import Substructure
 from dolfinx_frontend.chaos import ChaosResult
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.materials import Material
@@ -33,9 +33,18 @@ from dolfinx_frontend.pairing import FacetMap, Interface
 from dolfinx_frontend.sampling import SampleResult
 from dolfinx_frontend.saved import SavedResult
 from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import HistoryResult, Result
+from dolfinx_frontend.solve import Result
 from dolfinx_frontend.tables import is_glue
-from dolfinx_frontend.vtk import CELLS, Blocks, Grid, Values, check_target, vertices, write_index, write_series
+from dolfinx_frontend.vtk import (
+    CELLS,
+    Blocks,
+    Grid,
+    Values,
+    check_target,
+    vertices,
+    write_index,
+    write_series,
+)
 
 __all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
 
@@ -165,7 +174,8 @@ def write_fields(
     XX, YY, XY) and in 3D ``von Mises``.  Their units are those of the scene. Of a random answer
     ``displacement`` and ``stress`` are means, ``displacement std`` and ``stress std`` the standard deviations
     of every component (of samples that of the displacement), ``von Mises`` is that of the mean stress, and
-    ``displacement u3`` is the chaos coefficient of mode 3. A saved result knows no cells: its parts are clouds of nodes with ``displacement``.
+    ``displacement u3`` is the chaos coefficient of mode 3. A saved result knows no cells: its parts are clouds
+    of nodes with ``displacement``.
 
     Parameters
     ----------
@@ -235,8 +245,7 @@ def _part_grids(
     if isinstance(fields, SavedResult):
         for name, values in fields.displacements.items():
             block = values if fields.times is not None else values[None]
-            nodes = fields.nodes[name]
-            yield name, lambda step, x=nodes, u=block: vertices(x, {"displacement": _vector(u[step])})  # type: ignore[misc]
+            yield name, partial(_cloud, fields.nodes[name], block)
         return
     if isinstance(fields, Mapping):
         for name, function in fields.items():
@@ -260,6 +269,10 @@ def _part_grids(
             mean, extra = mean[None], {k: v[None] for k, v in extra.items()}
             spread = [u[None] for u in spread]
         yield name, partial(part.grid, mean, spread, extra)
+
+
+def _cloud(nodes: Array, displacement: Array, step: int) -> Grid:
+    return vertices(nodes, {"displacement": _vector(displacement[step])})
 
 
 def _vector(values: Array) -> Values:
@@ -358,14 +371,15 @@ def write_interfaces(
 
     and the point data ``displacement`` of side 1, by which ParaView's filter "warp by vector" deforms them.
     What a law does not have is left out. Of a random answer (chaos, samples) all are means, the standard
-    deviation is beside them (``pressure std``), and of contacts, instead of the state, ``open probability`` and
-    ``slip probability``; on facets with several points the means of these. Of a loaded result there are
+    deviation is beside them (``pressure std``), and of contacts, instead of the state, ``open probability``
+    and ``slip probability``; on facets with several points the means of these. Of a loaded result there are
     ``points`` only, and of a loaded random one no gaps and probabilities.
 
     Parameters
     ----------
     result
-        Of a solve, a sampling, or loaded. On several ranks each writes the interfaces whose first side it has.
+        Of a solve, a sampling, or loaded. On several ranks each writes the interfaces whose first side it
+        has.
     path
         Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
         folder of the same name beside it.
@@ -391,7 +405,8 @@ def write_interfaces(
     target = check_target(path, times is not None)
     step = _check_step(times, step)
     known = _known(result)
-    chosen = [interfaces] if isinstance(interfaces, str) else list(known if interfaces is None else interfaces)
+    wanted = known if interfaces is None else interfaces
+    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
     for name in chosen:
         if name not in known:
             raise unknown_name("interface with a known force", name, known, "write_interfaces")

@@ -95,7 +95,7 @@ def quadrature(cell: Any, degree: int) -> tuple[Array, Array]:
     return np.asarray(x), np.asarray(w)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Side:
     """One side of an interface.
 
@@ -130,8 +130,11 @@ class Side:
     normal: Array
     area: float
 
+    def __repr__(self) -> str:
+        return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Interface:
     """One or two sides with a law, discretised.
 
@@ -170,6 +173,13 @@ class Interface:
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+
+    def __repr__(self) -> str:
+        sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)
+        return (
+            f"Interface({self.name!r}, {sides}, {self.law!r}, {self.num_points} {self.space}, "
+            f"area {self.area:.6g})"
+        )
 
     @property
     def clearance(self) -> Array:

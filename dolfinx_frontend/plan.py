@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.cost import Cost, predict
+from dolfinx_frontend.describe import record
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.laws import (
@@ -60,7 +61,7 @@ class Decision(NamedTuple):
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Direction:
     """Search direction k of every interface, force / length^3: a parameter of the method, not of the model.
 
@@ -82,6 +83,9 @@ class Direction:
     length: float | None = None
     given: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return record(self)
+
     def __post_init__(self) -> None:
         for name, value in (("factor", self.factor), ("length", self.length)):
             if value is not None and not (np.isfinite(value) and value > 0.0):
@@ -94,7 +98,7 @@ class Direction:
                 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """What will be done with a problem.
 
@@ -168,6 +172,12 @@ class Plan:
     @property
     def _count(self) -> int:
         return 1 if self.times is None else len(self.times)
+
+    def __repr__(self) -> str:
+        return (
+            f"Plan({self.method}, active: {', '.join(self.active) or 'nothing'}; {len(self.eliminated)} "
+            f"interfaces eliminated, {self.columns} columns; print it for the reasons)"
+        )
 
     def __str__(self) -> str:
         width = max(len(d.what) for d in self.decisions)

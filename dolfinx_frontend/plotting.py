@@ -782,8 +782,7 @@ def _onto(normal: Array) -> list[float]:
     """A direction from which a face with this normal is seen obliquely, never along the vertical."""
     aside = np.array([-0.45, -1.0, 0.45])
     aside = aside / np.linalg.norm(aside)
-    towards: list[float] = (normal + (0.8 if normal @ aside > -0.3 else -0.8) * aside).tolist()
-    return towards
+    return [float(x) for x in normal + (0.8 if normal @ aside > -0.3 else -0.8) * aside]
 
 
 def _facet_lines(

@@ -1,9 +1,9 @@
 """Progress bars for what takes long: meshing, assembly, iteration, sweeps and sampling.
 
-They are drawn by tqdm, on the error stream, if that is a terminal and tqdm is installed, and appear after half a
-second. ``progress(False)``, or ``LATIN_PROGRESS=0`` in the environment, switches them off; so does tqdm's own
-``TQDM_DISABLE=1``. What is done is logged as well, see :mod:`logging`: loggers ``dolfinx_frontend`` and
-``latin_core``, phases at INFO, single points and iterations at DEBUG.
+They are drawn by tqdm, on the error stream, if that is a terminal and tqdm is installed, and appear after
+half a second. ``progress(False)``, or ``LATIN_PROGRESS=0`` in the environment, switches them off; so does
+tqdm's own ``TQDM_DISABLE=1``. What is done is logged as well, see :mod:`logging`: loggers
+``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG.
 """
 
 from __future__ import annotations

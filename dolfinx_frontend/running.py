@@ -1,13 +1,14 @@
 """A run as its user meets it: Ctrl-C, a progress bar, lines in the log.
 
-Ctrl-C while the kernel iterates ends the run with what is done so far: ``solve`` returns its last iterate with
-the status ``"interrupted"``, a sweep or a sampling the points that are finished, with ``complete`` False, and a
-warning is logged. A second Ctrl-C within two seconds of the first, or in the same call, raises
-KeyboardInterrupt: so a script that calls solve in a loop can always be ended. Outside of the iteration (meshing,
-assembly, factorisation), where nothing is done that could be returned, Ctrl-C raises KeyboardInterrupt as ever.
+Ctrl-C while the kernel iterates ends the run with what is done so far: ``solve`` returns its last iterate
+with the status ``"interrupted"``, a sweep or a sampling the points that are finished, with ``complete``
+False, and a warning is logged. A second Ctrl-C within two seconds of the first, or in the same call, raises
+KeyboardInterrupt: so a script that calls solve in a loop can always be ended. Outside of the iteration
+(meshing, assembly, factorisation), where nothing is done that could be returned, Ctrl-C raises
+KeyboardInterrupt as ever.
 
-Handlers of SIGINT other than Python's own are left alone, and so are threads other than the main one, in which
-Python handles no signals.
+Handlers of SIGINT other than Python's own are left alone, and so are threads other than the main one, in
+which Python handles no signals.
 """
 
 from __future__ import annotations

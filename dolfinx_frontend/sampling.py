@@ -48,12 +48,15 @@ Array = npt.NDArray[np.float64]
 Kind = Literal["random", "qmc", "quadrature"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SampleFields:
     """Interface fields at all points; what a quantity of interest is computed from."""
 
     germs: Array
     _result: SampleResult = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"SampleFields({len(self.germs)} points in {self.germs.shape[1]} germs)"
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal."""

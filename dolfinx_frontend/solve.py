@@ -63,7 +63,7 @@ class Result:
 
     @property
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"`` or ``"interrupted"`` (Ctrl-C)."""
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``."""
         return self.summary.status
 
     @property
@@ -209,8 +209,9 @@ class Result:
         return stiffness * (jump - imposed), jump
 
     def __repr__(self) -> str:
+        steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
         return (
-            f"Result({self.status}, {self.iterations} iterations, "
+            f"{type(self).__name__}({self.status}, {steps}{self.iterations} iterations, "
             f"estimated error {self.error:.1e}, {sum(self.seconds.values()):.2f} s)"
         )
 
@@ -403,8 +404,8 @@ def solve(
     IndefiniteError
         A Galerkin stiffness is indefinite.
     KeyboardInterrupt
-        At a second Ctrl-C, or during the factorisation. The first one ends the iteration within one step, with
-        the status ``"interrupted"`` and a warning in the log.
+        At a second Ctrl-C, or during the factorisation. The first one ends the iteration within one step,
+        with the status ``"interrupted"`` and a warning in the log.
 
     Warns
     -----

@@ -330,4 +330,3 @@ def of_saved(result: SavedResult, interface: SavedInterface) -> dict[str, Array]
         return _of_modes(point_fields(normals, frames, modes[0], modes[1], None))
     force, jump = _steps(force, result.times), _steps(jump, result.times)
     return point_fields(normals, frames, force, jump, interface.contact)
-

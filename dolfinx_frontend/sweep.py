@@ -416,4 +416,3 @@ def warn_unconverged(what: str, point: int, summary: Summary) -> None:
             summary.iterations,
             summary.error,
         )
-

@@ -1,7 +1,7 @@
-"""VTK's XML files: unstructured grids (``.vtu``), an index of several (``.vtm``), a series in time (``.pvd``).
+"""VTK's XML files: unstructured grids (``.vtu``), an index of several (``.vtm``), a series (``.pvd``).
 
-ParaView, VisIt and pyvista read all three, meshio the grids, which is why numbers are compressed in place (it
-does not read what is appended).
+ParaView, VisIt and pyvista read all three, meshio the grids, which is why numbers are compressed in place
+(it does not read what is appended).
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ __all__ = ["SweepPoints", "SweptParameter", "sweep"]
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SweptParameter:
     """A law parameter that varies over the points.
 
@@ -43,8 +43,11 @@ class SweptParameter:
     values: Array
     columns: int = 1
 
+    def __repr__(self) -> str:
+        return f"SweptParameter({self.interface}.{self.parameter}, {self.values.shape[1]} points)"
 
-@dataclass
+
+@dataclass(repr=False)
 class SweepPoints:
     """What a sweep leaves for every point; rows are points.
 
@@ -77,6 +80,13 @@ class SweepPoints:
     order: list[int] = field(default_factory=list)
     states: Array | None = None
     outputs: dict[str, Array] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        reached = self.iterations >= 0
+        return (
+            f"SweepPoints({int(reached.sum())} of {len(reached)} points solved, "
+            f"{int(self.iterations[reached].sum())} iterations)"
+        )
 
 
 Fields = dict[str, tuple[Array, Array]]
