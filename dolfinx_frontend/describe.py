@@ -37,7 +37,7 @@ def short(value: Any) -> str:
         return f"({shown},)" if len(value) == 1 else f"({shown})"
     if callable(value) and hasattr(value, "__name__"):
         return f"<function {value.__name__}>"
-    if type(value).__repr__ == object.__repr__:
+    if repr(value) == object.__repr__(value):  # an address
         return f"<{type(value).__name__}>"
     return repr(value)
 

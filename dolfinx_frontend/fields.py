@@ -169,13 +169,13 @@ def write_fields(
 ) -> Path:
     """Write displacements, and stresses where the materials are known.
 
-    The grid of each part has the point data ``displacement`` (length; 3 components), and, with a
-    material that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D
-    XX, YY, XY) and in 3D ``von Mises``.  Their units are those of the scene. Of a random answer
-    ``displacement`` and ``stress`` are means, ``displacement std`` and ``stress std`` the standard deviations
-    of every component (of samples that of the displacement), ``von Mises`` is that of the mean stress, and
-    ``displacement u3`` is the chaos coefficient of mode 3. A saved result knows no cells: its parts are clouds
-    of nodes with ``displacement``.
+    The grid of each part has the point data ``displacement`` (length; 3 components), and, with a material
+    that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D XX, YY, XY) and in
+    3D ``von Mises``. Their units are those of the scene. Of a random answer ``displacement`` and ``stress``
+    are means, ``displacement std`` and ``stress std`` the standard deviations of every component (of
+    samples that of the displacement), ``von Mises`` is that of the mean stress, and ``displacement u3`` is
+    the chaos coefficient of mode 3. A saved result knows no cells: its parts are clouds of nodes with
+    ``displacement``.
 
     Parameters
     ----------
