@@ -445,7 +445,8 @@ def solve(
             summary.iterations,
             result.error,
         )
-    check_support(result)
+    if result.status != "interrupted":  # which is returned, whatever it is
+        check_support(result)
     return result
 
 
