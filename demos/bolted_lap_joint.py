@@ -516,9 +516,13 @@ def main(given: Sequence[str] | None = None) -> None:
     for name, step in (("tightened", 0), ("pulled", loop.first), ("pushed", 3 * loop.first)):
         shown = {part: result.displacement(part, step) for part in result.problem.substructures}
         paths.append(fields.write_fields(shown, output / f"{name}.vtm", loop.scene))
+    paths.append(fields.write_interfaces(result, output / "interfaces.pvd"))
     if not options.no_figures:
         paths += [
             plotting.assembly_figure(joint, output / "joint.png"),
+            plotting.interface_figure(
+                result, "plates", output / "pressure.png", step=0, label="pressure between the plates (MPa)"
+            ),
             loop_figure(loop, output / "loop.png"),
             contact_figure(joint, loop, output / "contact.png"),
             *surface_figures(surface, output),

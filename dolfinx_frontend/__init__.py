@@ -5,7 +5,18 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here.
 """
 
-from dolfinx_frontend import fields, geometry, plotting, reference, sampling, ssfem, step
+from dolfinx_frontend import (
+    chaos_file,
+    fields,
+    geometry,
+    lap_joint,
+    plotting,
+    reference,
+    sampling,
+    ssfem,
+    step,
+    tables,
+)
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
 from dolfinx_frontend.chaos import (
     ChaosResult,
@@ -14,7 +25,7 @@ from dolfinx_frontend.chaos import (
     TruncationError,
     TruncationWarning,
 )
-from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.errors import SceneError, SceneWarning
 from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.interest import Resultant
 from dolfinx_frontend.laws import (
@@ -33,6 +44,7 @@ from dolfinx_frontend.laws import (
 from dolfinx_frontend.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Plan, make_plan
+from dolfinx_frontend.progress import progress
 from dolfinx_frontend.quantities import Estimate, Quantity
 from dolfinx_frontend.random import (
     Beta,
@@ -54,7 +66,7 @@ from dolfinx_frontend.sampling import (
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.saved import SavedResult, load
+from dolfinx_frontend.saved import ResultFileError, SavedResult, load
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import HistoryResult, Result, solve
 from dolfinx_frontend.stochastic import RandomLaws
@@ -98,11 +110,13 @@ __all__ = [
     "RandomField",
     "RandomLaws",
     "Result",
+    "ResultFileError",
     "Resultant",
     "SampleResult",
     "SavedResult",
     "Scene",
     "SceneError",
+    "SceneWarning",
     "StochasticResult",
     "Substructure",
     "SweepResult",
@@ -115,12 +129,15 @@ __all__ = [
     "Uniform",
     "UserLaw",
     "assemble",
+    "chaos_file",
     "fields",
     "geometry",
+    "lap_joint",
     "load",
     "make_plan",
     "monte_carlo",
     "plotting",
+    "progress",
     "quasi_monte_carlo",
     "reference",
     "sampling",
@@ -129,5 +146,6 @@ __all__ = [
     "ssfem",
     "step",
     "sweep",
+    "tables",
     "tensor_quadrature",
 ]

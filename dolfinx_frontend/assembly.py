@@ -6,10 +6,12 @@ the traces, weights and frames of every interface.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from time import perf_counter
 from typing import Any, TypeVar
 
 import basix
@@ -55,6 +57,7 @@ from dolfinx_frontend.parallel import (
     place,
     swap,
 )
+from dolfinx_frontend.progress import Bar
 from dolfinx_frontend.rigid import Resistance, check_resistances, resistance, rigid_modes
 from dolfinx_frontend.scene import PartLike, Scene, SubstructureSpec, check_face
 
@@ -71,11 +74,12 @@ __all__ = [
     "stiffnesses",
 ]
 
+_log = logging.getLogger(__name__)
 T = TypeVar("T")
 Flags = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Substructure:
     """A part, discretised; n = d * nodes unknowns, unknown d*node + component.
 
@@ -103,6 +107,8 @@ class Substructure:
         (nodes, d).
     integrand
         The material: (u, v) -> UFL integrand or form of which `stiffness` is the matrix.
+    material
+        As the scene has it.
     """
 
     name: str
@@ -118,6 +124,13 @@ class Substructure:
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     integrand: Callable[[Any, Any], Any] | None = field(default=None, repr=False)
+    material: Any = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"Substructure({self.name!r}, {self.size} unknowns, {self.dim}D, volume {self.volume:.6g}, "
+            f"modulus {self.modulus:.6g}, length {self.length:.6g})"
+        )
 
     def load_of(self, amplitude: Amplitude | None) -> Array:
         """The part of the body forces that one amplitude multiplies (None: the constant part), (n,)."""
@@ -563,6 +576,7 @@ def _substructure(spec: SubstructureSpec) -> Substructure:
         dof_coordinates=coordinates,
         varying_loads={a: f for a, f in loads.items() if a is not None},
         integrand=_integrand(spec),
+        material=spec.material,
     )
 
 
@@ -589,7 +603,7 @@ def assemble(
     scene
         The scene; the same on all ranks.
     progress
-        Called with a line before each substructure and interface.
+        Called with a line before each substructure and interface; None: a progress bar if on a terminal.
     comm
         mpi4py communicator over which the parts are spread; collective. None: this process alone,
         with a warning if it is one of several.
@@ -607,13 +621,36 @@ def assemble(
     """
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
-    say = progress or (lambda line: None)
+    began = perf_counter()
+    count = len(scene.substructures) + len(scene.interfaces)
+    first = comm is None or comm.rank == 0
+    with Bar(count, "assemble", "item", progress is None and first) as bar:
+
+        def say(line: str) -> None:
+            bar.step()
+            _log.debug("%s", line)
+            if progress is not None:
+                progress(line)
+
+        problem = _assemble(scene, say, comm)
+    if first:
+        _log.info(
+            "assembled %d unknowns in %d substructures, %d interfaces, %.2f s",
+            problem.size,
+            len(problem.parts),
+            len(problem.interfaces),
+            perf_counter() - began,
+        )
+    return problem
+
+
+def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
         warnings.warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
             "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
             SceneWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
     owner = place(scene.substructures, 1 if comm is None else comm.size)

@@ -6,8 +6,10 @@ with a kernel law, local frames and search directions.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +45,8 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
 
 HELD, PUSHED = 1e3, 1e-3
 """Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
@@ -256,6 +260,7 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     loading = _loading(own, [body for patterns in reduced for body in patterns.values()], laws)
     _check_range(loading if comm is None else max(comm.allgather(loading)))
     options = plan.options
+    began = perf_counter()
     core = _core.Problem(
         bodies=bodies,
         interfaces=interfaces,
@@ -263,6 +268,15 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
         backend=options.backend,
         memory_limit=options.memory_limit,
         comm=None if comm is None else comm.py2f(),
+    )
+    _log.info(
+        "factorised %d bodies with %d unknowns (%s), %d rows on %d active interfaces, %.2f s",
+        len(bodies),
+        core.unknowns,
+        ", ".join(sorted({cost["backend"] for cost in core.costs})) or "none here",
+        core.rows,
+        len(interfaces),
+        perf_counter() - began,
     )
     core.set_steps(plan.steps)
     with agreement(comm):

@@ -38,6 +38,7 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import Chaos, DiscretisedField, RandomSpace, Sobol
+from dolfinx_frontend.running import iterate
 from dolfinx_frontend.solve import Result, fields_of_cuts, start_states
 from dolfinx_frontend.stochastic import RandomLaws, Source
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
@@ -302,7 +303,7 @@ def _columns(
     return Columns({}, groups)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FieldSamples:
     """Fields at N points of the germs; what a quantity of interest is computed from.
 
@@ -316,19 +317,24 @@ class FieldSamples:
     _result: ChaosResult = field(repr=False)
     _psi: Array = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"FieldSamples({len(self.germs)} points in {self.germs.shape[1]} germs)"
+
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal.
 
         A law that is not linear is evaluated anew at every sample, with the parameters of the sample: it
         holds exactly, so that a contact never pulls.
         """
-        return self._fields(interface)[0]
+        return self.both(interface)[0]
 
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1, (N, [T,] m, components), local frame."""
-        return self._fields(interface)[1]
+        return self.both(interface)[1]
 
-    def _fields(self, name: str) -> tuple[Array, Array]:
+    def both(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump, for the work of one."""
+        name = interface
         result = self._result
         blocks = result._columns_of(name)  # (m, components, modes, steps) each
         force, jump = (np.einsum("pcjs,nj->pcns", block, self._psi) for block in blocks)
@@ -547,10 +553,14 @@ class ChaosResult(Result, StochasticResult):
         block = self.force_coefficients(interface)
         return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
 
+    def moment_germs(self) -> Array:
+        """Points (N, L) of the germs from which moments of a law that is not linear are computed."""
+        return self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
+
     def _sampled_moments(self, interface: str) -> tuple[Array, Array, Array, Array]:
         """Mean and variance of the force ([T,] m, components) and of its resultant, from Sobol points."""
         if interface not in self._moments:
-            germs = self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
+            germs = self.moment_germs()
             # about a first sample, so that nothing cancels
             origin = self.at(germs[:1]).force(interface)[0]
             total = self._resultant(interface, origin[None])[0]
@@ -856,7 +866,10 @@ class ChaosResult(Result, StochasticResult):
         # independent of the Sobol points at which the law may be evaluated
         germs = self.space.sample(MOST_CHECKS * count, 1)
         for first, last in ((0, 1), (1, 2), (2, MOST_CHECKS)):
-            self.checked += (self.sample(germs[first * count : last * count]),)
+            part = self.sample(germs[first * count : last * count])
+            if not part.complete:
+                return  # Ctrl-C: not checked, so not trusted; the log says so
+            self.checked += (part,)
             own = [name for name in self.plan.active if self.problem.speaks_for(name)]
             self.checks = self.problem.gather({n: self._compared(n, self.checked) for n in own})
             if self.trusted or any(not c.estimate <= tolerance for c in self.checks.values()):
@@ -1029,11 +1042,8 @@ def solve_chaos(
     core.set_steps(steps)
     _make_stochastic(core, columns)
     built = perf_counter()
-    summary, state = core.solve(
-        options=plan.options.kernel(),
-        amplitudes=_amplitudes(plan, len(basis)),
-        start=start_states(start),
-        callback=callback,
+    summary, state = iterate(
+        problem, plan, core, _amplitudes(plan, len(basis)), start_states(start), callback
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(

@@ -1,19 +1,22 @@
-"""Displacements and stresses as files that ParaView, VisIt, pyvista and meshio read.
+"""Displacements, stresses and what acts on the interfaces, as files that ParaView, VisIt and pyvista read.
 
-The format is VTK's XML: a multi-block index (``.vtm``) and one unstructured grid (``.vtu``) per
-part.  The cells are Lagrange cells of the displacement's degree, so curved parts and quadratic
-fields are kept as they are; every cell has nodes of its own, so stresses may jump between cells,
-as they do.
+The format is VTK's XML: a multi-block index (``.vtm``) of unstructured grids (``.vtu``, which meshio reads
+as well), and for all times of a load history a collection (``.pvd``) of such. Nothing is projected: the
+cells of a part are Lagrange cells of the displacement's degree, so curved parts and quadratic fields are
+kept as they are, and every cell has nodes of its own, so stresses may jump between cells, as they do;
+values of interfaces are at the points where they are computed, beside their means over the facets.
+
+>>> fields.write(result, "out")                      # out/parts.vtm, out/interfaces.vtm; .pvd of a history
+>>> fields.write_fields(result, "out/parts.pvd")     # or one of the two, by name
+>>> fields.write_interfaces(result, "out/joint.vtm", interfaces="joint", step=3)
 """
 
 from __future__ import annotations
 
-import re
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
+from typing import Any, TypeAlias
 
 import basix
 import basix.ufl
@@ -21,17 +24,33 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, plot
 
-from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend import surfaces
+from dolfinx_frontend.assembly import Substructure
+from dolfinx_frontend.chaos import ChaosResult
+from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.materials import Material
+from dolfinx_frontend.pairing import FacetMap, Interface
+from dolfinx_frontend.sampling import SampleResult
+from dolfinx_frontend.saved import SavedResult
 from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.solve import Result
+from dolfinx_frontend.tables import is_glue
+from dolfinx_frontend.vtk import (
+    CELLS,
+    Blocks,
+    Grid,
+    Values,
+    check_target,
+    vertices,
+    write_index,
+    write_series,
+)
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.solve import Result
-
-__all__ = ["stress_function", "von_mises", "write_fields"]
+__all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
 
 Array = npt.NDArray[np.float64]
 Materials = Mapping[str, Material | Callable[[Any, Any], Any]]
+AnyResult: TypeAlias = Result | SampleResult | SavedResult
 
 _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
 """Components of a symmetric tensor in VTK's order."""
@@ -75,19 +94,30 @@ def stress_function(
     SceneError
         The material gives a bilinear form only.
     """
-    stress = getattr(material, "stress", None)
-    if stress is None:
+    if getattr(material, "stress", None) is None:
         raise SceneError(
             f"material {material!r} gives no stress: it needs a method stress(u) that returns a "
             "UFL expression of shape (d, d)"
         )
-    d = int(displacement.function_space.mesh.geometry.dim)
     if degree is None:
         degree = int(displacement.function_space.element.basix_element.degree)
+    return _stress_of(displacement, material, degree)()
+
+
+def _stress_of(
+    displacement: fem.Function, material: Material, degree: int
+) -> Callable[[], fem.Function]:
+    """The stress of what a function holds when it is called: compiled once."""
+    d = int(displacement.function_space.mesh.geometry.dim)
     function = fem.Function(_broken(displacement, (d, d), degree), name="stress")
     points = function.function_space.element.basix_element.points
-    function.interpolate(fem.Expression(stress(displacement), points))
-    return function
+    expression = fem.Expression(material.stress(displacement), points)  # type: ignore[attr-defined]
+
+    def stress() -> fem.Function:
+        function.interpolate(expression)
+        return function
+
+    return stress
 
 
 def von_mises(stress: Array) -> Array:
@@ -97,27 +127,71 @@ def von_mises(stress: Array) -> Array:
     return equivalent
 
 
+def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
+    """Write parts and interfaces of a result into a folder, of a load history at all times.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there.
+    modes
+        Chaos modes of the displacement that are written as well.
+
+    Returns
+    -------
+    tuple
+        The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
+    """
+    ending = "vtm" if _times(result) is None else "pvd"
+    parts = write_fields(result, Path(folder) / f"parts.{ending}", modes=modes)
+    return parts, write_interfaces(result, Path(folder) / f"interfaces.{ending}")
+
+
+def _times(result: AnyResult) -> Array | None:
+    return result.times if isinstance(result, SavedResult) else result.plan.times
+
+
+def _check_step(times: Array | None, step: int) -> int:
+    count = 1 if times is None else len(times)
+    if not -count <= step < count:
+        raise SceneError(f"fields: there is no step {step}, the history has {count}")
+    return step % count
+
+
+# --- parts -----------------------------------------------------------------------------------------
 def write_fields(
-    fields: Result | Mapping[str, fem.Function],
+    fields: AnyResult | Mapping[str, fem.Function],
     path: str | Path,
     materials: Scene | Materials | None = None,
+    *,
+    step: int = -1,
+    modes: Sequence[int] = (),
 ) -> Path:
     """Write displacements, and stresses where the materials are known.
 
-    The grid of each part has the point data ``displacement`` (length; 3 components), and, with a
-    material that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D
-    XX, YY, XY) and in 3D ``von Mises``.  Their units are those of the scene.
+    The grid of each part has the point data ``displacement`` (length; 3 components), and, with a material
+    that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D XX, YY, XY) and in
+    3D ``von Mises``. Their units are those of the scene. Of a random answer ``displacement`` and ``stress``
+    are means, ``displacement std`` and ``stress std`` the standard deviations of every component (of
+    samples that of the displacement), ``von Mises`` is that of the mean stress, and ``displacement u3`` is
+    the chaos coefficient of mode 3. A saved result knows no cells: its parts are clouds of nodes with
+    ``displacement``.
 
     Parameters
     ----------
     fields
-        Result of a solve, or part -> displacement, a vector-valued Lagrange function. On several ranks
-        each writes the grids of its parts.
+        Result of a solve or of a sampling (with ``keep_states=True``), a loaded result, or part ->
+        displacement, a vector-valued Lagrange function. On several ranks each writes the grids of its parts.
     path
-        Index file, ending in ``.vtm``; the grids go to a folder of the same name beside it.
+        Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
+        folder of the same name beside it.
     materials
-        The scene, or part -> material; parts without one, or with a UFL form as material, get no
-        stress. None: displacements only.
+        The scene, or part -> material; None: those that the result was solved with. Parts without one, or
+        with a UFL form as material, get no stress.
+    step
+        Of a load history in a ``.vtm`` file; the last by default.
+    modes
+        Chaos modes of the displacement that are written as well.
 
     Returns
     -------
@@ -127,111 +201,391 @@ def write_fields(
     Raises
     ------
     ValueError
-        The file name does not end in ``.vtm``, or there is nothing to write.
+        Another ending of the file name, or there is nothing to write.
+    SceneError
+        No such step or mode; samples whose states were not kept.
     """
-    target = Path(path)
-    if target.suffix != ".vtm":
-        raise ValueError(f"{target.name}: the name of the index file ends in .vtm")
-    if isinstance(fields, Mapping):
-        functions = dict(fields)
-        names, rank = list(functions), 0
-    else:
-        functions = {name: fields.displacement(name) for name in fields.problem.substructures}
-        names, rank = list(fields.problem.parts), fields.problem.rank
-    if not names:
-        raise ValueError("there are no displacements to write")
+    times = None if isinstance(fields, Mapping) else _times(fields)
+    target = check_target(path, times is not None)
+    step = _check_step(times, step)
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
-    folder = target.with_suffix("")
-    folder.mkdir(parents=True, exist_ok=True)
-    blocks = []
-    for number, name in enumerate(names):
-        file = folder / f"{number}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name)}.vtu"
-        if name in functions:
-            _write_grid(file, functions[name], (materials or {}).get(name))
-        blocks.append(
-            f'    <DataSet index="{number}" name={quoteattr(name)} '
-            f'file="{folder.name}/{file.name}"/>'
-        )
-    if rank > 0:  # the first rank names the grids of all
-        return target
-    target.write_text(
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="vtkMultiBlockDataSet" version="1.0">\n  <vtkMultiBlockDataSet>\n'
-        + "\n".join(blocks)
-        + "\n  </vtkMultiBlockDataSet>\n</VTKFile>\n",
-        encoding="utf-8",
-    )
-    return target
+    names, rank = _parts(fields)
+    if not names:
+        raise ValueError("there are no displacements to write")
+    if modes and not isinstance(fields, ChaosResult):
+        raise SceneError(f"fields: modes = {list(modes)}: only the result of a chaos has modes")
+    for mode in modes:
+        if isinstance(fields, ChaosResult) and not 0 <= mode < fields.modes:
+            raise SceneError(f"fields: there is no mode {mode}, the chaos has {fields.modes}")
+    made = dict(_part_grids(fields, materials, modes))
+
+    def blocks(at: int) -> Blocks:
+        return {name: partial(made[name], at) if name in made else None for name in names}
+
+    if target.suffix == ".pvd":
+        assert times is not None  # checked above
+        return write_series(target, times, blocks, rank)
+    return write_index(target, blocks(step), rank)
 
 
-def _write_grid(path: Path, displacement: fem.Function, material: Any) -> None:
-    """One part as an unstructured grid."""
-    space = displacement.function_space
-    d = int(space.mesh.geometry.dim)
-    u = fem.Function(_broken(displacement, (d,), int(space.element.basix_element.degree)))
-    u.interpolate(displacement)
-    topology, types, x = plot.vtk_mesh(u.function_space)
-    cells = topology.reshape(len(types), -1)[:, 1:]
-    vectors = np.zeros((len(x), 3))
-    vectors[:, :d] = u.x.array.reshape(-1, d)
-    point_data: dict[str, tuple[Array, str]] = {"displacement": (vectors, "XYZ")}
-    if hasattr(material, "stress"):
-        sigma = stress_function(displacement, material).x.array.reshape(-1, d, d)
-        which = _SYMMETRIC[d]
-        values = np.stack([sigma[:, i, j] for i, j in which], axis=1)
-        point_data["stress"] = (values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which))
-        if d == 3:
-            point_data["von Mises"] = (von_mises(sigma), "")
-    offsets = cells.shape[1] * np.arange(1, len(types) + 1, dtype=np.int64)
-    _write_vtu(path, x, cells.astype(np.int64), offsets, types.astype(np.uint8), point_data)
+def _parts(fields: AnyResult | Mapping[str, fem.Function]) -> tuple[list[str], int]:
+    """Names of all parts, and this rank."""
+    if isinstance(fields, Mapping):
+        return list(fields), 0
+    if isinstance(fields, SavedResult):
+        return list(fields.displacements), 0
+    return list(fields.problem.parts), fields.problem.rank
 
 
-_TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
+def _part_grids(
+    fields: AnyResult | Mapping[str, fem.Function], materials: Materials | None, modes: Sequence[int]
+) -> Iterator[tuple[str, Callable[[int], Grid]]]:
+    """Part -> its grid at a step."""
+    if isinstance(fields, SavedResult):
+        for name, values in fields.displacements.items():
+            block = values if fields.times is not None else values[None]
+            yield name, partial(_cloud, fields.nodes[name], block)
+        return
+    if isinstance(fields, Mapping):
+        for name, function in fields.items():
+            part = _PartWriter(function.function_space, (materials or {}).get(name))
+            yield name, partial(part.grid, function.x.array[None], [], {})
+        return
+    history = fields.plan.times is not None
+    for name, s in fields.problem.substructures.items():
+        part = _PartWriter(s.V, s.material if materials is None else materials.get(name))
+        if isinstance(fields, ChaosResult):
+            block = fields.coefficients(name)
+            spread = [block[..., k] for k in range(1, fields.modes)]
+            extra = {f"u{k}": block[..., k] for k in modes}
+            mean = block[..., 0]
+        elif isinstance(fields, SampleResult):
+            mean, deviation = fields.field_moments(name)
+            spread, extra = [], {"std": deviation}
+        else:
+            mean, spread, extra = fields.displacements[name], [], {}
+        if not history:
+            mean, extra = mean[None], {k: v[None] for k, v in extra.items()}
+            spread = [u[None] for u in spread]
+        yield name, partial(part.grid, mean, spread, extra)
 
 
-def _write_vtu(
-    path: Path,
-    x: Array,
-    cells: npt.NDArray[np.int64],
-    offsets: npt.NDArray[np.int64],
-    types: npt.NDArray[np.uint8],
-    point_data: Mapping[str, tuple[Array, str]],
-) -> None:
-    """VTK's XML with its numbers appended in binary."""
-    appended: list[bytes] = []
-    size = 0
+def _cloud(nodes: Array, displacement: Array, step: int) -> Grid:
+    return vertices(nodes, {"displacement": _vector(displacement[step])})
 
-    def array(values: npt.NDArray[Any], name: str, components: str = "") -> str:
-        nonlocal size
-        data = np.ascontiguousarray(values).tobytes()
-        labels = components.split() if " " in components else list(components)
-        text = "".join(
-            f" ComponentName{i}={quoteattr(label)}" for i, label in enumerate(labels)
-        )
-        count = 1 if values.ndim == 1 else values.shape[1]
-        entry = (
-            f'        <DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)} '
-            f'NumberOfComponents="{count}"{text} format="appended" offset="{size}"/>\n'
-        )
-        appended.append(len(data).to_bytes(8, sys.byteorder))
-        appended.append(data)
-        size += 8 + len(data)
-        return entry
 
-    header = (
-        '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="2.2" '
-        f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64">\n'
-        "  <UnstructuredGrid>\n"
-        f'    <Piece NumberOfPoints="{len(x)}" NumberOfCells="{len(types)}">\n'
-        f"      <Points>\n{array(x, 'Points')}      </Points>\n"
-        f"      <Cells>\n{array(cells.ravel(), 'connectivity')}{array(offsets, 'offsets')}"
-        f"{array(types, 'types')}      </Cells>\n      <PointData>\n"
-        + "".join(array(values, name, labels) for name, (values, labels) in point_data.items())
-        + "      </PointData>\n    </Piece>\n  </UnstructuredGrid>\n"
-        '  <AppendedData encoding="raw">\n_'
-    )
-    with path.open("wb") as file:
-        file.write(header.encode())
-        file.writelines(appended)
-        file.write(b"\n  </AppendedData>\n</VTKFile>\n")
+def _vector(values: Array) -> Values:
+    """Vectors (m, d) with three components."""
+    out = np.zeros((len(values), 3))
+    out[:, : values.shape[1]] = values
+    return out, "XYZ"
+
+
+class _PartWriter:
+    """Grid of a part, and displacements and stresses at its nodes from unknowns."""
+
+    def __init__(self, space: fem.FunctionSpace, material: Any) -> None:
+        self._u = fem.Function(space)
+        self._d = int(space.mesh.geometry.dim)
+        degree = int(space.element.basix_element.degree)
+        self._nodal = fem.Function(_broken(self._u, (self._d,), degree))
+        topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
+        self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
+        self._type = int(types[0])
+        self._stress: Callable[[], fem.Function] | None = None
+        if hasattr(material, "stress"):
+            self._stress = _stress_of(self._u, material, degree)
+
+    def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
+        """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
+        self._u.x.array[:] = unknowns
+        self._nodal.interpolate(self._u)
+        moved = self._nodal.x.array.reshape(-1, self._d).copy()
+        if self._stress is None:
+            return moved, None
+        return moved, self._stress().x.array.reshape(-1, self._d, self._d).copy()
+
+    def grid(
+        self, mean: Array, spread: Sequence[Array], extra: Mapping[str, Array], step: int
+    ) -> Grid:
+        """The grid at a step.
+
+        Parameters
+        ----------
+        mean, extra
+            Unknowns (T, n), the latter by what is added to the name.
+        spread
+            Deviations (T, n) from the mean, whose squares add up to the variance.
+        """
+        u, stress = self._at(mean[step])
+        data: dict[str, Values] = {"displacement": _vector(u)}
+        for name, values in extra.items():
+            data[f"displacement {name}"] = _vector(self._at(values[step])[0])
+        square, stress_square = np.zeros_like(u), 0.0 if stress is None else np.zeros_like(stress)
+        for away in spread:
+            moved, strained = self._at(away[step])
+            square += moved**2
+            if strained is not None:
+                stress_square += strained**2
+        if spread:
+            data["displacement std"] = _vector(np.sqrt(square))
+        if stress is not None:
+            data["stress"] = self._symmetric(stress)
+            if self._d == 3:
+                data["von Mises"] = (von_mises(stress), "")
+            if spread:
+                data["stress std"] = self._symmetric(np.sqrt(stress_square))
+        return Grid(self._x, self._cells, self._type, data)
+
+    def _symmetric(self, tensor: Array) -> Values:
+        which = _SYMMETRIC[self._d]
+        values = np.stack([tensor[:, i, j] for i, j in which], axis=1)
+        return values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which)
+
+
+# --- interfaces ------------------------------------------------------------------------------------
+def write_interfaces(
+    result: AnyResult,
+    path: str | Path,
+    *,
+    interfaces: Sequence[str] | str | None = None,
+    step: int = -1,
+) -> Path:
+    """Write what acts on the interfaces.
+
+    There are two groups of blocks, with a block an interface each. ``points`` are the points at which the law
+    is evaluated: a cloud (with ``space="points"`` the quadrature points of the facets). ``facets`` is the
+    surface of side 1, facet by facet, with constant cell data: of interfaces with ``space="facets"`` what is
+    computed there, of others the means, by area, of the points of each facet. Both have
+
+    ========================  ====================================================================
+    ``pressure``              -f_n, force / area, positive where the sides press
+    ``shear``                 tangential force per area on side 1, global axes
+    ``opening``, ``slip``     normal and tangential part of the jump w2 - w1, length; slip in global axes
+    ``gap``                   of contacts: their distance, length
+    ``state``                 of contacts: 0 open, 1 closed (stick, with friction), 2 slip; on facets
+                              with several points the shares of its area, ``open share``, ``slip share``
+    ``area``                  that a point or facet stands for
+    ========================  ====================================================================
+
+    and the point data ``displacement`` of side 1, by which ParaView's filter "warp by vector" deforms them.
+    What a law does not have is left out. Of a random answer (chaos, samples) all are means, the standard
+    deviation is beside them (``pressure std``), and of contacts, instead of the state, ``open probability``
+    and ``slip probability``; on facets with several points the means of these. Of a loaded result there are
+    ``points`` only, and of a loaded random one no gaps and probabilities.
+
+    Parameters
+    ----------
+    result
+        Of a solve, a sampling, or loaded. On several ranks each writes the interfaces whose first side it
+        has.
+    path
+        Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
+        folder of the same name beside it.
+    interfaces
+        Names; None: all whose force is known. (Glue and supports that the plan eliminated are not among
+        them: ``active=[...]`` keeps them; nor, of random answers, other interfaces that are not active.)
+    step
+        Of a load history in a ``.vtm`` file; the last by default.
+
+    Returns
+    -------
+    Path
+        The index file: open this one.
+
+    Raises
+    ------
+    ValueError
+        Another ending of the file name, or there is nothing to write.
+    SceneError
+        An interface that is unknown or whose force is not known, no such step.
+    """
+    times = _times(result)
+    target = check_target(path, times is not None)
+    step = _check_step(times, step)
+    known = _known(result)
+    wanted = known if interfaces is None else interfaces
+    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    for name in chosen:
+        if name not in known:
+            raise unknown_name("interface with a known force", name, known, "write_interfaces")
+    if not chosen:
+        raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
+    rank = 0
+    writers: dict[str, _InterfaceWriter] = {}
+    if isinstance(result, SavedResult):
+        writers = {name: _InterfaceWriter.of_saved(result, name) for name in chosen}
+    else:
+        rank = result.problem.rank
+        own = [name for name in chosen if result.problem.speaks_for(name)]
+        writers = {name: _InterfaceWriter.of(result, name) for name in own}
+    groups = ["points"] if isinstance(result, SavedResult) else ["facets", "points"]
+
+    def blocks(at: int) -> Blocks:
+        return {
+            group: {
+                name: partial(getattr(writers[name], group), at) if name in writers else None
+                for name in chosen
+            }
+            for group in groups
+        }
+
+    if target.suffix == ".pvd":
+        assert times is not None  # checked above
+        return write_series(target, times, blocks, rank)
+    return write_index(target, blocks(step), rank)
+
+
+def facet_fields(
+    result: Result | SampleResult, interface: str, step: int = -1
+) -> tuple[npt.NDArray[np.int64], dict[str, Array]]:
+    """What :func:`write_interfaces` writes on the facets of an interface, as arrays.
+
+    Returns
+    -------
+    facets
+        (k,), facets of the mesh of side 1.
+    fields
+        Name -> (k,) or (k, 3).
+    """
+    if interface not in (known := _known(result)):
+        raise unknown_name("interface with a known force", interface, known, "facet_fields")
+    at = _check_step(_times(result), step)
+    side = result.problem.here(interface).sides[0]
+    part = result.problem.substructures[side.substructure].part
+    data = _InterfaceWriter.of(result, interface).facets(at).cell_data
+    numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
+    covered = np.unique(result.problem.interfaces[interface].facets)
+    return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
+
+
+def _known(result: AnyResult) -> list[str]:
+    """Interfaces whose force is known."""
+    if isinstance(result, SavedResult):
+        return [name for name, each in result.interfaces.items() if each.force is not None]
+    if isinstance(result, (ChaosResult, SampleResult)):
+        return list(result.plan.active)
+    problem, active = result.problem, result.plan.active
+    return [name for name, i in problem.interfaces.items() if name in active or not is_glue(i.law)]
+
+
+class _InterfaceWriter:
+    """Grids of an interface from its fields, (T, m) or (T, m, d) each."""
+
+    def __init__(
+        self,
+        points: Array,
+        weights: Array,
+        fields: Mapping[str, Array],
+        side: tuple[Substructure, Interface] | None = None,
+        displacement: Array | None = None,
+    ) -> None:
+        self._points, self._weights, self._fields = points, weights, fields
+        self._side, self._displacement = side, displacement
+
+    @classmethod
+    def of(cls, result: Result | SampleResult, name: str) -> _InterfaceWriter:
+        interface = result.problem.interfaces[name]
+        part = result.problem.substructures[interface.sides[0].substructure]
+        displacement: Array | None
+        if isinstance(result, ChaosResult):
+            fields = surfaces.of_chaos(result, name)
+            displacement = result.field_moments(part.name)[0]
+        elif isinstance(result, SampleResult):
+            fields = surfaces.of_samples(result, name)
+            kept = result.points.states is not None
+            displacement = result.field_moments(part.name)[0] if kept else None
+        else:
+            fields = surfaces.of_result(result, name)
+            displacement = result.displacements[part.name]
+        if displacement is not None:
+            displacement = np.atleast_2d(displacement)
+        return cls(interface.points, interface.weights, fields, (part, interface), displacement)
+
+    @classmethod
+    def of_saved(cls, result: SavedResult, name: str) -> _InterfaceWriter:
+        each = result.interfaces[name]
+        return cls(each.points, each.weights, surfaces.of_saved(result, each) or {})
+
+    def _data(self, step: int) -> dict[str, Values]:
+        out: dict[str, Values] = {"area": (self._weights, "")}
+        for name, values in self._fields.items():
+            now = values[step]
+            if name == "state":
+                out[name] = (now.astype(np.int64), "")
+            else:
+                out[name] = (now, "") if now.ndim == 1 else _vector(now)
+        return out
+
+    def points(self, step: int) -> Grid:
+        """The cloud of points."""
+        data = self._data(step)
+        if self._side is not None and self._displacement is not None:
+            part, interface = self._side
+            nodal = self._displacement[step].reshape(-1, part.dim)
+            data["displacement"] = _vector(interface.sides[0].shape @ nodal)
+        return vertices(self._points, data)
+
+    def facets(self, step: int) -> Grid:
+        """The surface of side 1."""
+        assert self._side is not None  # a loaded result has no surfaces
+        part, interface = self._side
+        face = FacetMap(part.part, interface.sides[0].face, f"interface {interface.name!r}")
+        covered = np.unique(interface.facets)
+        cell, order = face.facet_cell.name, min(face.order, 2)
+        nodes = _facet_nodes(cell, order)
+        k = len(nodes)
+        index, s = np.repeat(covered, k), np.tile(nodes, (len(covered), 1))
+        x = np.zeros((len(index), 3))
+        x[:, : part.dim] = face.push_forward(index, s)[0]
+        point_data: dict[str, Values] = {}
+        if self._displacement is not None:
+            columns = len(part.dof_coordinates)
+            nodal = self._displacement[step].reshape(columns, part.dim)
+            point_data["displacement"] = _vector(face.trace(part.space, index, s, columns) @ nodal)
+        cells = np.arange(len(index), dtype=np.int64).reshape(-1, k)
+        type_ = CELLS[cell, order]
+        return Grid(x, cells, type_, point_data, self._on_facets(step, interface.facets, covered))
+
+    def _on_facets(
+        self, step: int, facets: npt.NDArray[np.int64], covered: npt.NDArray[np.int64]
+    ) -> dict[str, Values]:
+        """Values of the facets: what is there, or the means of their points."""
+        data = self._data(step)
+        if len(covered) == len(facets):
+            order = np.argsort(facets)
+            return {name: (values[order], labels) for name, (values, labels) in data.items()}
+        row = np.searchsorted(covered, facets)
+        area = np.bincount(row, self._weights)
+        out: dict[str, Values] = {"area": (area, "")}
+
+        def mean(values: Array) -> Array:
+            columns = values.reshape(len(values), -1).T
+            each = [np.bincount(row, self._weights * column) / area for column in columns]
+            return np.stack(each, axis=1).reshape(len(area), *values.shape[1:])
+
+        for name, (values, labels) in data.items():
+            if name == "state":
+                out["open share"] = (mean((values == surfaces.OPEN).astype(np.float64)), "")
+                out["slip share"] = (mean((values == surfaces.SLIPS).astype(np.float64)), "")
+            elif name != "area":
+                out[name] = (mean(np.asarray(values, dtype=np.float64)), labels)
+        return out
+
+
+def _facet_nodes(cell: str, order: int) -> Array:
+    """Nodes of a facet in its reference coordinates, in VTK's order, (k, d - 1)."""
+    corners = {
+        "interval": [[0.0], [1.0]],
+        "triangle": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+        "quadrilateral": [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+    }[cell]
+    nodes = np.array(corners)
+    if order == 1:
+        return nodes
+    middles = 0.5 * (nodes + np.roll(nodes, -1, axis=0))
+    if cell == "interval":
+        return np.concatenate([nodes, middles[:1]])
+    centre = nodes.mean(axis=0, keepdims=True)
+    return np.concatenate([nodes, middles, centre] if cell == "quadrilateral" else [nodes, middles])

@@ -19,11 +19,13 @@ Lengths are in the unit of the coordinates; the defaults of :func:`bolted_vessel
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
+from time import perf_counter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -53,6 +55,8 @@ __all__ = [
     "read_msh",
     "two_rings",
 ]
+
+_log = logging.getLogger(__name__)
 
 Array = npt.NDArray[np.float64]
 Marker = Callable[[Array], npt.NDArray[np.bool_]]
@@ -494,6 +498,7 @@ def gmsh_session(
     """
     import gmsh
 
+    began = perf_counter()
     ours = not gmsh.isInitialized()
     if ours:
         # no configuration files: the same mesh for everyone; not interruptible: Ctrl-C is Python's
@@ -517,6 +522,7 @@ def gmsh_session(
             gmsh.finalize()
         elif previous in gmsh.model.list():
             gmsh.model.setCurrent(previous)
+        _log.info("gmsh: %s, %.2f s", name, perf_counter() - began)
 
 
 _GMSH_CELLS = {
@@ -637,6 +643,7 @@ def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
             f"no facet of a part lies on the face {unused[0]!r}; check the entities of its "
             "physical group"
         )
+    _log.info("meshes: %d cells in %d parts", sum(part.num_cells for part in parts.values()), len(parts))
     return Assembly(parts)
 
 

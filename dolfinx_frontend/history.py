@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.describe import short
 from dolfinx_frontend.errors import SceneError
 
 __all__ = ["Amplitude", "Combination", "Varying", "amplitudes_of", "check_times"]
@@ -105,8 +106,8 @@ class Amplitude:
 
     def __repr__(self) -> str:
         if self._function is not None:
-            return f"Amplitude({self._function!r})"
-        return f"Amplitude({self._times.tolist()}, {self._values.tolist()})"
+            return f"Amplitude({short(self._function)})"
+        return f"Amplitude({short(self._times.tolist())}, {short(self._values.tolist())})"
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class Combination:
     terms: tuple[tuple[float, Any], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Varying:
     """Sum of amplitude * value; None is the constant amplitude 1.
 
@@ -134,6 +135,9 @@ class Varying:
         return Varying((*self.terms, (None, other)))
 
     __radd__ = __add__
+
+    def __repr__(self) -> str:
+        return " + ".join(short(v) if a is None else f"{a!r} * {short(v)}" for a, v in self.terms)
 
     def at(self, time: float) -> Combination:
         """The value at a time."""

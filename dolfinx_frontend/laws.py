@@ -21,6 +21,7 @@ from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_ch
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.describe import record
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude, Combination, Varying
 
@@ -175,7 +176,7 @@ def evaluate(
     raise SceneError(f"{what}: wrong shape: {origin} {shown}, wanted {wanted}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Law:
     """Base of all laws."""
 
@@ -183,6 +184,9 @@ class Law:
     """Numbers of sides with which the law makes sense."""
     loading: ClassVar[tuple[str, ...]] = ()
     """Parameters that enter the answer of a linear scene linearly."""
+
+    def __repr__(self) -> str:
+        return record(self)
 
     @property
     def history(self) -> bool:
@@ -280,7 +284,7 @@ class Law:
             )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Perfect(Law):
     """Glue: j = Delta, f_2 = -f_1.
 
@@ -301,7 +305,7 @@ class Perfect(Law):
         return {"jump": self.jump}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Elastic(Law):
     """Springs between the sides: f_1 = kappa (j - Delta) = -f_2; one-sided: springs to the ground.
 
@@ -347,7 +351,7 @@ class Elastic(Law):
         return (some(self.normal),) + (some(self.tangential),) * (dim - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Contact(Law):
     """Unilateral contact, with or without dry friction; one-sided: against rigid ground.
 
@@ -408,7 +412,7 @@ class Contact(Law):
         return (True,) + (self.rubs,) * (dim - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Debonding(Law):
     """Elastic with a limit: a bond that softens linearly and comes apart; contact stays elastic.
 
@@ -466,7 +470,7 @@ class Debonding(Law):
         return (True,) + (self.tangential is not None,) * (dim - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Preload(Law):
     """Pretension section of a bolt: by force, then fixed at its length; tied in the tangential directions.
 
@@ -537,7 +541,7 @@ class Preload(Law):
         return (False,) + (True,) * (dim - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class UserLaw(Law):
     """A law of your own, a batched function of all points and columns (see ``docs/laws.md``).
 
@@ -627,7 +631,7 @@ class UserLaw(Law):
         return (True,) + (self.components == "all",) * (dim - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Displacement(Law):
     """Prescribed displacement of a face: w_1 = value in the named global components.
 
@@ -666,7 +670,7 @@ class Displacement(Law):
         return tuple(range(dim)) if self.components is None else self.components
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Symmetry(Law):
     """Frictionless symmetry plane: w_1 . n = 0, no tangential force."""
 
@@ -676,7 +680,7 @@ class Symmetry(Law):
         return (True,) + (False,) * (dim - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Pressure(Law):
     """Pressure on a face: f_1 = -p n, force / area."""
 
@@ -694,7 +698,7 @@ class Pressure(Law):
         return (False,) * dim
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Traction(Law):
     """Force per area on a face: f_1 = t, a vector of d global components or x (m, d) -> (m, d)."""
 

@@ -95,7 +95,7 @@ def quadrature(cell: Any, degree: int) -> tuple[Array, Array]:
     return np.asarray(x), np.asarray(w)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Side:
     """One side of an interface.
 
@@ -130,8 +130,11 @@ class Side:
     normal: Array
     area: float
 
+    def __repr__(self) -> str:
+        return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Interface:
     """One or two sides with a law, discretised.
 
@@ -154,6 +157,8 @@ class Interface:
         Global axis whose projection is t1 (3D).
     space
         ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1.
+    facets
+        (m,), the facet of side 1 that a point is on, numbered as in its :class:`FacetMap`.
     """
 
     name: str
@@ -167,6 +172,14 @@ class Interface:
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+
+    def __repr__(self) -> str:
+        sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)
+        return (
+            f"Interface({self.name!r}, {sides}, {self.law!r}, {self.num_points} {self.space}, "
+            f"area {self.area:.6g})"
+        )
 
     @property
     def clearance(self) -> Array:
@@ -754,7 +767,7 @@ def _check_pairing(
             f"{where}: {100 * weights[beside].sum() / total:.3g} % of {names[0]} lies beside "
             f"{names[1]}; it is joined to the edge of it",
             SceneWarning,
-            stacklevel=4,
+            stacklevel=6,
         )
 
 
@@ -794,6 +807,7 @@ class _Samples:
     weights: Array
     shapes: tuple[sp.csr_matrix, ...]
     gap: Array
+    facets: Ints
 
 
 def _sample_points(
@@ -818,7 +832,7 @@ def _sample_points(
     columns = [v.dofmap.index_map.size_local for v in spaces]
     shape = first.trace(spaces[0], index, s, columns[0])
     if second is None:
-        return _Samples(points, normals, weights, (shape,), np.zeros(len(points)))
+        return _Samples(points, normals, weights, (shape,), np.zeros(len(points)), index)
     index2, s2, x2, n2 = _project(second, points, normals)
     sizes = np.maximum(first.sizes[index], second.sizes[index2])
     _check_pairing(
@@ -826,7 +840,7 @@ def _sample_points(
     )
     gap = np.einsum("pi,pi->p", x2 - points, normals)
     shape2 = second.trace(spaces[1], index2, s2, columns[1])
-    return _Samples(points, normals, weights, (shape, shape2), gap)
+    return _Samples(points, normals, weights, (shape, shape2), gap, index)
 
 
 def make_interface(
@@ -894,7 +908,7 @@ def make_interface(
                 f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
                 f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
                 SceneWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
         coordinates = tuple(
             v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
@@ -907,7 +921,7 @@ def make_interface(
                 f"{where}: {m} facets but {n} nodes on {names[0]}: a law that prescribes the jump "
                 "locks there and converges slowly; give the substructures degree=2",
                 SceneWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
     return Interface(
         name=name,
@@ -921,4 +935,5 @@ def make_interface(
         tangent_axis=axis,
         space=space,
         sag=_sag(first, second, sampled.points),
+        facets=sampled.facets,
     )

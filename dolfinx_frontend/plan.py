@@ -6,6 +6,7 @@ and the iteration runs on the others. Every decision carries its reason and can 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.cost import Cost, predict
+from dolfinx_frontend.describe import record
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.laws import (
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
 
+_log = logging.getLogger(__name__)
 Method = Literal["auto", "direct", "accelerated", "latin"]
 
 _PLAIN_FACTOR = 2.0
@@ -58,7 +61,7 @@ class Decision(NamedTuple):
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Direction:
     """Search direction k of every interface, force / length^3: a parameter of the method, not of the model.
 
@@ -80,6 +83,9 @@ class Direction:
     length: float | None = None
     given: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return record(self)
+
     def __post_init__(self) -> None:
         for name, value in (("factor", self.factor), ("length", self.length)):
             if value is not None and not (np.isfinite(value) and value > 0.0):
@@ -92,7 +98,7 @@ class Direction:
                 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """What will be done with a problem.
 
@@ -166,6 +172,12 @@ class Plan:
     @property
     def _count(self) -> int:
         return 1 if self.times is None else len(self.times)
+
+    def __repr__(self) -> str:
+        return (
+            f"Plan({self.method}, active: {', '.join(self.active) or 'nothing'}; {len(self.eliminated)} "
+            f"interfaces eliminated, {self.columns} columns; print it for the reasons)"
+        )
 
     def __str__(self) -> str:
         width = max(len(d.what) for d in self.decisions)
@@ -383,6 +395,7 @@ def make_plan(
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
+    _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
     return Plan(
         chosen,
         kept,

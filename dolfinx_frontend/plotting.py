@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from dolfinx import fem
 
     from dolfinx_frontend.geometry import Assembly, Part
+    from dolfinx_frontend.sampling import SampleResult
+    from dolfinx_frontend.solve import Result
 
 __all__ = [
     "KIND_COLOURS",
@@ -37,6 +39,7 @@ __all__ = [
     "convergence_figure",
     "deformed_figure",
     "density_figure",
+    "interface_figure",
     "interface_map",
     "response_surface",
 ]
@@ -637,6 +640,176 @@ def deformed_figure(
         axis.set_ylabel("y")
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
     return _save(figure, path)
+
+
+def interface_figure(
+    result: Result | SampleResult,
+    interface: str,
+    path: str | Path,
+    *,
+    quantity: str = "pressure",
+    label: str | None = None,
+    step: int = -1,
+    scale: float | None = None,
+    hide: Sequence[str] | None = None,
+    view: Sequence[float] | None = None,
+    title: str | None = None,
+    renderer: str = "auto",
+) -> Path:
+    """The deformed assembly with what acts on an interface, facet by facet, on its first side.
+
+    Parameters
+    ----------
+    result
+        Of a solve or a sampling (with ``keep_states=True``): of a random answer the mean displacement.
+    interface
+        Its name.
+    path
+        PNG file to write.
+    quantity
+        A field of :func:`dolfinx_frontend.fields.write_interfaces`: ``"pressure"``, ``"gap"``,
+        ``"pressure std"``, ``"slip probability"``, ...; of vectors the size is drawn.
+    label
+        Of the colour bar, with the unit; None: the quantity.
+    step
+        Of a load history.
+    scale
+        Magnification of the displacements; chosen if not given so that the largest is 3 % of the size of the
+        parts that are drawn.
+    hide
+        Parts that are not drawn; None: in 3D those that would cover it, side 2 and what lies beyond.
+    view
+        Direction towards the viewer, for solids; None: obliquely onto the interface.
+    title, renderer
+        As in :func:`assembly_figure`.
+
+    Raises
+    ------
+    SceneError
+        An interface or quantity that there is not.
+    RenderError
+        ``renderer="vtk"`` and VTK is missing or has no display.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    from dolfinx_frontend.errors import unknown_name
+    from dolfinx_frontend.fields import facet_fields
+
+    numbers, found = facet_fields(result, interface, step)
+    if quantity not in found:
+        raise unknown_name("quantity", quantity, found, f"interface {interface!r}")
+    values = found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
+    problem = result.problem
+    described = problem.interfaces[interface]
+    side = described.sides[0]
+    normal = np.zeros(3)
+    normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
+    own = problem.substructures[side.substructure]
+    if hide is None and own.dim == 2:
+        hide = ()  # nothing covers anything
+    elif hide is None:
+        # of a part beyond the face nothing is behind it
+        plane = float(normal[: own.dim] @ described.points.mean(axis=0))
+        beyond = {
+            name: float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane
+            for name, s in problem.substructures.items()
+        }
+        hide = [name for name in problem.substructures if beyond[name] and name != own.name]
+    names = [name for name in problem.substructures if name not in hide or name == own.name]
+    functions = {name: _displaced(result, name, step) for name in names}
+    skins = {name: _skin(u.function_space.mesh, None, u) for name, u in functions.items()}
+    everything = np.concatenate([skin.points for skin, _ in skins.values()])
+    moves = [np.abs(skin.values).max() for skin, _ in skins.values() if skin.values is not None]
+    size, most = float(np.ptp(everything, axis=0).max()), float(max(moves))
+    if scale is None:
+        scale = _round_down(0.03 * size / most) if most > 0.0 else 1.0
+    low, high = float(values.min()), float(values.max())
+    norm = Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-6)
+    colours = colormaps["viridis"]
+    figure = _figure(6.5, 5.0)
+    axis = figure.add_subplot()
+    axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
+    solids = []
+    for name, (skin, facets) in skins.items():
+        points = skin.points.copy()
+        if skin.values is not None:
+            points[:, : skin.values.shape[1]] += scale * skin.values
+        if described.dim == 2:
+            flat = np.ones(len(points))
+            axis.tripcolor(*points[:, :2].T, skin.triangles, flat, cmap="Greys", vmin=0.0, vmax=5.0)
+            for segment in points[skin.segments[skin.border]]:
+                axis.plot(segment[:, 0], segment[:, 1], color="black", lw=0.8)
+            continue
+        rgb = np.tile(_rgb(KIND_COLOURS["free"]), (len(facets), 1)) * 0.5 + 0.5
+        if name == own.name:
+            order = np.argsort(numbers)
+            where = np.searchsorted(numbers, facets, sorter=order)
+            at = order[np.minimum(where, len(numbers) - 1)]
+            mine = numbers[at] == facets
+            rgb[mine] = colours(norm(values[at[mine]]))[:, :3]
+        solids.append(
+            _Solid(
+                points,
+                skin.triangles,
+                rgb[skin.patch],
+                skin.segments[~skin.border],
+                skin.segments[skin.border],
+            )
+        )
+    if solids:
+        _draw_solid(figure, [axis], _joined(solids), [_onto(normal) if view is None else view], renderer)
+    else:
+        _facet_lines(axis, own, side.face, numbers, values, functions[own.name], scale, norm, colours)
+        axis.set_aspect("equal")
+        axis.set_xlabel("x")
+        axis.set_ylabel("y")
+    figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
+    return _save(figure, path)
+
+
+def _displaced(result: Any, name: str, step: int) -> Any:
+    """Displacement of a part, of a random answer its mean."""
+    if hasattr(result, "mean"):
+        return result.mean(name, step)
+    if result.plan.times is not None:
+        return result.displacement(name, step)
+    return result.displacement(name)
+
+
+def _onto(normal: Array) -> list[float]:
+    """A direction from which a face with this normal is seen obliquely, never along the vertical."""
+    aside = np.array([-0.45, -1.0, 0.45])
+    aside = aside / np.linalg.norm(aside)
+    return [float(x) for x in normal + (0.8 if normal @ aside > -0.3 else -0.8) * aside]
+
+
+def _facet_lines(
+    axis: Any,
+    part: Any,
+    face: str,
+    numbers: Index,
+    values: Array,
+    displacement: fem.Function,
+    scale: float,
+    norm: Any,
+    colours: Any,
+) -> None:
+    """Facets of a face in the plane, displaced and coloured."""
+    from matplotlib.collections import LineCollection
+
+    from dolfinx_frontend.pairing import FacetMap
+
+    facets = FacetMap(part.part, face, part.name)
+    row = np.searchsorted(np.sort(part.part.facet_tags.find(part.part.names[face])), numbers)
+    along = np.linspace(0.0, 1.0, 5)[:, None]
+    index, s = np.repeat(row, len(along)), np.tile(along, (len(row), 1))
+    x, _ = facets.push_forward(index, s)
+    nodal = displacement.x.array.reshape(-1, part.dim)
+    u = facets.trace(part.space, index, s, len(nodal)) @ nodal
+    lines = (x + scale * u).reshape(len(row), len(along), 2)
+    axis.add_collection(LineCollection(list(lines), colors=colours(norm(values)), lw=5.0, capstyle="butt"))
 
 
 def _round_down(value: float) -> float:

@@ -41,6 +41,7 @@ from scipy import linalg, optimize, special, stats
 from scipy.sparse import linalg as sparse_linalg
 from scipy.stats import qmc
 
+from dolfinx_frontend.describe import record
 from dolfinx_frontend.errors import SceneError, unknown_name
 
 __all__ = [
@@ -1148,7 +1149,7 @@ def exponential_1d_eigenvalues(length: float, size: float, count: int) -> Array:
     return np.array(eigenvalues)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RandomField:
     """A parameter that varies at random over an interface.
 
@@ -1187,6 +1188,9 @@ class RandomField:
     variance_captured: float | None = None
     modes: int | None = None
     distribution: Literal["normal", "lognormal"] = "normal"
+
+    def __repr__(self) -> str:
+        return record(self)
 
     def __post_init__(self) -> None:
         where = f"RandomField {self.name!r}"
@@ -1270,7 +1274,7 @@ class RandomField:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DiscretisedField:
     """A random field on the points of an interface: standard normal germs, one a mode.
 
@@ -1294,6 +1298,12 @@ class DiscretisedField:
     captured: float
     points: Array
     weights: Array
+
+    def __repr__(self) -> str:
+        return (
+            f"DiscretisedField({self.name!r}, {len(self.eigenvalues)} modes at {len(self.points)} points, "
+            f"{self.captured:.4g} of the variance)"
+        )
 
     @property
     def name(self) -> str:
@@ -1355,7 +1365,7 @@ class DiscretisedField:
 # ---------------------------------------------------------------------------------------------
 # The space
 # ---------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Chaos:
     """What chaos is wanted.
 
@@ -1396,6 +1406,9 @@ class Chaos:
     sobol_points: int | None = None
     check_points: int = 32
     tolerance: float = 0.01
+
+    def __repr__(self) -> str:
+        return record(self)
 
     def __post_init__(self) -> None:
         if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)):

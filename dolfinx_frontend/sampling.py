@@ -25,10 +25,12 @@ from dolfinx_frontend import bridge, saved, tables
 from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.plan import Plan, make_plan
+from dolfinx_frontend.progress import Bar
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import RandomSpace
+from dolfinx_frontend.running import Interrupt, report_points
 from dolfinx_frontend.stochastic import RandomLaws
-from dolfinx_frontend.sweep import Progress, fingerprint, in_time, warn_unconverged
+from dolfinx_frontend.sweep import fingerprint, in_time, warn_unconverged, worst_status
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
 
 __all__ = [
@@ -46,12 +48,15 @@ Array = npt.NDArray[np.float64]
 Kind = Literal["random", "qmc", "quadrature"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SampleFields:
     """Interface fields at all points; what a quantity of interest is computed from."""
 
     germs: Array
     _result: SampleResult = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"SampleFields({len(self.germs)} points in {self.germs.shape[1]} germs)"
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal."""
@@ -107,6 +112,37 @@ class SampleResult(StochasticResult):
         return self.random.space
 
     @property
+    def finished(self) -> npt.NDArray[np.bool_]:
+        """(N,) which points were solved; at the others fields are NaN."""
+        reached: npt.NDArray[np.bool_] = self.points.iterations >= 0
+        return reached
+
+    @property
+    def complete(self) -> bool:
+        """Whether all points were solved: Ctrl-C ends a sampling with those that are."""
+        return bool(self.finished.all())
+
+    @property
+    def status(self) -> str:
+        """``"interrupted"``, otherwise the worst of the points."""
+        return worst_status(self.points)
+
+    def check_complete(self) -> None:
+        """Refuse statistics of an interrupted sampling.
+
+        Raises
+        ------
+        SceneError
+            Points are missing. They are solved from neighbour to neighbour, so the first ones are no sample.
+        """
+        if not self.complete:
+            raise SceneError(
+                f"sampling: interrupted after {int(self.finished.sum())} of {len(self.germs)} points, which "
+                "are neighbours and no fair sample: their force and jump are there, statistics are not; run "
+                "it again (with checkpoint=, what is finished is not solved twice)"
+            )
+
+    @property
     def converged(self) -> bool:
         """Whether all points reached the tolerance."""
         return bool((self.points.status == "converged").all())
@@ -127,9 +163,13 @@ class SampleResult(StochasticResult):
         )
 
     @property
-    def _probabilities(self) -> Array:
+    def probabilities(self) -> Array:
+        """(N,) weights of the points, of sum 1."""
+        self.check_complete()
         count = len(self.germs)
-        return self.weights if self.weights is not None else np.full(count, 1.0 / count)
+        if self.weights is None:
+            return np.full(count, 1.0 / count)
+        return np.asarray(self.weights / self.weights.sum(), dtype=np.float64)
 
     def displacements(self, chunk: int = 64) -> Iterator[tuple[slice, dict[str, Array]]]:
         """Unknowns of all substructures, some points at a time: (points, substructure -> ([T,] n, points)).
@@ -163,32 +203,31 @@ class SampleResult(StochasticResult):
         second: dict[str, Array] = {}
         shift: dict[str, Array] = {}
         for part, fields in self.displacements():
-            weights = self._probabilities[part]
+            weights = self.probabilities[part]
             for name, values in fields.items():
                 # deviations from the first point: no cancellation where the spread is small
                 base = shift.setdefault(name, values[..., 0].copy())
                 away = values - base[..., None]
                 first[name] = first.get(name, 0.0) + away @ weights
                 second[name] = second.get(name, 0.0) + away**2 @ weights
-        total = float(self._probabilities.sum())
         out = {}
         for name, base in shift.items():
-            mean = first[name] / total
-            variance = second[name] / total - mean**2
+            mean = first[name]
+            variance = second[name] - mean**2
             out[name] = (base + mean, np.sqrt(np.maximum(variance, 0.0)))
         return out
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
         samples = self.force(interface)
-        weights = self._probabilities / self._probabilities.sum()
-        mean = np.tensordot(weights, samples, 1)
+        weights = self.probabilities
+        mean: Array = np.asarray(np.tensordot(weights, samples, 1), dtype=np.float64)
         variance = np.tensordot(weights, (samples - mean) ** 2, 1)
         return mean, np.sqrt(np.maximum(variance, 0.0))
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients ([T,] n, P + 1) of the unknowns, projected with the weights."""
-        weighted = basis.evaluate(self.germs) * self._probabilities[:, None]
+        weighted = basis.evaluate(self.germs) * self.probabilities[:, None]
         out: dict[str, Array] = {}
         for part, fields in self.displacements():
             for name, values in fields.items():
@@ -202,6 +241,7 @@ class SampleResult(StochasticResult):
         unit: str = "",
     ) -> Quantity:
         """A scalar quantity of interest; `function` takes the fields and returns (N,) values."""
+        self.check_complete()
         values = one_number_a_sample(
             function(SampleFields(self.germs, self)), len(self.germs), name
         )
@@ -232,11 +272,15 @@ class SampleResult(StochasticResult):
         """As :meth:`dolfinx_frontend.Result.save`; fields: force and jump of every sample."""
         saved.save_samples(path, self, tables.read_samples(self), fields)
 
+    def _count(self) -> str:
+        count = str(len(self.germs))
+        return count if self.complete else f"{int(self.finished.sum())} of {count} (INTERRUPTED)"
+
     def __repr__(self) -> str:
         return (
-            f"SampleResult({self.kind}, {len(self.germs)} points, "
-            f"{int(self.iterations.sum())} iterations, largest estimated error "
-            f"{np.nanmax(self.error):.1e}, {sum(self.seconds.values()):.2f} s)"
+            f"SampleResult({self.kind}, {self._count()} points, "
+            f"{int(self.iterations[self.finished].sum())} iterations, largest estimated error "
+            f"{np.max(self.error[self.finished], initial=0.0):.1e}, {sum(self.seconds.values()):.2f} s)"
         )
 
 
@@ -311,6 +355,8 @@ def sample(
 
     Raises
     ------
+    KeyboardInterrupt
+        At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     SceneError
         Nothing is random, or a sample is no admissible law (a negative stiffness).
     """
@@ -372,15 +418,17 @@ def sample_on(
             "criterion": plan.options.criterion,
             "rtol": plan.options.rtol,
         }
-    bar = Progress(len(points), "samples") if progress and problem.rank == 0 else None
+    iterations = 0
+    shown = progress and problem.rank == 0
 
     def done(point: int, summary: Any) -> None:
+        nonlocal iterations
+        iterations += summary.iterations
         warn_unconverged("sample", point, summary)
-        if bar is not None:
-            bar.step(summary.iterations)
+        bar.step(iterations=iterations)
 
     began = perf_counter()
-    try:
+    with Interrupt() as interrupt, Bar(len(points), "samples", "point", shown, stays=True) as bar:
         swept = kernel_sweep(
             core,
             plan.amplitudes,
@@ -391,12 +439,11 @@ def sample_on(
             checkpoint,
             header,
             done,
+            interrupt.watch(),
             keep_states=keep_states,
             start=start,
         )
-    finally:
-        if bar is not None:
-            bar.close()
+    report_points("sampling", interrupt, swept, checkpoint)
     seconds = {"setup": 0.0, "solve": perf_counter() - began}
     return SampleResult(problem, plan, random, points, weights, kind, swept, seconds, core)
 

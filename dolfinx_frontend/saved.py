@@ -21,10 +21,13 @@ import numpy.typing as npt
 from dolfinx_frontend import chaos_file, tables
 from dolfinx_frontend.chaos_file import ChaosFile, ChaosFileError, Tree
 from dolfinx_frontend.errors import unknown_name
+from dolfinx_frontend.laws import Displacement
 from dolfinx_frontend.quantities import Kind
+from dolfinx_frontend.surfaces import ContactValues, contact_values
 
 if TYPE_CHECKING:
     from dolfinx_frontend.chaos import ChaosResult
+    from dolfinx_frontend.pairing import Interface
     from dolfinx_frontend.plan import Plan
     from dolfinx_frontend.sampling import SampleResult
     from dolfinx_frontend.solve import Result
@@ -57,6 +60,10 @@ class SavedInterface:
     force, jump
         As the result gave them, in the local frame: ([N,] [T,] m, components); of a chaos the mean; None
         where they were no unknowns, or not saved.
+    axes
+        Global axes of the components of a prescribed displacement; of all others None: those of the frame.
+    contact
+        Of a contact its clearance, friction coefficient and threshold (T, m), of a deterministic answer.
     """
 
     name: str
@@ -68,6 +75,16 @@ class SavedInterface:
     frames: Array = field(repr=False)
     force: Array | None = field(repr=False)
     jump: Array | None = field(repr=False)
+    axes: tuple[int, ...] | None = field(default=None, repr=False)
+    contact: ContactValues | None = field(default=None, repr=False)
+
+    @property
+    def law_frames(self) -> Array:
+        """(m, components, d): directions of the components of force and jump, global axes."""
+        d = self.points.shape[1]
+        if self.axes is not None:
+            return np.tile(np.eye(d)[list(self.axes)], (len(self.points), 1, 1))
+        return self.frames[:, : d if self.force is None else self.force.shape[-1]]
 
     @property
     def area(self) -> float:
@@ -213,6 +230,7 @@ def _common(result: Result | SampleResult, plan: Plan, readings: tables.Readings
                 "points": i.points,
                 "weights": i.weights,
                 "frames": i.frames,
+                **({"axes": np.array(i.law.axes(i.dim))} if isinstance(i.law, Displacement) else {}),
                 **read.get(name, {}),
             }
             for name, i in problem.interfaces.items()
@@ -240,6 +258,8 @@ def save_result(path: str | Path, result: Result, readings: tables.Readings, fie
         for name in readings.interfaces:
             if name in result.plan.active or not tables.is_glue(result.problem.interfaces[name].law):
                 tree["interfaces"][name] |= {"force": result.force(name), "jump": result.jump(name)}
+                if not random:
+                    tree["interfaces"][name] |= _contact_tree(result.problem.interfaces[name], result.plan)
         for name, s in result.problem.substructures.items():
             values = result.displacements[name]
             tree["substructures"][name]["displacement"] = values.reshape(*values.shape[:-1], -1, s.dim)
@@ -247,6 +267,13 @@ def save_result(path: str | Path, result: Result, readings: tables.Readings, fie
         tree["sampling"] = readings.kind or "random"
         tree["chaos"] = _chaos_tree(result, fields)
     _write(target, tree)
+
+
+def _contact_tree(interface: Interface, plan: Plan) -> Tree:
+    values = contact_values(interface, plan.times)
+    if values is None:
+        return {}
+    return {"contact": {name: v for name, v in vars(values).items() if v is not None}}
 
 
 def _chaos_tree(result: ChaosResult, fields: bool) -> Tree:
@@ -345,6 +372,11 @@ def _optional(node: Tree, name: str) -> Array | None:
     return _numbers(node[name], name) if name in node else None
 
 
+def _contact(node: Tree) -> ContactValues:
+    clearance = _numbers(node["clearance"], "clearance", 2)
+    return ContactValues(clearance, _optional(node, "friction"), _optional(node, "threshold"))
+
+
 def _read(path: Path, tree: Tree) -> SavedResult:
     kind = str(tree["kind"])
     if kind not in ("deterministic", "history", "chaos", "samples"):
@@ -365,6 +397,8 @@ def _read(path: Path, tree: Tree) -> SavedResult:
             _numbers(node["frames"], f"{name}: frames", 3),
             _optional(node, "force"),
             _optional(node, "jump"),
+            tuple(int(a) for a in np.atleast_1d(node["axes"])) if "axes" in node else None,
+            _contact(node["contact"]) if "contact" in node else None,
         )
         if "measures" in node:
             values = {column: _numbers(v, f"{name}: {column}") for column, v in node["measures"].items()}

@@ -21,6 +21,7 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Contact, Elastic, Law
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.running import iterate
 from dolfinx_frontend.support import check_support
 from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
@@ -62,7 +63,7 @@ class Result:
 
     @property
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"`` or ``"diverged"``."""
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``."""
         return self.summary.status
 
     @property
@@ -208,8 +209,9 @@ class Result:
         return stiffness * (jump - imposed), jump
 
     def __repr__(self) -> str:
+        steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
         return (
-            f"Result({self.status}, {self.iterations} iterations, "
+            f"{type(self).__name__}({self.status}, {steps}{self.iterations} iterations, "
             f"estimated error {self.error:.1e}, {sum(self.seconds.values()):.2f} s)"
         )
 
@@ -386,7 +388,8 @@ def solve(
         With chaos: ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"``
         first that the structure as a whole is definite and go on.
     callback
-        Called after every iteration; it may raise to end the run.
+        Called after every iteration; it may raise StopIteration to end the run with what is done so far, as
+        Ctrl-C does (see :mod:`dolfinx_frontend.running`), or anything else to end it without a result.
 
     Returns
     -------
@@ -401,7 +404,8 @@ def solve(
     IndefiniteError
         A Galerkin stiffness is indefinite.
     KeyboardInterrupt
-        Within one iteration of Ctrl-C.
+        At a second Ctrl-C, or during the factorisation. The first one ends the iteration within one step,
+        with the status ``"interrupted"`` and a warning in the log.
 
     Warns
     -----
@@ -428,12 +432,7 @@ def solve(
     began = perf_counter()
     core = bridge.build(problem, plan)
     built = perf_counter()
-    summary, state = core.solve(
-        options=plan.options.kernel(),
-        amplitudes=plan.amplitudes,
-        start=start_states(start),
-        callback=callback,
-    )
+    summary, state = iterate(problem, plan, core, plan.amplitudes, start_states(start), callback)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     cuts = fields_of_cuts(problem, core, state)
     kind = Result if plan.times is None else HistoryResult
@@ -446,7 +445,8 @@ def solve(
             summary.iterations,
             result.error,
         )
-    check_support(result)
+    if result.status != "interrupted":  # which is returned, whatever it is
+        check_support(result)
     return result
 
 

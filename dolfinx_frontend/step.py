@@ -44,6 +44,7 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry import FREE, Assembly, Connection, from_gmsh, gmsh_session
 from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.materials import Material
+from dolfinx_frontend.progress import Bar
 from dolfinx_frontend.scene import Overlap, Scene, Space
 
 __all__ = ["Cut", "Solid", "StepAssembly", "Surface", "Touch", "read_step"]
@@ -644,11 +645,8 @@ def _surface_table(surfaces: Sequence[Surface], names: Mapping[int, str] | None 
 
 def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
     """Mesh, curve the cells, and see to it that none is folded."""
-    from dolfinx_frontend.sweep import Progress
-
     model = gmsh.model
-    bar = Progress(3 + (order == 2), "mesh") if progress else None
-    try:
+    with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
         for dim in (1, 2, 3):
             try:
                 model.mesh.generate(dim)
@@ -658,8 +656,7 @@ def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
                     f"gmsh cannot mesh the {what} of {_some(list(loaded.volumes))} ({failure}); give "
                     "smaller sizes, or mend the geometry"
                 ) from failure
-            if bar is not None:
-                bar.step(0)
+            bar.step()
         if order == 2:
             model.mesh.setOrder(2)
             if min(_worst(model, loaded).values()) < _POOR:
@@ -671,11 +668,7 @@ def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
                     f"curved cells of {_some(list(folded))} are folded (scaled Jacobian "
                     f"{min(folded.values()):.2g}); give smaller sizes, more cells per_turn, or order=1"
                 )
-            if bar is not None:
-                bar.step(0)
-    finally:
-        if bar is not None:
-            bar.close()
+            bar.step()
 
 
 def _straighten(model: Any) -> None:

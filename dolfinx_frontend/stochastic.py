@@ -6,7 +6,7 @@ speak of the same germs in the same order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +52,7 @@ def is_random(value: object) -> bool:
     return isinstance(value, (RandomParameter, RandomField))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RandomLaws:
     """The random law parameters of a problem.
 
@@ -71,7 +71,11 @@ class RandomLaws:
     problem: Problem
     sources: dict[tuple[str, str], Source]
     dropped: tuple[str, ...]
-    space: RandomSpace = field(repr=False)
+    space: RandomSpace
+
+    def __repr__(self) -> str:
+        named = (f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items())
+        return f"RandomLaws({', '.join(named)})"
 
     @classmethod
     def of(cls, problem: Problem) -> RandomLaws:

@@ -18,6 +18,8 @@ from dolfinx_frontend.assembly import Problem
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.progress import Bar
+from dolfinx_frontend.running import Interrupt, report_points
 from latin_core import (
     Iteration,
     Options,
@@ -80,6 +82,22 @@ class SweepResult:
         status: npt.NDArray[np.bool_] = self.points.status == "converged"
         return status.reshape(self.shape)
 
+    @property
+    def finished(self) -> npt.NDArray[np.bool_]:
+        """Which points were solved; at the others fields are NaN."""
+        reached: npt.NDArray[np.bool_] = self.points.iterations >= 0
+        return reached.reshape(self.shape)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all points were solved: Ctrl-C ends a sweep with those that are."""
+        return bool(self.finished.all())
+
+    @property
+    def status(self) -> str:
+        """``"interrupted"``, otherwise the worst of the points."""
+        return worst_status(self.points)
+
     def _field(self, store: dict[str, Array], interface: str) -> Array:
         if interface in self.plan.active:
             self.problem.here(interface)
@@ -120,10 +138,10 @@ class SweepResult:
         return {name: self.plan.in_time(values) for name, values in fields.items()}
 
     def __repr__(self) -> str:
-        done = int((self.points.iterations >= 0).sum())
+        done = f"{int(self.finished.sum())} solved" + ("" if self.complete else " (INTERRUPTED)")
         total = int(self.points.iterations[self.points.iterations >= 0].sum())
         return (
-            f"SweepResult({' x '.join(str(n) for n in self.shape)} points, {done} solved, "
+            f"SweepResult({' x '.join(str(n) for n in self.shape)} points, {done}, "
             f"{int(self.converged.sum())} converged, {total} iterations, "
             f"{sum(self.seconds.values()):.2f} s)"
         )
@@ -225,7 +243,7 @@ def sweep(
     progress
         True: a progress bar if on a terminal.
     callback
-        Called after every iteration.
+        Called after every iteration; it may raise StopIteration to end the sweep with what is done so far.
     keep_states
         Keep the interface states, from which displacements can be recovered.
     times
@@ -242,6 +260,8 @@ def sweep(
         Unknown parameter, empty grid, inadmissible value.
     CheckpointError
         The checkpoint is damaged or of another sweep.
+    KeyboardInterrupt
+        At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     """
     if checkpoint is not None:
         problem.on_one_rank("a checkpoint")
@@ -281,18 +301,19 @@ def sweep(
     core = bridge.build(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
-    bar = Progress(len(order), "sweep") if progress and problem.rank == 0 else None
     started = perf_counter()
     first = 0.0
+    iterations = 0
+    shown = progress and problem.rank == 0
 
     def point_done(point: int, summary: Any) -> None:
-        nonlocal first
+        nonlocal first, iterations
         first = first or perf_counter() - started
+        iterations += summary.iterations
         warn_unconverged("sweep point", point, summary)
-        if bar is not None:
-            bar.step(summary.iterations)
+        bar.step(iterations=iterations)
 
-    try:
+    with Interrupt() as interrupt, Bar(len(order), "sweep", "point", shown, stays=True) as bar:
         points = kernel_sweep(
             core,
             plan.amplitudes,
@@ -309,14 +330,12 @@ def sweep(
                 "kept": [keep_fields, *(outputs or {})],
             },
             point_done,
-            callback,
+            interrupt.watch(callback),
             keep_states,
             keep_fields,
             {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
         )
-    finally:
-        if bar is not None:
-            bar.close()
+    report_points("sweep", interrupt, points, checkpoint)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): values for key, values in axes.items()}
     return SweepResult(problem, plan, named, points, seconds, core)
@@ -378,6 +397,14 @@ class PointFields:
         return in_time(self.plan, block, (), self.problem.interfaces[interface])
 
 
+def worst_status(points: SweepPoints) -> str:
+    """``"interrupted"`` if a point was not reached, otherwise the worst status of all."""
+    if (points.iterations < 0).any():
+        return "interrupted"
+    found = set(points.status.tolist())
+    return next((s for s in ("diverged", "stagnated", "max_iterations") if s in found), "converged")
+
+
 def warn_unconverged(what: str, point: int, summary: Summary) -> None:
     """Log a point that did not reach the tolerance."""
     if summary.status != "converged":
@@ -389,26 +416,3 @@ def warn_unconverged(what: str, point: int, summary: Summary) -> None:
             summary.iterations,
             summary.error,
         )
-
-
-class Progress:
-    """Progress bar over points, silent when not on a terminal or without tqdm."""
-
-    def __init__(self, total: int, what: str) -> None:
-        try:
-            from tqdm import tqdm  # type: ignore[import-untyped,unused-ignore]
-        except ImportError:
-            self._bar = None
-        else:
-            self._bar = tqdm(total=total, desc=what, unit="point", disable=None)
-        self._iterations = 0
-
-    def step(self, iterations: int) -> None:
-        self._iterations += iterations
-        if self._bar is not None:
-            self._bar.set_postfix(iterations=self._iterations, refresh=False)
-            self._bar.update()
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()

@@ -20,14 +20,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend import bridge
 from dolfinx_frontend.assembly import Problem, Substructure, resolve
-from dolfinx_frontend.collocation import sampled_parameters
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.laws import Contact, Displacement, Elastic, Law, Perfect, Preload, Symmetry
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.quantities import Kind
 from dolfinx_frontend.stochastic import RandomLaws
+from dolfinx_frontend.surfaces import (
+    BYTES,
+    contact_states,
+    contact_values,
+    law_frames,
+    sampled_contact_values,
+    vectors,
+)
 
 if TYPE_CHECKING:
     from dolfinx_frontend.chaos import ChaosResult
@@ -54,12 +60,6 @@ ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] t
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
 SAMPLES = 4096
 """Samples of a chaos from which a table is made."""
-NOTHING = 1e-9
-"""A pressure below this share of the largest is none: the point is open."""
-AT_LIMIT = 1e-6
-"""A friction force within this share of its limit slips."""
-BYTES = 1e8
-"""Fields of a random answer that are evaluated at once."""
 WIDTH = 110
 """Characters of a line of a printed table."""
 ROUNDING = 1e-8
@@ -131,10 +131,7 @@ def _centre(interface: Interface) -> Array:
 
 def _vectors(interface: Interface, force: Array) -> Array:
     """Force per area (..., m, components) in the law's frames as vectors (..., m, d) in global axes."""
-    frames = bridge.law_fields(interface, interface.law.nominal).frames
-    own = frames.reshape(interface.num_points, -1, interface.dim)
-    vectors: Array = np.einsum("...pc,pcd->...pd", force, own)
-    return vectors
+    return vectors(law_frames(interface), force)
 
 
 def measure(
@@ -170,17 +167,9 @@ def measure(
     nothing = np.full(force.shape[:-2], np.nan)
     values["open_area"] = values["slip_area"] = nothing
     if isinstance(interface.law, Contact):
-        largest = np.abs(normal).max(axis=-1, keepdims=True)
-        open_ = normal >= -NOTHING * largest
+        open_, slips = contact_states(normal, shear, limits)
         values["open_area"] = open_ @ weights
-        values["slip_area"] = 0.0 * values["open_area"]
-        if limits is not None:
-            friction, threshold = limits
-            limit = friction * np.abs(normal) + threshold
-            slips = ~open_ & (shear >= (1.0 - AT_LIMIT) * limit)
-            values["slip_area"] = slips @ weights
-        else:
-            values["slip_area"] = nothing
+        values["slip_area"] = slips @ weights if limits is not None else nothing
     return values
 
 
@@ -355,20 +344,6 @@ class Readings:
         return replace(self, interfaces={n: self.interfaces[n] for n in names})
 
 
-def _limits_at(interface: Interface, law: Law) -> tuple[Array, Array] | None:
-    if not isinstance(law, Contact) or not law.rubs:
-        return None
-    parameters = bridge.law_fields(interface, law).parameters
-    return parameters["friction"][:, 0], parameters["threshold"][:, 0]
-
-
-def _steps_of_limits(pairs: list[tuple[Array, Array] | None]) -> tuple[Array, Array] | None:
-    known = [pair for pair in pairs if pair is not None]
-    if len(known) < len(pairs):
-        return None
-    return np.array([p[0] for p in known]), np.array([p[1] for p in known])
-
-
 def known_forces(result: Result) -> dict[str, Array]:
     """Force per area (T, m, components) of every interface whose force is an unknown; collective."""
     forces: dict[str, Array] = {}
@@ -389,9 +364,8 @@ def read(result: Result) -> Readings:
     missing: dict[str, str] = {}
     for name, interface in problem.interfaces.items():
         if name in forces:
-            laws = [interface.law if t is None else interface.law.at(t) for t in steps]
-            limits = _steps_of_limits([_limits_at(interface, law) for law in laws])
-            values = measure(interface, forces[name], limits)
+            contact = contact_values(interface, times)
+            values = measure(interface, forces[name], contact.limits if contact is not None else None)
         else:
             values = _of_reaction(result, name, steps, forces, missing)
             if not values:
@@ -436,21 +410,12 @@ def _of_reaction(
 
 
 def _limits(random: RandomLaws, plan: Plan, name: str, germs: Array) -> tuple[Array, Array] | None:
-    """Friction and threshold at points of the germs, (N, [T,] m) or what broadcasts to it."""
-    interface = random.problem.interfaces[name]
-    law = interface.law
-    if not isinstance(law, Contact) or not law.rubs:
-        return None
-    fields = bridge.active_fields(interface, plan)
-    both = sampled_parameters(random, name, germs, fields, plan.steps)
-
-    def shaped(block: Array) -> Array:
-        if block.shape[1] == 1:
-            return block[:, 0]
-        parted = np.moveaxis(block.reshape(len(block), len(germs), plan.steps), 0, -1)
-        return parted if plan.times is not None else parted[:, 0]
-
-    return shaped(both["friction"]), shaped(both["threshold"])
+    """Friction and threshold at points of the germs, what broadcasts to (N, [T,] m)."""
+    contact = sampled_contact_values(random, plan, name, germs)
+    limits = None if contact is None else contact.limits
+    if limits is None or plan.times is not None:
+        return limits
+    return limits[0][:, 0], limits[1][:, 0]
 
 
 def _in_chunks(
@@ -510,6 +475,7 @@ def read_chaos(result: ChaosResult, samples: int = SAMPLES, seed: int = 0) -> Re
 
 def read_samples(result: SampleResult) -> Readings:
     """Numbers of all active interfaces at the points of a sampling."""
+    result.check_complete()
     return _of_random(
         result.problem,
         result.plan,

@@ -33,6 +33,7 @@ FACE_USERS = (
     "plan.py",
     "quantities.py",
     "random.py",
+    "running.py",
     "sampling.py",
     "solve.py",
     "ssfem.py",

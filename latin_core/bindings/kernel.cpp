@@ -3,6 +3,8 @@
 #include <pybind11/stl.h>
 
 #include <optional>
+#include <sstream>
+#include <string>
 #include <variant>
 
 #include "latin/common/threads.hpp"
@@ -29,7 +31,8 @@ void answer_interrupts() {
   }
 }
 
-/// Signals are answered at every iteration, with or without a callback of the user.
+/// Signals are answered at every iteration, with or without a callback of the user. A callback that raises
+/// StopIteration ends the run with what is done so far (as in SciPy's minimize).
 latin::Callback guarded(const py::object& callback) {
   answer_interrupts();
   return [callback](const latin::Iteration& iteration) {
@@ -37,10 +40,25 @@ latin::Callback guarded(const py::object& callback) {
     if (PyErr_CheckSignals() != 0) {
       throw py::error_already_set();
     }
-    if (!callback.is_none()) {
+    if (callback.is_none()) {
+      return;
+    }
+    try {
       callback(iteration);
+    } catch (const py::error_already_set& error) {
+      if (error.matches(PyExc_StopIteration)) {
+        throw latin::Interrupted();
+      }
+      throw;
     }
   };
+}
+
+std::string shown(double value) {
+  std::ostringstream text;
+  text.precision(3);
+  text << value;
+  return text.str();
 }
 
 void bind_descriptions(py::module_& m) {
@@ -120,7 +138,11 @@ void bind_iteration(py::module_& m) {
       .def_readonly("error", &latin::Iteration::error)
       .def_readonly("indicator", &latin::Iteration::indicator)
       .def_readonly("residual", &latin::Iteration::residual)
-      .def_readonly("seconds", &latin::Iteration::seconds);
+      .def_readonly("seconds", &latin::Iteration::seconds)
+      .def("__repr__", [](const latin::Iteration& i) {
+        return "Iteration(" + std::to_string(i.number) + ", error " + shown(i.error) +
+               ", indicator " + shown(i.indicator) + ", residual " + shown(i.residual) + ")";
+      });
 
   py::class_<latin::Summary>(m, "Summary", "How an iteration went")
       .def_property_readonly("status", [](const latin::Summary& s) { return to_string(s.status); })
@@ -134,7 +156,11 @@ void bind_iteration(py::module_& m) {
       .def_readonly("newton_steps", &latin::Summary::newton_steps)
       .def_readonly("other_s", &latin::Summary::other_s)
       .def_readonly("restarts", &latin::Summary::restarts)
-      .def_readonly("history", &latin::Summary::history);
+      .def_readonly("history", &latin::Summary::history)
+      .def("__repr__", [](const latin::Summary& s) {
+        return "Summary(" + to_string(s.status) + ", " + std::to_string(s.iterations) +
+               " iterations, estimated error " + shown(s.error) + ")";
+      });
 
   py::class_<latin::State>(m, "State", "Interface data s and traces w, (rows, columns) each")
       .def(py::init([](latin::Matrix data, latin::Matrix traces) {
@@ -142,7 +168,11 @@ void bind_iteration(py::module_& m) {
            }),
            "data"_a, "traces"_a)
       .def_readonly("data", &latin::State::data)
-      .def_readonly("traces", &latin::State::traces);
+      .def_readonly("traces", &latin::State::traces)
+      .def("__repr__", [](const latin::State& s) {
+        return "State(" + std::to_string(s.data.rows()) + " rows, " +
+               std::to_string(s.data.cols()) + " columns)";
+      });
 
   py::class_<latin::SweptParameter>(m, "SweptParameter", "A law parameter with one value a point")
       .def(py::init([](std::string interface, std::string parameter, latin::Matrix pattern,
@@ -211,6 +241,12 @@ void bind_problem(py::module_& m) {
            }),
            py::kw_only(), "bodies"_a, "interfaces"_a, "operator"_a, "backend"_a, "memory_limit"_a,
            "comm"_a = py::none())
+      .def("__repr__",
+           [](const latin::Problem& p) {
+             return "Problem(" + std::to_string(p.bodies().size()) + " bodies with " +
+                    std::to_string(p.unknowns()) + " unknowns, " + std::to_string(p.interfaces()) +
+                    " active interfaces with " + std::to_string(p.rows()) + " rows)";
+           })
       .def_property_readonly("rows", &latin::Problem::rows)
       .def_property_readonly("total_rows", &latin::Problem::total_rows)
       .def_property_readonly("loads", &latin::Problem::loads)

@@ -110,6 +110,26 @@ TEST(Solver, CallbackSeesEveryIterationAndMayStopTheRun) {
                std::runtime_error);
 }
 
+TEST(Solver, CallbackMayAskForWhatIsDoneSoFar) {
+  const chain::Scene scene;
+  const latin::Problem problem = scene.build();
+  auto options = chain::options(0);
+  options.rtol = 1e-14;
+  State state;
+  const auto summary = run(problem, state, options, [](const latin::Iteration& iteration) {
+    if (iteration.number == 3) {
+      throw latin::Interrupted();
+    }
+  });
+  EXPECT_EQ(summary.status, Status::interrupted);
+  EXPECT_EQ(summary.iterations, 3);
+  options.max_iterations = 3;
+  State other;
+  run(problem, other, options);
+  EXPECT_EQ(state.data, other.data);
+  EXPECT_EQ(to_string(summary.status), "interrupted");
+}
+
 TEST(Solver, ColumnsAreIndependentRightHandSides) {
   const chain::Scene scene;
   const latin::Problem problem = scene.build();

@@ -1,11 +1,13 @@
 """Program of test_mpi.py: blocks end to end over the ranks, against the same scene on one rank.
 
-``mpirun -n N python mpi_chain.py same|columns|refuse|crash``
+``mpirun -n N python mpi_chain.py same|columns|stop|refuse|crash``
 """
 
 from __future__ import annotations
 
+import re
 import sys
+import tempfile
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +28,7 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
+    fields,
     make_plan,
     solve,
     sweep,
@@ -181,6 +184,32 @@ def columns() -> None:
     print(f"same columns on rank {WORLD.rank}", flush=True)
 
 
+def stopped() -> None:
+    """One rank asks for what is done so far: all stop at one iteration; all write one set of files."""
+    problem = assemble(chain((-0.05, 0.02), friction=0.4), comm=WORLD)
+
+    def enough(iteration: Any) -> None:
+        if iteration.number == 3 and WORLD.rank == WORLD.size - 1:
+            raise StopIteration
+
+    result = solve(problem, options=Options(rtol=1e-11, **SERIAL), callback=enough)
+    assert result.status == "interrupted" and result.iterations in (3, 4), result
+    assert len(set(WORLD.allgather(result.iterations))) == 1
+    grid = {"j1.normal": [600.0, 900.0, 1200.0]}
+    swept = sweep(problem, grid, options=Options(rtol=1e-11, **SERIAL), callback=enough, progress=False)
+    assert not swept.complete and swept.status == "interrupted"
+
+    folder = WORLD.bcast(tempfile.mkdtemp() if WORLD.rank == 0 else None)
+    whole = solve(problem, options=Options(rtol=1e-11, **SERIAL))
+    parts, interfaces = fields.write(whole, folder)
+    WORLD.barrier()
+    index = interfaces.read_text()
+    files = re.findall('file="([^"]+)"', index + parts.read_text())
+    assert len(files) > 4 + 2 * 3  # parts, and facets and points of interfaces
+    assert all((interfaces.parent / file).stat().st_size > 500 for file in files)
+    print(f"stopped on rank {WORLD.rank}", flush=True)
+
+
 def refused(scene: Scene, message: str, solved: bool = False) -> None:
     """All ranks raise, with the same message."""
     try:
@@ -204,6 +233,8 @@ def main(what: str) -> None:
         compare([0.5, 1.0, 1.5, 2.0], "points", 0.1)
     elif what == "columns":
         columns()
+    elif what == "stop":
+        stopped()
     elif what == "refuse":
         broken = chain(pull)  # the last part belongs to the last rank
         broken.substructure("extra", lambda: 1 / 0, LinearElastic(E=1.0, nu=0.3))

@@ -57,6 +57,12 @@ def test_sweeps_samples_and_chaos_over_two_ranks_have_the_digits_of_one() -> Non
     assert run.stdout.count("same columns on rank") == 2
 
 
+def test_one_rank_stops_all_and_all_write_one_set_of_files() -> None:
+    run = launch(2, "mpi_chain.py", "stop")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("stopped on rank") == 2
+
+
 def test_a_mistake_that_one_rank_sees_is_raised_on_all() -> None:
     run = launch(2, "mpi_chain.py", "refuse")
     assert run.returncode == 0, run.stderr

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dolfinx import fem
 
-from dolfinx_frontend import geometry
+from dolfinx_frontend import geometry, running
 from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.laws import Elastic, Law, Perfect
@@ -58,6 +58,7 @@ def reference(problem):
 def interrupts() -> None:
     """Ctrl-C is Python's again: OpenTURNS, if another test imported it, ends the process on it."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    running._last_press = -np.inf  # of another test
 
 
 # ---------------------------------------------------------------------------------------------
@@ -322,9 +323,56 @@ def test_interrupt_in_a_callback(problem, interrupts):
         if iteration.number == 5:
             signal.raise_signal(signal.SIGINT)
 
-    with pytest.raises(KeyboardInterrupt):
-        solve(problem, active="all", direction=FAR, options=ENDLESS, callback=stop)
+    result = solve(problem, active="all", direction=FAR, options=ENDLESS, callback=stop)
     assert seen == [1, 2, 3, 4, 5]
+    assert (result.status, result.converged, result.iterations) == ("interrupted", False, 5)
+    assert repr(result).startswith("Result(interrupted, 5 iterations")
+    # the last iterate, as a run that was given as many iterations leaves it
+    five = solve(problem, active="all", direction=FAR, options=ENDLESS.with_(max_iterations=5))
+    assert np.array_equal(result.state.data, five.state.data)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_callback_asks_for_what_is_done(problem):
+    def enough(iteration):
+        if iteration.number == 3:
+            raise StopIteration
+
+    result = solve(problem, active="all", direction=FAR, options=ENDLESS, callback=enough)
+    assert (result.status, result.iterations) == ("interrupted", 3)
+
+
+def test_a_second_interrupt_raises(problem, interrupts):
+    """In the same call, and soon after in the next one: a loop of solves can be ended."""
+
+    def press(iteration):
+        if iteration.number == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    def twice(iteration):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    settings = {"active": "all", "direction": FAR, "options": ENDLESS}
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem, callback=twice, **settings)
+    running._last_press = -np.inf
+    assert solve(problem, callback=press, **settings).status == "interrupted"
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem, callback=press, **settings)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_handlers_of_others_are_left_alone(problem, interrupts):
+    heard = []
+    signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
+    try:
+        result = solve(
+            problem, active="all", callback=lambda i: signal.raise_signal(signal.SIGINT), options=TIGHT
+        )
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    assert result.converged and len(heard) == len(result.summary.history)
 
 
 @pytest.mark.parametrize("with_callback", [False, True])
@@ -341,8 +389,8 @@ def test_interrupt_from_outside(problem, interrupts, with_callback):
     thread = threading.Thread(target=press)
     thread.start()
     callback = (lambda iteration: seen.append(perf_counter())) if with_callback else None
-    with pytest.raises(KeyboardInterrupt):
-        solve(problem, active="all", direction=FAR, options=ENDLESS, callback=callback)
+    result = solve(problem, active="all", direction=FAR, options=ENDLESS, callback=callback)
+    assert result.status == "interrupted"
     answered = perf_counter()
     thread.join()
     assert answered - pressed[0] < 1.0

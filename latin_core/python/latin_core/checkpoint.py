@@ -127,6 +127,9 @@ class Checkpoint:
                 f"checkpoint {self.path} is damaged ({error}): move it away to start anew"
             ) from error
 
+    def __repr__(self) -> str:
+        return f"Checkpoint({str(self.path)!r})"
+
     def close(self) -> None:
         """Release the file."""
         self._db.close()

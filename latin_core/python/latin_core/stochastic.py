@@ -189,6 +189,10 @@ class MultiIndexSet:
             memory_limit=memory_limit,
         )
 
+    def __repr__(self) -> str:
+        count, dimension = self.table.shape
+        return f"MultiIndexSet({count} indices of {dimension} variables)"
+
     @classmethod
     def from_table(cls, rows: npt.ArrayLike) -> MultiIndexSet:
         """A set given by its rows (P + 1, L), in any order; the zero row must be among them."""
@@ -236,6 +240,9 @@ class ChaosBasis:
     def __len__(self) -> int:
         """P + 1."""
         return len(self._native)
+
+    def __repr__(self) -> str:
+        return f"ChaosBasis({len(self)} modes in {self.dimension} germs)"
 
     def evaluate(self, points: npt.ArrayLike) -> Array:
         """All modes at `points` (N, L): (N, P + 1)."""

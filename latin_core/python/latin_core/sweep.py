@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +20,7 @@ __all__ = ["SweepPoints", "SweptParameter", "sweep"]
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SweptParameter:
     """A law parameter that varies over the points.
 
@@ -42,8 +43,11 @@ class SweptParameter:
     values: Array
     columns: int = 1
 
+    def __repr__(self) -> str:
+        return f"SweptParameter({self.interface}.{self.parameter}, {self.values.shape[1]} points)"
 
-@dataclass
+
+@dataclass(repr=False)
 class SweepPoints:
     """What a sweep leaves for every point; rows are points.
 
@@ -76,6 +80,13 @@ class SweepPoints:
     order: list[int] = field(default_factory=list)
     states: Array | None = None
     outputs: dict[str, Array] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        reached = self.iterations >= 0
+        return (
+            f"SweepPoints({int(reached.sum())} of {len(reached)} points solved, "
+            f"{int(self.iterations[reached].sum())} iterations)"
+        )
 
 
 Fields = dict[str, tuple[Array, Array]]
@@ -113,7 +124,8 @@ def sweep(
     header
         Facts that make the run what it is, compared with the file's.
     progress, callback
-        Called after every point, and after every iteration.
+        Called after every point, and after every iteration; a callback that raises StopIteration ends the
+        sweep with the points that are finished.
     keep_states
         Keep s and w of every point; not with a checkpoint, which has them.
     keep_fields
@@ -132,6 +144,7 @@ def sweep(
         Within one iteration of Ctrl-C; finished points are in the checkpoint.
     """
     options = options or Options()
+    log = logging.getLogger(__name__)
     points = parameters[0].values.shape[1] if parameters else 1
     result = SweepPoints(
         iterations=np.full(points, -1, dtype=np.int64),
@@ -198,6 +211,7 @@ def sweep(
             keep(point, arrays)
             if result.states is not None:
                 result.states[point] = state.data, state.traces
+            log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)
             result.histories[point] = summary.history
             result.order.append(point)
             if file is not None:

@@ -149,7 +149,13 @@ class Run {
       summary_.history.push_back(record);
       summary_.other_s += since(measuring);
       if (callback_) {
-        attempt([&] { callback_(record); });
+        attempt([&] {
+          try {
+            callback_(record);
+          } catch (const Interrupted&) {
+            interrupted_ = true;
+          }
+        });
       }
       if (first_norm < 0.0) {
         first_norm = norm;
@@ -170,6 +176,10 @@ class Run {
         if (proposed_ && proposed_columns_ == step_.cols()) {
           follow(norm);
         }
+        break;
+      }
+      if (stop_ || (interrupted_ && problem_.communicator().alone())) {
+        summary_.status = Status::interrupted;
         break;
       }
       if (summary_.iterations >= options_.max_iterations) {
@@ -227,17 +237,19 @@ class Run {
   Measure measure() {
     const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
     const auto [distance, extent] = stage_shares(problem_, state_, residual_);
-    std::array<double, 7> sums{size.strain,
+    std::array<double, 8> sums{size.strain,
                                size.trace,
                                size.work,
                                distance,
                                extent,
                                history_.share_of_square(state_.data),
-                               failure_ ? 1.0 : 0.0};
+                               failure_ ? 1.0 : 0.0,
+                               interrupted_ ? 1.0 : 0.0};
     history_.fit(residual_, sums);
     if (sums[6] > 0.0) {
       problem_.communicator().agree(failure_);
     }
+    stop_ = sums[7] > 0.0;
     return {Size{sums[0], sums[1], sums[2]}.positive(), stage_distance({sums[3], sums[4]}),
             std::sqrt(sums[5])};
   }
@@ -464,6 +476,8 @@ class Run {
   Index plain_steps_ = 4;  ///< after the next restart
   Index own_ = 0;          ///< differences in the history that are this run's
   Clock::time_point start_;
+  bool interrupted_ = false;    ///< on this rank
+  bool stop_ = false;           ///< interrupted on some rank, as all know
   std::exception_ptr failure_;  ///< of this rank, until the ranks agree on it
 };
 
@@ -479,6 +493,8 @@ std::string to_string(Status status) {
       return "stagnated";
     case Status::diverged:
       return "diverged";
+    case Status::interrupted:
+      return "interrupted";
   }
   return "unknown";
 }

@@ -119,6 +119,15 @@ class Sweep {
   }
 
   void run(const std::vector<Index>& order) {
+    try {
+      walk(order);
+    } catch (const Interrupted&) {
+      return;  // finished points have been handed out
+    }
+  }
+
+ private:
+  void walk(const std::vector<Index>& order) {
     for (std::size_t next = 0; next < order.size();) {
       const auto left = static_cast<Index>(order.size() - next);
       const Index together =
@@ -133,7 +142,6 @@ class Sweep {
     }
   }
 
- private:
   void set_parameters(std::span<const Index> points) {
     for (const SweptParameter* each : own_parameters_) {
       const auto sets = static_cast<Index>(points.size());
@@ -171,16 +179,25 @@ class Sweep {
     return states;
   }
 
+  /// @throws Interrupted if the run was interrupted
+  Summary solve_or_stop(State& state, const std::vector<const State*>& start) {
+    Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
+    if (summary.status == Status::interrupted) {
+      throw Interrupted();
+    }
+    return summary;
+  }
+
   /// @param wanted the state is start material even if others reproduce it: those near by did not
   void solve_alone(Index point, bool wanted = false) {
     problem_.communicator().together([&] { set_parameters({&point, 1}); });
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
-    Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
+    Summary summary = solve_or_stop(state, start);
     if (summary.status != Status::converged && !start.empty()) {
       // friction may keep a state of other parameters in a trap: from zero it is another way
       State cold;
-      Summary again = solve(problem_, options_, amplitudes_, cold, {}, callback_);
+      Summary again = solve_or_stop(cold, {});
       again.iterations += summary.iterations;
       if (again.status == Status::converged || again.error < summary.error) {
         state = std::move(cold);

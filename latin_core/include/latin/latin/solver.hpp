@@ -1,5 +1,6 @@
 #pragma once
 
+#include <exception>
 #include <functional>
 #include <string>
 #include <vector>
@@ -14,7 +15,8 @@ enum class Status {
   converged,       ///< the estimated error is below the tolerance
   max_iterations,  ///< the tolerance was not reached in the allowed iterations
   stagnated,       ///< the error stopped falling: rounding, or a direction far off
-  diverged         ///< the residual grew beyond any use, or became NaN
+  diverged,        ///< the residual grew beyond any use, or became NaN
+  interrupted      ///< a callback asked for what is done so far
 };
 std::string to_string(Status status);
 
@@ -42,6 +44,12 @@ struct Iteration {
   double indicator;  ///< the paper's error indicator (depends on k)
   double residual;   ///< |r| in sqrt(W/k), absolute
   double seconds;    ///< since the solve began
+};
+
+/// A callback throws it to end the run with what is done so far; on several ranks, that of any of them does.
+class Interrupted : public std::exception {
+ public:
+  [[nodiscard]] const char* what() const noexcept override { return "interrupted"; }
 };
 
 /// Called after every iteration; may throw to end the run.

@@ -28,7 +28,9 @@ using PointCallback = std::function<void(Index point, const Summary&, const Stat
 /// @param order      points to solve, in this order (a restarted sweep leaves out finished ones)
 /// @param known      states of points solved earlier: start material, e.g. from a checkpoint
 /// @param known_points their positions
-/// @throws whatever a callback throws, after the point it was called for
+/// A callback that throws Interrupted ends the sweep: points that are finished by then have been handed out.
+///
+/// @throws whatever else a callback throws, after the point it was called for
 void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,

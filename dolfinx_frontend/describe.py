@@ -1,0 +1,64 @@
+"""Short descriptions of records for ``repr``: a line, whatever is in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = ["record", "short"]
+
+FEW = 6
+"""Numbers that are shown one by one."""
+
+
+def short(value: Any) -> str:
+    """A value in a few words: long arrays by shape and range, functions by name."""
+    if isinstance(value, (bool, str)) or value is None:
+        return repr(value)
+    if isinstance(value, (int, float, np.number)):
+        return f"{value:g}"
+    if isinstance(value, np.ndarray):
+        if value.size <= FEW:
+            return f"array({np.array2string(value, separator=', ', precision=6)})"
+        if value.dtype.kind in "fiu":
+            return f"<array {value.shape} of {value.min():g} to {value.max():g}>"
+        return f"<array {value.shape}>"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{k!r}: {short(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, Sequence) and type(value) in (tuple, list):
+        shown = ", ".join(short(v) for v in value[:FEW])
+        if len(value) > FEW:
+            shown += f", ... {len(value)} in all"
+        if isinstance(value, list):
+            return f"[{shown}]"
+        return f"({shown},)" if len(value) == 1 else f"({shown})"
+    if callable(value) and hasattr(value, "__name__"):
+        return f"<function {value.__name__}>"
+    if repr(value) == object.__repr__(value):  # an address
+        return f"<{type(value).__name__}>"
+    return repr(value)
+
+
+def record(self: Any) -> str:
+    """``repr`` of a dataclass: its name and the fields that differ from their defaults."""
+    shown = []
+    for field in dataclasses.fields(self):
+        if not field.repr:
+            continue
+        value, default = getattr(self, field.name), field.default
+        if field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        if value is default or (type(value) is type(default) and not _differ(value, default)):
+            continue
+        shown.append(f"{field.name}={short(value)}")
+    return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _differ(value: Any, default: Any) -> bool:
+    try:
+        return bool(value != default)
+    except ValueError:  # arrays
+        return True

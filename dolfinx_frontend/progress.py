@@ -1,0 +1,76 @@
+"""Progress bars for what takes long: meshing, assembly, iteration, sweeps and sampling.
+
+They are drawn by tqdm, on the error stream, if that is a terminal and tqdm is installed, and appear after
+half a second. ``progress(False)``, or ``LATIN_PROGRESS=0`` in the environment, switches them off; so does
+tqdm's own ``TQDM_DISABLE=1``. What is done is logged as well, see :mod:`logging`: loggers
+``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from types import TracebackType
+from typing import Any, Self
+
+__all__ = ["Bar", "progress"]
+
+_DELAY = 0.5  # seconds
+_on = os.environ.get("LATIN_PROGRESS", "1").strip().lower() not in ("0", "false", "no", "off")
+
+
+def progress(on: bool | None = None) -> bool:
+    """Switch progress bars on or off for this process; None: only ask.
+
+    Returns
+    -------
+    bool
+        Whether bars are drawn where the error stream is a terminal.
+    """
+    global _on
+    if on is not None:
+        _on = bool(on)
+    return _on
+
+
+class Bar:
+    """A progress bar, or nothing: a context in which :meth:`step` is called.
+
+    Parameters
+    ----------
+    total
+        Steps to be done; None: unknown.
+    what, unit
+        In front of the bar, and what is counted.
+    wanted
+        False: nothing is drawn.
+    stays
+        Whether the finished bar stays on the screen.
+    """
+
+    def __init__(
+        self, total: int | None, what: str, unit: str = "point", wanted: bool = True, stays: bool = False
+    ) -> None:
+        self._bar: Any = None
+        if not (wanted and _on and sys.stderr is not None and sys.stderr.isatty()):
+            return
+        try:
+            from tqdm import tqdm  # type: ignore[import-untyped,unused-ignore]
+        except ImportError:
+            return
+        self._bar = tqdm(total=total, desc=what, unit=unit, leave=stays, delay=_DELAY, dynamic_ncols=True)
+
+    def step(self, **shown: Any) -> None:
+        """One step is done; what is shown behind the bar by name."""
+        if self._bar is not None:
+            self._bar.set_postfix(shown, refresh=False)
+            self._bar.update()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()

@@ -1,0 +1,191 @@
+"""VTK's XML files: unstructured grids (``.vtu``), an index of several (``.vtm``), a series (``.pvd``).
+
+ParaView, VisIt and pyvista read all three, meshio the grids, which is why numbers are compressed in place
+(it does not read what is appended).
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import sys
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["CELLS", "Blocks", "Grid", "check_target", "file_name", "vertices", "write_index", "write_series"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Values: TypeAlias = tuple[npt.NDArray[np.float64] | npt.NDArray[np.int64], str]
+"""Numbers (rows,) or (rows, components), and the labels of the components: "XYZ" or "XX YY XY"."""
+
+CELLS = {
+    ("vertex", 1): 1,
+    ("interval", 1): 3,
+    ("interval", 2): 21,
+    ("triangle", 1): 5,
+    ("triangle", 2): 22,
+    ("quadrilateral", 1): 9,
+    ("quadrilateral", 2): 28,
+}
+"""VTK's number of a cell by its name and degree."""
+
+_LAGRANGE_HEXAHEDRON = 72
+_FAST = 1  # of zlib
+_TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
+
+
+def _encoded(values: npt.NDArray[np.generic]) -> str:
+    """Numbers as one compressed block in base64, its sizes in front."""
+    data = np.ascontiguousarray(values).tobytes()
+    block = zlib.compress(data, _FAST)
+    sizes = [1, len(data), len(data), len(block)] if data else [0, 0, 0]
+    head = np.array(sizes, dtype=np.uint64).tobytes()
+    return base64.b64encode(head).decode() + base64.b64encode(block if data else b"").decode()
+
+
+def _version(cell: int) -> str:
+    """Of the format: Lagrange hexahedra have another order of nodes since 2.1, which meshio does not know."""
+    return "2.2" if cell == _LAGRANGE_HEXAHEDRON else "1.0"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One unstructured grid with cells of one type.
+
+    Attributes
+    ----------
+    x
+        (n, 3).
+    cells
+        (k, nodes per cell), in VTK's order.
+    type
+        VTK's number of the cell.
+    point_data, cell_data
+        Name -> values.
+    """
+
+    x: Array
+    cells: Ints
+    type: int
+    point_data: Mapping[str, Values] = field(default_factory=dict)
+    cell_data: Mapping[str, Values] = field(default_factory=dict)
+
+    def write(self, path: Path) -> None:
+        """Write a ``.vtu`` file."""
+        def array(values: npt.NDArray[np.generic], name: str, components: str = "") -> str:
+            labels = components.split() if " " in components else list(components)
+            text = "".join(f" ComponentName{i}={quoteattr(label)}" for i, label in enumerate(labels))
+            if values.ndim > 1:
+                text = f' NumberOfComponents="{values.shape[1]}"{text}'
+            return (
+                f'        <DataArray type="{_TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)}{text} '
+                f'format="binary">{_encoded(values)}</DataArray>\n'
+            )
+
+        def arrays(data: Mapping[str, Values]) -> str:
+            return "".join(array(values, name, labels) for name, (values, labels) in data.items())
+
+        count, width = self.cells.shape
+        offsets = width * np.arange(1, count + 1, dtype=np.int64)
+        types = np.full(count, self.type, dtype=np.uint8)
+        path.write_text(
+            '<?xml version="1.0"?>\n'
+            f'<VTKFile type="UnstructuredGrid" version="{_version(self.type)}" '
+            f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64" '
+            'compressor="vtkZLibDataCompressor">\n  <UnstructuredGrid>\n'
+            f'    <Piece NumberOfPoints="{len(self.x)}" NumberOfCells="{count}">\n'
+            f"      <Points>\n{array(self.x, 'Points')}      </Points>\n"
+            f"      <Cells>\n{array(self.cells.ravel(), 'connectivity')}{array(offsets, 'offsets')}"
+            f"{array(types, 'types')}      </Cells>\n"
+            f"      <PointData>\n{arrays(self.point_data)}      </PointData>\n"
+            f"      <CellData>\n{arrays(self.cell_data)}      </CellData>\n"
+            "    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
+            encoding="utf-8",
+        )
+
+
+def vertices(points: Array, point_data: Mapping[str, Values]) -> Grid:
+    """A cloud of points (m, d): every one is a cell."""
+    x = np.zeros((len(points), 3))
+    x[:, : points.shape[1]] = points
+    return Grid(x, np.arange(len(x), dtype=np.int64)[:, None], CELLS["vertex", 1], point_data)
+
+
+Blocks: TypeAlias = Mapping[str, "Callable[[], Grid] | None | Blocks"]
+"""Name -> how its grid is made (None: another rank writes it), or blocks again."""
+
+
+def check_target(path: str | Path, series: bool) -> Path:
+    """The path of an index file; a series in time ends in ``.pvd``, one state in ``.vtm``.
+
+    Raises
+    ------
+    ValueError
+        Another ending, or a series of what has no times.
+    """
+    target = Path(path)
+    if target.suffix not in (".vtm", ".pvd"):
+        raise ValueError(
+            f"{target.name}: the name of the index file ends in .vtm, or in .pvd for all times of a history"
+        )
+    if target.suffix == ".pvd" and not series:
+        raise ValueError(f"{target.name}: there is no load history; give a name that ends in .vtm")
+    return target
+
+
+def file_name(number: int, name: str) -> str:
+    """A name for a file, without what folders do not like."""
+    return f"{number}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name)}.vtu"
+
+
+def write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
+    """Grids in a folder beside their index, a ``.vtm`` file, which the first rank writes."""
+    folder = target.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 0
+
+    def lines(of: Blocks, indent: str) -> list[str]:
+        nonlocal number
+        out = []
+        for index, (name, block) in enumerate(of.items()):
+            head = f'index="{index}" name={quoteattr(name)}'
+            if isinstance(block, Mapping):
+                inside = lines(block, indent + "  ")
+                out += [f"{indent}<Block {head}>", *inside, f"{indent}</Block>"]
+                continue
+            file = folder / file_name(number, name)
+            number += 1
+            if block is not None:
+                block().write(file)
+            out.append(f'{indent}<DataSet {head} file="{folder.name}/{file.name}"/>')
+        return out
+
+    inside = lines(blocks, "    ")
+    if rank == 0:
+        text = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">']
+        text += ["  <vtkMultiBlockDataSet>", *inside, "  </vtkMultiBlockDataSet>", "</VTKFile>", ""]
+        target.write_text("\n".join(text), encoding="utf-8")
+    return target
+
+
+def write_series(
+    target: Path, times: Sequence[float] | Array, blocks: Callable[[int], Blocks], rank: int = 0
+) -> Path:
+    """One index a time step in a folder beside the collection, a ``.pvd`` file."""
+    folder = target.with_suffix("")
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
+    for step, time in enumerate(times):
+        index = write_index(folder / f"step_{step:04d}.vtm", blocks(step), rank)
+        lines.append(f'    <DataSet timestep="{float(time)!r}" file="{folder.name}/{index.name}"/>')
+    if rank == 0:
+        target.write_text("\n".join([*lines, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")
+    return target

@@ -1,0 +1,213 @@
+"""Every public name: documented, in the reference, found by completion, and told apart by its repr."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dolfinx_frontend
+import latin_core
+from dolfinx_frontend import (
+    Amplitude,
+    Beta,
+    Chaos,
+    Contact,
+    Correlated,
+    Debonding,
+    Direction,
+    Displacement,
+    Elastic,
+    FromDistribution,
+    FromSamples,
+    Gamma,
+    LinearElastic,
+    LogNormal,
+    Normal,
+    Options,
+    OrthotropicElastic,
+    Perfect,
+    Preload,
+    Pressure,
+    RandomField,
+    Resultant,
+    Scene,
+    Symmetry,
+    Traction,
+    TruncatedNormal,
+    Uniform,
+    UserLaw,
+    assemble,
+    geometry,
+    load,
+    make_plan,
+    solve,
+    stochastic,
+    sweep,
+)
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+MANY = np.linspace(0.0, 1.0, 500)
+LONGEST = 1200
+"""Characters that anything may take."""
+LINES = 30
+
+
+def scene_of(law: Any) -> Scene:
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        block = geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
+        scene.substructure(name, block, LinearElastic(100.0, 0.3), degree=2)
+    scene.interface("layer", "left:x1", "right:x0", law)
+    scene.fix("left:x0")
+    scene.traction("right:x1", (1.0, 0.0))
+    return scene
+
+
+def laws() -> list[Any]:
+    """Laws and values, some with long arrays in them."""
+    ramp = Amplitude(list(MANY), list(MANY))
+
+    def push(jump: Any) -> Any:
+        return jump
+
+    return [
+        ramp,
+        ramp * MANY + 1.0,
+        Perfect(),
+        Elastic(normal=MANY, tangential=lambda x: x[:, 0]),
+        Contact(gap=MANY, friction=0.2),
+        Debonding(normal=1.0, strength=1.0, energy=2.0),
+        Preload(ramp * 100.0, until=1.0),
+        UserLaw(force=push, values={"a": MANY}),
+        Displacement((0.0, 1.0), (0,)),
+        Symmetry(),
+        Pressure(ramp * 2.0),
+        Traction(MANY),
+    ]
+
+
+def randoms() -> list[Any]:
+    stats = pytest.importorskip("scipy.stats")
+    a, b = Normal("a", mean=1.0, std=0.1), Uniform("b", 0.0, 1.0)
+    return [
+        a,
+        b,
+        LogNormal("c", mean=1.0, cov=0.1),
+        Gamma("d", mean=1.0, cov=0.1),
+        Beta("e", a=2.0, b=3.0, lower=0.0, upper=1.0),
+        TruncatedNormal("f", mean=1.0, std=0.1, lower=0.0),
+        FromSamples("g", 1.0 + MANY),
+        FromDistribution("h", stats.expon()),
+        Correlated([a, Normal("i", mean=1.0, std=0.1)], [[1.0, 0.5], [0.5, 1.0]]),
+        RandomField("j", mean=1.0, cov=0.1, length=1.0),
+        Chaos(order=2),
+    ]
+
+
+@pytest.fixture(scope="module")
+def things(tmp_path_factory: Any) -> list[Any]:
+    """One of everything that is public."""
+    k = LogNormal("k", mean=30.0, cov=0.1)
+    scene = scene_of(Elastic(normal=k, tangential=k))
+    problem = assemble(scene)
+    plan = make_plan(problem, active="all")
+    result = solve(problem, active="all")
+    still = assemble(scene_of(Elastic(normal=30.0, tangential=10.0)))
+    history = solve(still, times=list(MANY[1:20]), active="all")
+    chaos = solve(problem, chaos=2)
+    samples = chaos.monte_carlo(50)
+    swept = sweep(problem, {"layer.normal": MANY[1:30]})
+    result.save(tmp_path_factory.mktemp("public") / "a.h5")
+    quantity = chaos.quantity(lambda f: f.force("layer")[:, 0, 0], "force", "N/mm2", samples=1000)
+    interface, part = problem.interfaces["layer"], problem.substructures["left"]
+    return [
+        *laws(),
+        *randoms(),
+        *(scene, part.part, problem, part, interface, interface.sides[0], plan, plan.cost, result, history),
+        *(LinearElastic(1.0, 0.3), Direction(), Options(), Direction(given={"layer": MANY[1:]})),
+        Resultant("layer"),
+        OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
+        *(result.summary, result.state, result.core, result.summary.history[0], result.table()),
+        *(chaos, chaos.random, chaos.space, chaos.basis, chaos.basis.indices, chaos.space.germs[0]),
+        *(chaos.at([[0.0]]), chaos.truncation("layer"), samples, samples.points, swept, swept.points),
+        *(load(tmp_path_factory.getbasetemp() / "public0" / "a.h5"), quantity, quantity.mean()),
+        stochastic.RandomLaws.of(problem),
+        latin_core.SweptParameter("layer", "normal", np.ones((1, 1)), MANY[None]),
+        latin_core.Checkpoint(tmp_path_factory.mktemp("public") / "points", {}),
+    ]
+
+
+def test_representations_help(things: list[Any]) -> None:
+    """A few lines with the class or what it is, no addresses, no arrays of hundreds of numbers."""
+    for thing in things:
+        text = repr(thing)
+        assert " at 0x" not in text and "<lambda> at" not in text, text
+        assert len(text) <= LONGEST and text.count("\n") <= LINES, text
+        own = type(thing).__name__
+        words = {"Table": "interface", "Quantity": "samples", "Varying": "Amplitude"}
+        parameter = type(thing).__module__ == "dolfinx_frontend.random"
+        assert words.get(own, own) in text or parameter, text
+
+
+def test_every_public_class_is_shown(things: list[Any]) -> None:
+    seen = {cls for thing in things for cls in type(thing).__mro__}
+    for package in (dolfinx_frontend, latin_core):
+        for name in package.__all__:
+            cls = getattr(package, name)
+            if not inspect.isclass(cls) or issubclass(cls, BaseException) or inspect.isabstract(cls):
+                continue
+            if getattr(cls, "_is_protocol", False):
+                continue
+            assert cls in seen, name
+
+
+def modules() -> list[str]:
+    """Modules of the reference."""
+    pages = "".join(page.read_text() for page in (DOCS / "api").glob("*.md"))
+    return re.findall(r"automodule:: (\S+)", pages)
+
+
+def members(cls: type) -> Iterator[tuple[str, Any]]:
+    """Public methods and properties of ours."""
+    for name, value in vars(cls).items():
+        if name.startswith("_"):
+            continue
+        if isinstance(value, (property, staticmethod, classmethod)) or inspect.isfunction(value):
+            yield name, value
+
+
+@pytest.mark.parametrize("module_name", modules())
+def test_public_names_are_documented(module_name: str) -> None:
+    module = importlib.import_module(module_name)
+    assert module.__doc__
+    for name in module.__all__:
+        thing = getattr(module, name)
+        if inspect.isfunction(thing) or inspect.isclass(thing):
+            assert inspect.getdoc(thing), f"{module_name}.{name}"
+            assert getattr(thing, "__doc__", None) is not None, f"{module_name}.{name}"
+        if inspect.isclass(thing) and thing.__module__ == module_name:
+            for member, value in members(thing):
+                found = inspect.getdoc(getattr(thing, member)) or getattr(value, "__doc__", None)
+                assert found, f"{module_name}.{name}.{member}"
+
+
+def test_completion_finds_every_module_and_name() -> None:
+    names = dir(dolfinx_frontend)
+    assert set(dolfinx_frontend.__all__) <= set(names)
+    assert sorted(dolfinx_frontend.__all__) == dolfinx_frontend.__all__
+    for module in modules():
+        package, _, name = module.partition(".")
+        assert not name or name in dir(importlib.import_module(package)), module
+
+
+def test_types_are_shipped() -> None:
+    for package in (dolfinx_frontend, latin_core):
+        assert Path(package.__file__ or "").with_name("py.typed").is_file(), package.__name__
+    assert Path(latin_core.__file__).with_name("_core.pyi").is_file()
