@@ -105,10 +105,8 @@ class Substructure:
         Volume (area in 2D) and centre of gravity.
     dof_coordinates
         (nodes, d).
-    integrand
-        The material: (u, v) -> UFL integrand or form of which `stiffness` is the matrix.
     material
-        As the scene has it.
+        As the scene has it; None for a part that was not assembled from one.
     """
 
     name: str
@@ -123,7 +121,6 @@ class Substructure:
     centre: Array
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
-    integrand: Callable[[Any, Any], Any] | None = field(default=None, repr=False)
     material: Any = field(default=None, repr=False)
 
     def __repr__(self) -> str:
@@ -142,6 +139,11 @@ class Substructure:
     def V(self) -> Any:
         """The function space."""
         return self.space
+
+    @property
+    def integrand(self) -> Callable[[Any, Any], Any] | None:
+        """The material as (u, v) -> UFL integrand or form of which `stiffness` is the matrix."""
+        return None if self.material is None else _integrand(self.material)
 
     @property
     def dim(self) -> int:
@@ -479,8 +481,7 @@ def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
     return 0.65 * total / (pairs * volume)
 
 
-def _integrand(spec: SubstructureSpec) -> Callable[[Any, Any], Any]:
-    material: Any = spec.material
+def _integrand(material: Any) -> Callable[[Any, Any], Any]:
     integrand: Callable[[Any, Any], Any] = getattr(material, "bilinear", material)
     return integrand
 
@@ -489,7 +490,7 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
     """The compiled bilinear form of a substructure."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     material = spec.material
-    integrand = _integrand(spec)(u, v)
+    integrand = _integrand(material)(u, v)
     if not isinstance(integrand, ufl.Form):
         if integrand is None or getattr(integrand, "ufl_shape", None) != ():
             raise SceneError(
@@ -575,7 +576,6 @@ def _substructure(spec: SubstructureSpec) -> Substructure:
         centre=centre,
         dof_coordinates=coordinates,
         varying_loads={a: f for a, f in loads.items() if a is not None},
-        integrand=_integrand(spec),
         material=spec.material,
     )
 
