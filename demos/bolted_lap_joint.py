@@ -106,6 +106,7 @@ def build_scene(
     friction: float = FRICTION,
     bolt: float = BOLT,
     shortening: float = SHORTENING,
+    degree: int = 2,
 ) -> Scene:
     """The laws on the interfaces of a lap joint.
 
@@ -117,12 +118,14 @@ def build_scene(
         Displacement of the gripped end, a vector or one that changes in time.
     friction, bolt, shortening
         Of all contacts; stiffness (N/mm) and shortening (mm, reached at time 1) of a whole bolt.
+    degree
+        Of the displacements.
     """
     # half a bolt has half the stiffness
     cut = Elastic(normal=bolt / 2, tangential=bolt / 2, total=True, jump=TIGHTEN * -shortening)
     scene = Scene()
     for name, part in joint.parts.items():
-        scene.substructure(name, part, STEEL, degree=2)
+        scene.substructure(name, part, STEEL, degree=degree)
     for each in joint.interfaces:
         if each.kind == "contact":
             law = Contact(gap=0.0, friction=friction)

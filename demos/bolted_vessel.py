@@ -97,6 +97,7 @@ from dolfinx_frontend import (
 )
 from dolfinx_frontend.plan import Method
 from dolfinx_frontend.quantities import SobolEstimate, sobol_of
+from dolfinx_frontend.scene import Space
 from dolfinx_frontend.uncertain import Samples
 
 Array = npt.NDArray[np.float64]
@@ -126,6 +127,8 @@ def vessel_scene(
     half_screw: Any = 0.5 * SCREW,
     joint: Any = JOINT,
     pressure: Any = PRESSURE,
+    degree: int = 2,
+    space: Space = "points",
 ) -> Scene:
     """The paper's laws on the parts and interfaces of the vessel.
 
@@ -139,6 +142,8 @@ def vessel_scene(
         Stiffness of the joint, N/mm^3: a number, a random parameter or a random field; or its law.
     pressure
         Inside, MPa; it may change in time.
+    degree, space
+        Of the displacements, and of joint and screw.
     """
     laws = {
         "perfect": Perfect(),
@@ -152,11 +157,12 @@ def vessel_scene(
     }
     scene = Scene()
     for name, part in vessel.parts.items():
-        scene.substructure(name, part, STEEL, degree=2)
+        scene.substructure(name, part, STEEL, degree=degree)
     for each in vessel.interfaces:
         faces = [face for face in (each.face1, each.face2) if face is not None]
-        law = laws[each.name if each.kind == "elastic" else each.kind]
-        scene.interface(each.name, *faces, law)
+        elastic = each.kind == "elastic"
+        law = laws[each.name if elastic else each.kind]
+        scene.interface(each.name, *faces, law, space=space if elastic else "points")
     return scene
 
 

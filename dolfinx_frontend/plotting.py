@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,13 +34,16 @@ if TYPE_CHECKING:
 
 __all__ = [
     "KIND_COLOURS",
+    "FrontPanel",
     "RenderError",
     "assembly_figure",
     "convergence_figure",
     "deformed_figure",
     "density_figure",
+    "front_figure",
     "interface_figure",
     "interface_map",
+    "pareto_front",
     "response_surface",
 ]
 
@@ -1094,6 +1097,137 @@ def density_figure(
     if title:
         axis.set_title(title)
     return _save(figure, path)
+
+
+# ---------------------------------------------------------------------------------------------
+# Error against cost
+# ---------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class FrontPanel:
+    """Error against cost in one picture of :func:`front_figure`.
+
+    Attributes
+    ----------
+    title, cost_label, error_label
+        Texts, with units.
+    points
+        Method -> (n, 2) cost and error, both > 0.
+    front
+        Which of the points of a method may be on the front, (n,); all if the method is not named.
+    marked
+        (n, 2) cost and error of points that are drawn as stars.
+    floor
+        Error of what the errors are measured against; smaller ones are drawn there.
+    """
+
+    title: str
+    cost_label: str
+    error_label: str
+    points: Mapping[str, npt.ArrayLike]
+    front: Mapping[str, npt.ArrayLike] = field(default_factory=dict)
+    marked: npt.ArrayLike = ()
+    floor: float = 0.0
+
+
+def pareto_front(cost: npt.ArrayLike, error: npt.ArrayLike) -> Index:
+    """Indices of the points that no other one beats in cost and in error, by rising cost."""
+    c, e = np.asarray(cost, dtype=float), np.asarray(error, dtype=float)
+    best, out = np.inf, []
+    for i in np.lexsort((e, c)):
+        if e[i] < best:
+            best = e[i]
+            out.append(i)
+    return np.array(out, dtype=np.int64)
+
+
+_MARKERS = ("o", "s", "^", "v", "x", "+", "D", "P", "<", ">")
+
+
+def front_figure(
+    panels: Sequence[Sequence[FrontPanel]], path: str | Path, *, marked_label: str = "chosen"
+) -> Path:
+    """Error against cost, doubly logarithmic: a marker a method, the front of all as a step line.
+
+    Parameters
+    ----------
+    panels
+        Rows of pictures.
+    path
+        PNG file to write.
+    marked_label
+        Of the stars.
+    """
+    rows, columns = len(panels), max(len(row) for row in panels)
+    names = list(dict.fromkeys(n for row in panels for panel in row for n in panel.points))
+    styles = {
+        name: {"marker": _MARKERS[i % len(_MARKERS)], "color": _LINES[i % len(_LINES)]}
+        for i, name in enumerate(names)
+    }
+    figure = _figure(3.9 * columns + 0.4, 3.5 * rows + 0.7)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    shown: dict[str, Any] = {}
+    for axes, row in zip(grid, panels, strict=True):
+        for axis in axes[len(row) :]:
+            axis.set_axis_off()
+        for axis, panel in zip(axes, row, strict=False):
+            _draw_front(axis, panel, styles, marked_label, shown)
+    names += [n for n in shown if n not in names]
+    figure.legend(
+        [shown[n] for n in names if n in shown],
+        [n for n in names if n in shown],
+        loc="outside lower center",
+        ncol=min(len(shown), 2 * columns),
+        frameon=False,
+        fontsize=9,
+    )
+    return _save(figure, path)
+
+
+def _draw_front(
+    axis: Any,
+    panel: FrontPanel,
+    styles: Mapping[str, Mapping[str, Any]],
+    marked_label: str,
+    shown: dict[str, Any],
+) -> None:
+    """One picture; `shown` collects what the legend names."""
+    candidates = []
+    for name, given in panel.points.items():
+        xy = np.asarray(given, dtype=float).reshape(-1, 2).copy()
+        if not len(xy):
+            continue
+        xy[:, 1] = np.maximum(xy[:, 1], panel.floor)
+        counts = np.asarray(panel.front.get(name, np.ones(len(xy))), dtype=bool)
+        candidates.append(xy[counts])
+        (shown[name],) = axis.plot(*xy.T, ls="none", ms=5, mew=1.1, mfc="none", alpha=0.85, **styles[name])
+    everything = np.concatenate([np.empty((0, 2)), *candidates])
+    front = everything[pareto_front(*everything.T)]
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    if len(front):
+        # what a cost buys: the error of the best setting that costs as much or less
+        x = np.append(front[:, 0], max(axis.get_xlim()[1], front[-1, 0]))
+        (line,) = axis.plot(
+            x, np.append(front[:, 1], front[-1, 1]), drawstyle="steps-post", color="black", lw=1.3, zorder=1
+        )
+        axis.set_xlim(right=x[-1])
+        shown["front of all"] = line
+    stars = np.asarray(panel.marked, dtype=float).reshape(-1, 2).copy()
+    if len(stars):
+        stars[:, 1] = np.maximum(stars[:, 1], panel.floor)
+        (shown[marked_label],) = axis.plot(
+            *stars.T, "*", ms=12, mfc="#f0e442", mec="black", mew=0.9, ls="none", zorder=5
+        )
+    if panel.floor > 0.0:
+        low = axis.get_ylim()[0]
+        if low < panel.floor:
+            band = axis.axhspan(low, panel.floor, color="#dddddd", lw=0, zorder=0)
+            shown["below the error of the reference"] = band
+            axis.set_ylim(bottom=low)
+    axis.set_xlabel(panel.cost_label)
+    axis.set_ylabel(panel.error_label)
+    axis.set_title(panel.title, fontsize=10)
+    axis.grid(True, which="major", color="#dddddd", lw=0.6)
 
 
 if __name__ == "__main__":

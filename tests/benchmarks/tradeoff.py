@@ -1,0 +1,844 @@
+"""Speed against accuracy: the knobs, one by one and together, on three scenes, and the Pareto front.
+
+``./run bench tradeoff --json FILE --markdown docs/accuracy.md`` measures all of it and writes the record,
+the part of the page on the front and its figure; ``--read FILE`` makes page and figure from a record.
+
+The scenes are the geometries of the demos, with randomness that has moments of every order:
+
+* ``vessel``: the bolted vessel, lognormal stiffness of screw (c.o.v. 0.1) and joint (0.2). The demo's normal
+  stiffness has no E[1/k], so that no reference exists for it. Quantity: normal force on the joint;
+* ``lap``: the bolted lap joint, tightened and pulled, with contact and friction; lognormal coefficient of
+  friction and stiffness of the bolts (0.15 each). Quantity: friction force between the plates when pulled;
+* ``field``: the vessel with the random field of ``random_field_joint`` as the stiffness of its joint, always
+  with six Karhunen-Loeve modes. Quantity: normal force on the joint.
+
+Every run gives mean and standard deviation of the quantity; its ``error`` is the larger of their relative
+errors against a reference, of two kinds that are kept apart:
+
+* ``error``: against a reference on the same mesh, degree and interface space: algebra and chaos;
+* ``error_all``: against a mesh (and degree) finer than all that are compared: discretisation, too.
+
+``own_error`` of a reference is its difference from a second one, of another method or of the next finer
+rule, or (``error_all``) of the next coarser mesh. Errors of (quasi-)Monte Carlo are root mean squares over
+`SEEDS` seeds. ``lucky`` marks an error that is small by chance: a setting of the same series with all knobs
+as tight or tighter is over three times worse. Such points are drawn, and left out of front and table.
+
+Cost: ``seconds`` from the matrices of the parts to the two numbers, a median; ``units`` = seconds over one
+direct solution (analysis, factorisation, one solve) of the scene's base mesh, measured in the same run with
+the same threads; ``units_all`` has the assembly by dolfinx and the pairing of the interfaces, too. Meshing is
+in neither.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import common
+import contact
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend import (
+    Chaos,
+    ChaosResult,
+    Contact,
+    Elastic,
+    LogNormal,
+    Options,
+    Problem,
+    RandomField,
+    Resultant,
+    SampleResult,
+    assemble,
+    geometry,
+    monte_carlo,
+    plotting,
+    quasi_monte_carlo,
+    solve,
+    sparse_quadrature,
+    ssfem,
+    tensor_quadrature,
+)
+from dolfinx_frontend.lap_joint import lap_joint
+
+Array = npt.NDArray[np.float64]
+Method = Literal["latin", "single", "latin2004", "ssfem", "tensor", "sparse", "mc", "qmc"]
+
+METHODS: dict[Method, str] = {
+    "latin": "LATIN-PCE",
+    "ssfem": "monolithic SSFEM",
+    "tensor": "tensor quadrature",
+    "sparse": "sparse quadrature",
+    "mc": "Monte Carlo",
+    "qmc": "quasi-Monte Carlo",
+    "latin2004": "LATIN-PCE of 2004",
+    "single": "LATIN-PCE, float32",
+}
+LEVELS = (1e-1, 1e-2, 1e-3, 1e-4)
+SEEDS = 4
+KL_MODES = 6  # 80 % of the variance on the coarse mesh
+LUCK = 3.0
+
+# what makes a run tighter when it grows; the other knobs name the series
+GROWING = ("order", "points", "level", "samples")
+
+
+# %% Scenes, meshes, settings
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Size (a name or mm), degree of the displacements, space of the active interfaces."""
+
+    size: str | float
+    degree: int = 2
+    space: Literal["points", "facets"] = "points"
+
+    def __str__(self) -> str:
+        size = self.size if isinstance(self.size, str) else f"{self.size:g} mm"
+        return f"{size}, degree {self.degree}, {self.space}"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A method, its knobs, and the mesh (None: the base mesh of the scene)."""
+
+    method: Method
+    knobs: Mapping[str, Any] = field(default_factory=dict)
+    mesh: Mesh | None = None
+
+    def __str__(self) -> str:
+        return label(self.method, self.knobs)
+
+
+def label(method: str, knobs: Mapping[str, Any]) -> str:
+    """A setting in words."""
+    words = {"order": "order", "points": "points a germ", "level": "level", "samples": "samples"}
+    parts = [METHODS[method]]  # type: ignore[index]
+    for key, value in knobs.items():
+        if key in ("points", "samples"):
+            parts.append(f"{value} {words[key]}")
+        elif key == "rtol":
+            parts.append(f"rtol {value:.0e}".replace("e-0", "e-"))
+        elif key in ("index_set", "operator"):
+            parts.append(str(value))
+        else:
+            parts.append(f"{words.get(key, key)} {value}")
+    return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mean and standard deviation of the quantity."""
+
+    mean: float
+    std: float
+
+    def error(self, exact: Moments) -> float:
+        """The larger relative difference from other moments."""
+        return max(abs(self.mean / exact.mean - 1.0), abs(self.std / exact.std - 1.0))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene and what is measured on it.
+
+    Attributes
+    ----------
+    title, quantity
+        In words, and the number of interest (N, of the modelled part).
+    build
+        The assembled problem on a mesh; kept for the whole run.
+    base
+        Where algebra, chaos and the other methods are compared; its direct solution is the unit.
+    settings
+        The grid of knobs, on the base mesh and on others.
+    exact, check
+        References on a mesh: a tight one, and one to compare it with.
+    fine, coarser
+        Mesh of the reference for the error in all, and the mesh to compare it with.
+    moderate
+        Reference on those two meshes: chaos and algebra far below the discretisation.
+    times, options
+        Of all runs.
+    """
+
+    title: str
+    quantity: Resultant
+    build: Callable[[Mesh], Problem]
+    base: Mesh
+    settings: Sequence[Setting]
+    exact: Setting
+    check: Setting
+    fine: Mesh
+    coarser: Mesh
+    moderate: Setting
+    times: tuple[float, ...] | None = None
+    options: Options = Options(max_iterations=3000)
+
+    @property
+    def meshes(self) -> list[Mesh]:
+        """All that settings are measured on, the base first."""
+        return list(dict.fromkeys([self.base, *(s.mesh for s in self.settings if s.mesh is not None)]))
+
+
+@cache
+def vessel(mesh: Mesh) -> Problem:
+    """The bolted vessel with two random stiffnesses."""
+    demo = common.demo("bolted_vessel")
+    scene = demo.vessel_scene(
+        geometry.bolted_vessel(mesh.size),
+        LogNormal("screw", mean=0.5 * demo.SCREW, cov=demo.SCREW_COV),
+        LogNormal("joint", mean=demo.JOINT, cov=demo.JOINT_COV),
+        degree=mesh.degree,
+        space=mesh.space,
+    )
+    return assemble(scene)
+
+
+@cache
+def field_joint(mesh: Mesh) -> Problem:
+    """The same parts and matrices, a joint whose stiffness varies from place to place."""
+    demo, problem = common.demo("bolted_vessel"), vessel(mesh)
+    stiffness = RandomField(
+        "joint",
+        mean=demo.JOINT,
+        cov=0.3,
+        covariance="exponential",
+        length=20.0,
+        modes=KL_MODES,
+        distribution="lognormal",
+    )
+    half = 0.5 * demo.SCREW
+    return _with_laws(
+        problem,
+        {
+            "joint": Elastic(normal=stiffness, tangential=stiffness),
+            "screw": problem.interfaces["screw"].law.with_(normal=half, tangential=half),
+        },
+    )
+
+
+@cache
+def lap(mesh: Mesh) -> Problem:
+    """The bolted lap joint, tightened and pulled, with random friction and bolts."""
+    demo = common.demo("bolted_lap_joint")
+    joint = lap_joint(mesh.size)
+    scene = demo.build_scene(joint, demo.SHEAR * (demo.PULL, 0.0, 0.0), degree=mesh.degree)
+    problem = assemble(scene)
+    friction = LogNormal("friction", mean=demo.FRICTION, cov=0.15)
+    bolt = LogNormal("bolt", mean=0.5 * demo.BOLT, cov=0.15)
+    laws = {}
+    for name, interface in problem.interfaces.items():
+        if isinstance(interface.law, Contact):
+            laws[name] = interface.law.with_(friction=friction)
+        elif name in demo.CUTS:
+            laws[name] = interface.law.with_(normal=bolt, tangential=bolt)
+    return _with_laws(problem, laws)
+
+
+def _with_laws(problem: Problem, laws: Mapping[str, Any]) -> Problem:
+    interfaces = {
+        name: replace(i, law=laws[name]) if name in laws else i
+        for name, i in problem.interfaces.items()
+    }
+    return replace(problem, interfaces=interfaces)
+
+
+def grid(method: Method, mesh: Mesh | None = None, **knobs: Sequence[Any]) -> Iterator[Setting]:
+    """All combinations of knobs."""
+    for values in product(*knobs.values()):
+        yield Setting(method, dict(zip(knobs, values, strict=True)), mesh)
+
+
+def elastic_settings(
+    quick: bool, orders: Sequence[int], tensor: Sequence[int], levels: Sequence[int]
+) -> list[Setting]:
+    """The grid of knobs of a linear scene, on its base mesh."""
+    rtols = (1e-1, 1e-2, 1e-4, 1e-7) if quick else (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+    middle = orders[min(1, len(orders) - 1)]
+    sampled = (1e-3, 1e-6) if not quick else (1e-4,)
+    samples = (16, 128, 1024) if quick else (16, 64, 256, 1024, 4096)
+    return [
+        *grid("latin", order=orders, rtol=rtols),
+        # one knob at a time from here on
+        *grid("latin", order=(middle, orders[-1]), index_set=("hyperbolic",), rtol=(1e-2, 1e-4)),
+        *(grid("latin", order=(1, 2), index_set=("tensor",), rtol=(1e-2, 1e-4)) if len(tensor) else ()),
+        *grid("latin", order=(middle,), acceleration=(0, 2, 5, 20), rtol=(1e-2, 1e-4)),
+        *grid("latin", order=(middle,), operator=("factored",), rtol=(1e-2, 1e-4)),
+        *grid("latin2004", order=(1,), rtol=(1e-1,) if quick else (1e-1, 1e-2)),
+        *grid("ssfem", order=orders, rtol=(1e-1, 1e-2, 1e-4) if quick else (1e-1, 1e-2, 1e-4, 1e-7)),
+        *grid("tensor", points=tensor, rtol=sampled),
+        *grid("sparse", level=levels, rtol=sampled),
+        *grid("mc", samples=samples, rtol=(1e-3,)),
+        *grid("qmc", samples=samples, rtol=(1e-4,)),
+    ]
+
+
+def scenes(quick: bool = False) -> dict[str, Scene]:
+    """The three scenes by name."""
+    base = Mesh("coarse" if quick else "paper")
+    fine, coarser = (Mesh("paper"), Mesh("coarse", 3)) if quick else (Mesh(6.2, 3), Mesh("paper", 3))
+    others = [Mesh("coarse", 1), Mesh("coarse", 2, "facets")]
+    if not quick:
+        others += [Mesh("coarse"), Mesh(18.0), Mesh("coarse", 3), Mesh("paper", 1)]
+        others += [Mesh("paper", 2, "facets"), Mesh(6.2)]
+    pairs = ((1, 1e-1), (2, 1e-2), (3, 1e-4))
+    joint = Resultant("joint")
+    made = {
+        "vessel": Scene(
+            "bolted vessel, two random stiffnesses",
+            joint,
+            vessel,
+            base,
+            [
+                *elastic_settings(
+                    quick, (1, 2, 3) if quick else (1, 2, 3, 4, 5), (2, 3, 4) if quick else (2, 3, 4, 5, 6), (1, 2, 3)
+                ),
+                *(Setting("latin", {"order": p, "rtol": r}, m) for m in others for p, r in pairs),
+            ],
+            Setting("latin", {"order": 8, "rtol": 1e-12}),
+            Setting("tensor", {"points": 12, "rtol": 1e-11}),
+            fine,
+            coarser,
+            Setting("latin", {"order": 5, "rtol": 1e-9}),
+        ),
+        "lap": Scene(
+            "bolted lap joint, contact and friction",
+            Resultant("plates", component=1),
+            lap,
+            Mesh("coarse", 2, "facets"),
+            lap_settings(quick),
+            Setting("tensor", {"points": 12 if quick else 20, "rtol": 1e-8}),
+            Setting("tensor", {"points": 8 if quick else 16, "rtol": 1e-8}),
+            Mesh("coarse" if quick else "medium", 3, "facets"),
+            Mesh("medium", 2, "facets") if quick else Mesh("coarse", 3, "facets"),
+            Setting("tensor", {"points": 3 if quick else 4, "rtol": 1e-6}),
+            (1.0, 2.0),
+            # as in the demo: Newton's dense steps do not pay in a sweep
+            Options(newton=0, max_iterations=3000),
+        ),
+        "field": Scene(
+            f"random field, {KL_MODES} Karhunen-Loeve modes",
+            joint,
+            field_joint,
+            base,
+            [
+                *elastic_settings(quick, (1, 2) if quick else (1, 2, 3), (), (1, 2) if quick else (1, 2, 3)),
+                *(Setting("latin", {"order": p, "rtol": r}, m) for m in others for p, r in pairs[:2]),
+            ],
+            Setting("latin", {"order": 3 if quick else 4, "rtol": 1e-11}),
+            Setting("sparse", {"level": 3 if quick else 4, "rtol": 1e-10}),
+            fine,
+            coarser,
+            Setting("latin", {"order": 3, "rtol": 1e-8}),
+        ),
+    }
+    return made
+
+
+def lap_settings(quick: bool) -> list[Setting]:
+    """The grid of knobs of the scene with contact and friction."""
+    rtols = (1e-1, 1e-2, 1e-3) if quick else (3e-1, 1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-5)
+    meshes = [Mesh("coarse", 3, "facets")] if quick else []
+    if not quick:
+        meshes = [Mesh(10.0, 2, "facets"), Mesh("coarse", 3, "facets"), Mesh("medium", 2, "facets")]
+    samples = (16, 64) if quick else (16, 64, 256)
+    sampled = (1e-2, 1e-4) if quick else (1e-1, 1e-2, 1e-3, 1e-5)
+    return [
+        *grid("latin", order=(1, 2) if quick else (1, 2, 3), rtol=rtols),
+        *grid("latin", order=(2,), acceleration=(0, 5, 20), rtol=(1e-2, 1e-3)),
+        *grid("latin", order=(2,), newton=(1500,), rtol=(1e-2, 1e-3)),
+        *grid("latin", order=(2,), operator=("factored",), rtol=(1e-2,)),
+        *grid("tensor", points=(2, 3, 4) if quick else (1, 2, 3, 4, 6), rtol=sampled),
+        *grid("tensor", points=(3,), snapshots=(1, 15), rtol=sampled[1:3]),
+        *grid("sparse", level=(1, 2), rtol=sampled[1:3]),
+        *grid("mc", samples=samples, rtol=(1e-2,)),
+        *grid("qmc", samples=samples, rtol=(1e-2,)),
+        *(s for m in meshes for s in grid("tensor", m, points=(3,), rtol=(1e-2,) if quick else (1e-1, 1e-3))),
+    ]
+
+
+# %% One run
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a run gives."""
+
+    moments: Moments
+    status: str
+    iterations: int
+
+
+def of_chaos(scene: Scene, problem: Problem, force: Array, jump: Array) -> Moments:
+    """Moments from chaos coefficients ([T,] m, components, P + 1), at the last time."""
+    weights = problem.interfaces[scene.quantity.interface].weights
+    modes = scene.quantity.of_fields(np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0), weights)
+    modes = modes.reshape(len(modes), -1)[:, -1]
+    return Moments(float(modes[0]), float(np.sqrt(np.sum(modes[1:] ** 2))))
+
+
+def of_result(scene: Scene, result: ChaosResult) -> Moments:
+    """Moments of a LATIN-PCE answer."""
+    name = scene.quantity.interface
+    return of_chaos(
+        scene, result.problem, result.force_coefficients(name), result.jump_coefficients(name)
+    )
+
+
+def of_samples(scene: Scene, result: SampleResult) -> Moments:
+    """Moments of samples; a sparse rule may give a negative variance, which counts as 0."""
+    values = scene.quantity.value(result)
+    values = values.reshape(len(values), -1)[:, -1]
+    weights = np.full(len(values), 1.0 / len(values)) if result.weights is None else result.weights
+    mean = float(weights @ values)
+    return Moments(mean, math.sqrt(max(float(weights @ (values - mean) ** 2), 0.0)))
+
+
+def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answer:
+    """Carry a setting out: from the matrices of the parts to mean and deviation."""
+    knobs, method = dict(setting.knobs), setting.method
+    rtol = knobs.pop("rtol")
+    if method in ("latin", "single", "latin2004", "ssfem"):
+        about = {k: knobs.pop(k) for k in ("index_set", "q") if k in knobs}
+        chaos = Chaos(knobs.pop("order"), check_points=0, **about)
+        if method == "ssfem":
+            found = ssfem.ssfem(problem, chaos, rtol=rtol)
+            name = scene.quantity.interface
+            fields = found.force_coefficients(name), found.jump_coefficients(name)
+            status = "converged" if found.converged else "max_iterations"
+            return Answer(of_chaos(scene, problem, *fields), status, found.iterations)
+        options = scene.options.with_(rtol=rtol)
+        if method == "single":
+            options = options.with_(precision="single")
+        if method == "latin2004":
+            options = Options.plain(rtol=rtol, operator="factored")
+        result = solve(
+            problem,
+            "latin" if method == "latin2004" else "auto",
+            chaos=chaos,
+            times=scene.times,
+            options=options.with_(**knobs),
+        )
+        return Answer(of_result(scene, result), result.status, result.iterations)
+    samplers = {
+        "tensor": lambda **how: tensor_quadrature(problem, knobs.pop("points"), **how),
+        "sparse": lambda **how: sparse_quadrature(problem, knobs.pop("level"), **how),
+        "mc": lambda **how: monte_carlo(problem, knobs.pop("samples"), seed, **how),
+        "qmc": lambda **how: quasi_monte_carlo(problem, knobs.pop("samples"), seed, **how),
+    }
+    others = {k: knobs.pop(k) for k in ("snapshots", "together", "acceleration") if k in knobs}
+    drawn = samplers[method](
+        plan_options=scene.options.with_(rtol=rtol, **others), times=scene.times, progress=False
+    )
+    status = "converged" if drawn.converged else "not converged"
+    return Answer(of_samples(scene, drawn), status, int(drawn.iterations.sum()))
+
+
+# %% Measuring a scene
+
+
+def nominal(problem: Problem) -> Problem:
+    """The problem of the unit: means for what is random, springs for contacts."""
+    return contact.with_springs(problem)
+
+
+def reference(scene: Scene, tight: Setting, check: Setting, repeats: int = 1) -> dict[str, Any]:
+    """Moments of a tight setting, with their difference from another one."""
+    made, other = (run(scene, s, scene.build(s.mesh or scene.base)) for s in (tight, check))
+    return {
+        "mean": made.moments.mean,
+        "std": made.moments.std,
+        "how": f"{tight} on {tight.mesh or scene.base}",
+        "compared": f"{check} on {check.mesh or scene.base}",
+        "own_error": made.moments.error(other.moments),
+        "status": [made.status, other.status],
+    }
+
+
+def _moments(made: Mapping[str, Any]) -> Moments:
+    return Moments(made["mean"], made["std"])
+
+
+def measure(
+    scene: Scene,
+    repeats: int = 3,
+    seeds: int = SEEDS,
+    in_all: bool = True,
+    asked: Sequence[float] = (),
+    say: Callable[[str], None] = print,
+) -> dict[str, Any]:
+    """The record of a scene.
+
+    Parameters
+    ----------
+    in_all
+        Whether a fine mesh is solved, too.
+    asked
+        Accuracies that ``solve(accuracy=...)`` is asked for.
+    """
+    meshes: dict[Mesh, dict[str, Any]] = {}
+    for mesh in scene.meshes:
+        problem = scene.build(mesh)
+        again = getattr(scene.build, "__wrapped__", scene.build)
+        meshes[mesh] = {"name": str(mesh), "dof": problem.size, "degree": mesh.degree, "space": mesh.space}
+        if scene.build is not field_joint:  # which takes the matrices of the vessel
+            meshes[mesh]["assembly_s"] = common.timed(lambda: again(mesh), repeats, 2.0).seconds
+        else:
+            meshes[mesh]["assembly_s"] = common.timed(
+                lambda: vessel.__wrapped__(mesh), repeats, 2.0
+            ).seconds
+    problem = scene.build(scene.base)
+    unit = common.unit(nominal(problem), repeats)
+    say(f"{scene.title}: {problem.size} unknowns, unit {unit.seconds:.3f} s")
+    same = reference(scene, scene.exact, scene.check)
+    references = {"same": same}
+    say(f"  reference: {same['mean']:.6g} +- {same['std']:.6g}, own error {same['own_error']:.1e}")
+    if in_all:
+        references["all"] = reference(
+            scene, replace(scene.moderate, mesh=scene.fine), replace(scene.moderate, mesh=scene.coarser)
+        )
+        fine = references["all"]
+        say(f"  fine mesh: {fine['mean']:.6g} +- {fine['std']:.6g}, own error {fine['own_error']:.1e}")
+    record: dict[str, Any] = {
+        "title": scene.title,
+        "quantity": str(scene.quantity),
+        "base": str(scene.base),
+        "unit_s": unit.seconds,
+        "unit_solver": unit.solver,
+        "meshes": list(meshes.values()),
+        "references": references,
+        "runs": [],
+    }
+    for setting in scene.settings:
+        row = one(scene, setting, references, repeats, seeds)
+        mesh = setting.mesh or scene.base
+        finish(row, meshes[mesh], unit.seconds)
+        record["runs"].append(row)
+        say(_line(row))
+    mark_luck(record)
+    record["accuracy"] = []
+    for wanted in asked:
+        row = automatic(scene, wanted, references, repeats)
+        finish(row, meshes[scene.base], unit.seconds)
+        record["accuracy"].append(row)
+        say(f"accuracy {wanted:g}: {_line(row)}")
+    return record
+
+
+def finish(row: dict[str, Any], mesh: Mapping[str, Any], unit_s: float) -> None:
+    """Add the mesh and the units."""
+    row["mesh"] = mesh["name"]
+    row["units"] = row["seconds"] / unit_s
+    row["units_all"] = (row["seconds"] + mesh["assembly_s"]) / unit_s
+
+
+def one(
+    scene: Scene, setting: Setting, references: Mapping[str, Any], repeats: int, seeds: int
+) -> dict[str, Any]:
+    """One setting: its answers, errors and seconds."""
+    problem = scene.build(setting.mesh or scene.base)
+    drawn = setting.method in ("mc", "qmc")
+    timed = [
+        # a first run of some milliseconds is not like the others
+        common.timed(lambda: run(scene, setting, problem, seed + 1), 1 if drawn else repeats, 1.0)  # noqa: B023
+        for seed in range(seeds if drawn else 1)
+    ]
+    answers = [each.value for each in timed]
+    on_base = setting.mesh is None or setting.mesh == scene.base
+    return {
+        "method": setting.method,
+        "knobs": dict(setting.knobs),
+        "label": str(setting),
+        "status": worst([each.status for each in answers]),
+        "iterations": answers[0].iterations,
+        "seconds": float(np.median([each.seconds for each in timed])),
+        **errors([each.moments for each in answers], references, on_base),
+    }
+
+
+def worst(statuses: Iterable[str]) -> str:
+    """The first status that is not converged."""
+    return next((s for s in statuses if s != "converged"), "converged")
+
+
+def errors(found: Sequence[Moments], references: Mapping[str, Any], on_base: bool) -> dict[str, Any]:
+    """Moments and their errors; of several runs the root mean square."""
+
+    def rms(exact: Mapping[str, Any]) -> float:
+        return float(np.sqrt(np.mean([m.error(_moments(exact)) ** 2 for m in found])))
+
+    return {
+        "mean": found[0].mean,
+        "std": found[0].std,
+        "error": rms(references["same"]) if on_base else None,
+        "error_all": rms(references["all"]) if "all" in references else None,
+    }
+
+
+def automatic(
+    scene: Scene, accuracy: float, references: Mapping[str, Any], repeats: int
+) -> dict[str, Any]:
+    """What ``solve(accuracy=...)`` chooses, what it costs and how good it is."""
+    raise NotImplementedError
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    shown = " ".join(
+        f"{key} {row[key]:.1e}" for key in ("error", "error_all") if row[key] is not None
+    )
+    note = "" if row["status"] == "converged" else f" ({row['status']})"
+    return f"  {row['units']:8.2f} units  {shown}  {row['label']} on {row['mesh']}{note}"
+
+
+# %% Fronts
+
+
+def tighter(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
+    """Whether setting b is of the series of a, and no looser than a in any knob."""
+    if (a["method"], a["mesh"]) != (b["method"], b["mesh"]):
+        return False
+    ours, theirs = dict(a["knobs"]), dict(b["knobs"])
+    if ours.pop("rtol") < theirs.pop("rtol"):
+        return False
+    for key in GROWING:
+        if key in ours and ours.pop(key) > theirs.pop(key):
+            return False
+    return ours == theirs
+
+
+def mark_luck(record: dict[str, Any]) -> None:
+    """Mark errors that are small by chance, see the head of this file."""
+    for key, which in (("error", "same"), ("error_all", "all")):
+        if which not in record["references"]:
+            continue
+        floor = max(record["references"][which]["own_error"], 1e-9)
+        rows = [r for r in record["runs"] if r[key] is not None]
+        for row in rows:
+            most = max(other[key] for other in rows if tighter(row, other))
+            row["lucky" if key == "error" else "lucky_all"] = bool(most > LUCK * max(row[key], floor))
+
+
+def usable(record: Mapping[str, Any], in_all: bool) -> list[dict[str, Any]]:
+    """Runs that count for the front: converged, measured, not lucky."""
+    key, luck = ("error_all", "lucky_all") if in_all else ("error", "lucky")
+    return [
+        r for r in record["runs"] if r[key] is not None and r["status"] == "converged" and not r[luck]
+    ]
+
+
+def cheapest(
+    rows: Iterable[Mapping[str, Any]], level: float, in_all: bool = False, methods: Sequence[str] = ()
+) -> Mapping[str, Any] | None:
+    """The run of least cost whose error is at most `level`."""
+    error, cost = ("error_all", "units_all") if in_all else ("error", "units")
+    good = [r for r in rows if r[error] <= level and (not methods or r["method"] in methods)]
+    return min(good, key=lambda r: float(r[cost]), default=None)
+
+
+def panels(record: Mapping[str, Any]) -> list[list[plotting.FrontPanel]]:
+    """Pictures of all scenes: the same mesh above, errors in all below."""
+    rows = []
+    for in_all in (False, True):
+        error, cost = ("error_all", "units_all") if in_all else ("error", "units")
+        row = []
+        for scene in record["scenes"].values():
+            made = scene["references"].get("all" if in_all else "same")
+            if made is None:
+                continue
+            good = {id(r) for r in usable(scene, in_all)}
+            points, front = {}, {}
+            for method, name in METHODS.items():
+                mine = [r for r in scene["runs"] if r["method"] == method and r[error] is not None]
+                if mine:
+                    points[name] = np.array([[r[cost], r[error]] for r in mine])
+                    front[name] = np.array([id(r) in good for r in mine])
+            row.append(
+                plotting.FrontPanel(
+                    scene["title"],
+                    "cost with assembly (units)" if in_all else "cost (units)",
+                    "relative error, in all" if in_all else "relative error, same mesh",
+                    points,
+                    front,
+                    np.array([[r[cost], r[error]] for r in scene["accuracy"] if r[error] is not None]),
+                    max(made["own_error"], 1e-10),
+                )
+            )
+        if row:
+            rows.append(row)
+    return rows
+
+
+def figure(record: Mapping[str, Any], path: Path) -> Path:
+    """Error against cost of all scenes."""
+    return plotting.front_figure(panels(record), path, marked_label="chosen by solve(accuracy=...)")
+
+
+# %% Tables and the page
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "LATIN-PCE": ("latin", "single", "latin2004"),
+    "SSFEM": ("ssfem",),
+    "quadrature": ("tensor", "sparse"),
+    "(quasi-)Monte Carlo": ("mc", "qmc"),
+}
+
+
+def percent(level: float) -> str:
+    """An accuracy as a user says it."""
+    return f"{100.0 * level:g} %"
+
+
+def table_same(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """For each accuracy: what to use on this mesh, what it costs, and what the others cost."""
+    header = ["accuracy", "cheapest", "error", "units", "seconds", *(f"{g}, units" for g in GROUPS)]
+    header += ["`accuracy=`: error", "units"]
+    rows = []
+    good = usable(scene, in_all=False)
+    for level in LEVELS:
+        best = cheapest(good, level)
+        cells = ["not reached", "-", "-", "-"]
+        if best is not None:
+            cells = [best["label"], f"{best['error']:.0e}", f"{best['units']:.2f}", f"{best['seconds']:.3f}"]
+        for methods in GROUPS.values():
+            of_group = cheapest(good, level, methods=methods)
+            cells.append("-" if of_group is None else f"{of_group['units']:.2f}")
+        chosen = next((r for r in scene["accuracy"] if r["asked"] == level), None)
+        cells += ["-", "-"] if chosen is None else [f"{chosen['error']:.0e}", f"{chosen['units']:.2f}"]
+        rows.append([percent(level), *cells])
+    return header, rows
+
+
+def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """For each accuracy in all: mesh, degree and setting."""
+    header = ["accuracy in all", "mesh", "cheapest", "error", "units with assembly", "seconds"]
+    rows = []
+    good = usable(scene, in_all=True)
+    for level in LEVELS:
+        best = cheapest(good, level, in_all=True)
+        cells = ["-", "not reached", "-", "-", "-"]
+        if best is not None:
+            seconds = best["units_all"] * scene["unit_s"]
+            cells = [best["mesh"], best["label"], f"{best['error_all']:.1e}"]
+            cells += [f"{best['units_all']:.1f}", f"{seconds:.2f}"]
+        rows.append([percent(level), *cells])
+    return header, rows
+
+
+BEGIN, END = "<!-- front: begin -->", "<!-- front: end -->"
+HEADING = "## Reading the front"
+
+
+def section(record: Mapping[str, Any]) -> str:
+    """The part of the page on the front."""
+    e = record["environment"]
+    text = [
+        BEGIN,
+        "Made by `./run bench tradeoff --json FILE --markdown docs/accuracy.md`"
+        + (" (`--quick`: coarse meshes, few settings)" if record["quick"] else "")
+        + f" on {e['processor']}, {e['threads']} thread(s), load {e['load']:.1f} at the end.",
+        "",
+        "![Error against cost on three scenes](figures/tradeoff.png)",
+        "",
+        "Each point is one setting of the knobs: the cost of mean and standard deviation of one number, and the "
+        "larger of their true relative errors. The line is the front: what a cost buys at best. To the right and "
+        "above of it money is wasted. Stars are what `solve(problem, accuracy=...)` chose by itself.",
+        "",
+        "Two errors are kept apart. Above: on the same mesh, against a much tighter solution; that is what "
+        "tolerance, chaos and method decide. Below: against a much finer mesh, with everything in it; the front "
+        "flattens where the mesh decides, and from there on tighter tolerances and higher orders buy nothing.",
+        "",
+        "A *unit* is one direct solution of the base mesh in the same run. Costs above begin with the matrices of "
+        "the parts; those below have assembly and pairing, too. Errors that are small by chance (a tighter "
+        "setting of the same series is over three times worse) are drawn, but count neither for the front nor "
+        "for the tables. Those of Monte Carlo are root mean squares over several seeds. In the grey band errors "
+        "cannot be told from that of the reference.",
+        "",
+    ]
+    for scene in record["scenes"].values():
+        same = scene["references"]["same"]
+        base = next(m for m in scene["meshes"] if m["name"] == scene["base"])
+        text += [
+            f"### {scene['title'][0].upper()}{scene['title'][1:]}",
+            "",
+            f"{scene['quantity'][0].upper()}{scene['quantity'][1:]}: {same['mean']:.6g} N, standard deviation "
+            f"{same['std']:.5g} N, on {scene['base']} ({base['dof']} unknowns; a unit is {scene['unit_s']:.3f} s). "
+            f"Reference: {same['how']}; it differs by {same['own_error']:.0e} from {same['compared']}.",
+            "",
+            *_lines(*table_same(scene)),
+            "",
+        ]
+        made = scene["references"].get("all")
+        if made is not None:
+            text += [
+                f"In all, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which differs by "
+                f"{made['own_error']:.0e} from {made['compared']}:",
+                "",
+                *_lines(*table_all(scene)),
+                "",
+            ]
+    return "\n".join([*text, END])
+
+
+def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return ["| " + " | ".join(line) + " |" for line in (header, ["---"] * len(header), *rows)]
+
+
+def write_page(record: Mapping[str, Any], page: Path) -> None:
+    """Put the section into the page, which is made if it is not there; the figure goes beside it."""
+    text = page.read_text(encoding="utf-8") if page.exists() else "# Accuracy\n"
+    made = section(record)
+    if BEGIN in text and END in text:
+        before, _, rest = text.partition(BEGIN)
+        text = before + made + rest.partition(END)[2]
+    else:
+        text = f"{text.rstrip()}\n\n{HEADING}\n\n{made}\n"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text(text, encoding="utf-8")
+    print(f"written to {page} and {figure(record, page.parent / 'figures' / 'tradeoff.png')}")
+
+
+def report(record: Mapping[str, Any]) -> None:
+    """Short tables."""
+    for scene in record["scenes"].values():
+        print(f"\n{scene['title']}: {scene['quantity']}, base mesh {scene['base']}")
+        header, rows = table_same(scene)
+        common.table(header, rows)
+        if "all" in scene["references"]:
+            print()
+            common.table(*table_all(scene))
+
+
+def main() -> None:
+    """Measure, or read a record; then print and write."""
+    parser: argparse.ArgumentParser = common.parser("tradeoff", __doc__.partition("\n")[0])  # type: ignore[union-attr]
+    parser.add_argument("--quick", action="store_true", help="coarse meshes, few settings")
+    parser.add_argument("--scenes", nargs="+", choices=("vessel", "lap", "field"), help="only these")
+    parser.add_argument("--read", type=Path, help="take this record instead of measuring")
+    parser.add_argument("--markdown", type=Path, help="page whose part on the front is written")
+    options = parser.parse_args()
+    if options.read is not None:
+        record: dict[str, Any] = json.loads(options.read.read_text(encoding="utf-8"))
+    else:
+        record = {"benchmark": "tradeoff", "quick": options.quick, "scenes": {}}
+        for name, scene in scenes(options.quick).items():
+            if not options.scenes or name in options.scenes:
+                record["scenes"][name] = measure(scene, 1 if options.quick else options.repeats)
+        record["environment"] = common.environment()
+    report(record)
+    common.write_json(record, options.json)
+    if options.markdown is not None:
+        write_page(record, options.markdown)
+
+
+if __name__ == "__main__":
+    main()
