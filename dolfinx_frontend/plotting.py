@@ -1113,7 +1113,8 @@ class FrontPanel:
     points
         Method -> (n, 2) cost and error, both > 0.
     front
-        Which of the points of a method may be on the front, (n,); all if the method is not named.
+        Which of the points of a method may be on the front, (n,); the others are drawn small. All if the
+        method is not named.
     marked
         (n, 2) cost and error of points that are drawn as stars.
     floor
@@ -1171,15 +1172,16 @@ def front_figure(
             axis.set_axis_off()
         for axis, panel in zip(axes, row, strict=False):
             _draw_front(axis, panel, styles, marked_label, shown)
-    names += [n for n in shown if n not in names]
-    figure.legend(
-        [shown[n] for n in names if n in shown],
-        [n for n in names if n in shown],
-        loc="outside lower center",
-        ncol=min(len(shown), 2 * columns),
-        frameon=False,
-        fontsize=9,
-    )
+    named = [n for n in (*names, *(n for n in shown if n not in names)) if n in shown]
+    if named:
+        figure.legend(
+            [shown[n] for n in named],
+            named,
+            loc="outside lower center",
+            ncol=min(len(named), 2 * columns),
+            frameon=False,
+            fontsize=9,
+        )
     return _save(figure, path)
 
 
@@ -1191,6 +1193,8 @@ def _draw_front(
     shown: dict[str, Any],
 ) -> None:
     """One picture; `shown` collects what the legend names."""
+    from matplotlib.ticker import NullFormatter
+
     candidates = []
     for name, given in panel.points.items():
         xy = np.asarray(given, dtype=float).reshape(-1, 2).copy()
@@ -1199,7 +1203,9 @@ def _draw_front(
         xy[:, 1] = np.maximum(xy[:, 1], panel.floor)
         counts = np.asarray(panel.front.get(name, np.ones(len(xy))), dtype=bool)
         candidates.append(xy[counts])
-        (shown[name],) = axis.plot(*xy.T, ls="none", ms=5, mew=1.1, mfc="none", alpha=0.85, **styles[name])
+        look = {"ls": "none", "mfc": "none", "mew": 1.1, **styles[name]}
+        axis.plot(*xy[~counts].T, ms=3, alpha=0.5, **look)
+        (shown[name],) = axis.plot(*xy[counts].T, ms=5.5, **look)
     everything = np.concatenate([np.empty((0, 2)), *candidates])
     front = everything[pareto_front(*everything.T)]
     axis.set_xscale("log")
@@ -1224,10 +1230,24 @@ def _draw_front(
             band = axis.axhspan(low, panel.floor, color="#dddddd", lw=0, zorder=0)
             shown["below the error of the reference"] = band
             axis.set_ylim(bottom=low)
+    _number_costs(axis.xaxis)
+    axis.yaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel(panel.cost_label)
     axis.set_ylabel(panel.error_label)
     axis.set_title(panel.title, fontsize=10)
     axis.grid(True, which="major", color="#dddddd", lw=0.6)
+
+
+def _number_costs(axis: Any) -> None:
+    """Ticks of a logarithmic axis as plain numbers, few enough to be read over any range."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    subs = (1.0,) if decades > 2.5 else (1.0, 2.0, 5.0) if decades > 0.8 else (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 if __name__ == "__main__":
