@@ -20,6 +20,7 @@ SHORT = {
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
     "make_flange_step.py": ["{}/flange.step"],
+    "tradeoff.py": ["--scenes", "vessel", "--output", "{}"],
 }
 WRITTEN = {
     "bolted_vessel.py": [
@@ -57,6 +58,7 @@ WRITTEN = {
         "leak.png",
     ],
     "make_flange_step.py": ["flange.step"],
+    "tradeoff.py": ["tradeoff.png"],
     "hertz.py": [
         "hertz.vtm",
         "friction_loaded.vtm",

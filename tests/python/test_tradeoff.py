@@ -189,7 +189,7 @@ def test_page_and_figure(bench: ModuleType, tmp_path: Path) -> None:
     once = page.read_text(encoding="utf-8")
     assert once.startswith("# Accuracy\n\nBefore.\n\n## Reading the front\n")
     assert "| 1 % | order 1, rtol 0.001 | 1e-04 | 2.00 | 2.000 |" in once
-    assert "| 1 % | 2.00 | - | - | - | 2.50 | 5e-03 |" in once
+    assert "| 1 % | 2.00 | - | - | - | 2.50 | 5e-03 | 1.2 |" in once
     page.write_text(once + "\nAfter.\n", encoding="utf-8")
     bench.write_page(record, page)
     assert page.read_text(encoding="utf-8") == once + "\nAfter.\n"
