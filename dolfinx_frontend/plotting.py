@@ -11,6 +11,7 @@ This file is also the program of that process and imports nothing of the package
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import os
 import shutil
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -1125,7 +1126,7 @@ class FrontPanel:
     cost_label: str
     error_label: str
     points: Mapping[str, npt.ArrayLike]
-    front: Mapping[str, npt.ArrayLike] = field(default_factory=dict)
+    front: Mapping[str, npt.ArrayLike] = dataclasses.field(default_factory=dict)
     marked: npt.ArrayLike = ()
     floor: float = 0.0
 
@@ -1244,7 +1245,9 @@ def _number_costs(axis: Any) -> None:
 
     low, high = axis.get_view_interval()
     decades = np.log10(high / low)
-    subs = (1.0,) if decades > 2.5 else (1.0, 2.0, 5.0) if decades > 0.8 else (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+    subs: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+    if decades > 0.8:
+        subs = (1.0,) if decades > 2.5 else (1.0, 2.0, 5.0)
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -21,8 +21,9 @@ errors against a reference, of two kinds that are kept apart:
 ``own_error`` of a reference is its difference from a second one, of another method or of the next finer
 rule, or (``error_all``) of the next coarser mesh. Errors of (quasi-)Monte Carlo are root mean squares over
 `SEEDS` seeds. ``lucky`` marks an error that is small by chance: a setting of the same series with all knobs
-as tight or tighter is over three times worse; ``lucky_all`` one that is smaller than that of the tightest run on
-its mesh, because errors of chaos and mesh cancel. Such points are drawn small, and left out of front and table.
+as tight or tighter is over three times worse; ``lucky_all`` one that is smaller than that of the tightest run
+on its mesh, because errors of chaos and mesh cancel. Such points are drawn small, and left out of front and
+table.
 
 Cost: ``seconds`` from the matrices of the parts to the two numbers, a median; ``units`` = seconds over one
 direct solution (analysis, factorisation, one solve) of the scene's base mesh, measured in the same run with
@@ -305,9 +306,7 @@ def scenes(quick: bool = False) -> dict[str, Scene]:
             vessel,
             base,
             [
-                *elastic_settings(
-                    quick, (1, 2, 3) if quick else (1, 2, 3, 4, 5), (2, 3, 4) if quick else (2, 3, 4, 5, 6), (1, 2, 3)
-                ),
+                *elastic_settings(quick, range(1, 4 if quick else 6), range(2, 5 if quick else 7), (1, 2, 3)),
                 *(Setting("latin", {"order": p, "rtol": r}, m) for m in others for p, r in pairs),
             ],
             Setting("latin", {"order": 8, "rtol": 1e-12}),
@@ -347,7 +346,12 @@ def scenes(quick: bool = False) -> dict[str, Scene]:
             Setting("latin", {"order": 3, "rtol": 1e-8}),
         ),
     }
-    return {n: replace(s, settings=list({str((t, t.mesh)): t for t in s.settings}.values())) for n, s in made.items()}
+    return {name: replace(scene, settings=_once(scene.settings)) for name, scene in made.items()}
+
+
+def _once(settings: Sequence[Setting]) -> list[Setting]:
+    """Without what a grid has twice."""
+    return list({(str(s), s.mesh): s for s in settings}.values())
 
 
 def lap_settings(quick: bool) -> list[Setting]:
@@ -561,7 +565,7 @@ def one(
     drawn = setting.method in ("mc", "qmc")
     timed = [
         # a first run of some milliseconds is not like the others
-        common.timed(lambda: run(scene, setting, problem, seed + 1), 1 if drawn else repeats, 1.0)  # noqa: B023
+        common.timed(partial(run, scene, setting, problem, seed + 1), 1 if drawn else repeats, 1.0)
         for seed in range(seeds if drawn else 1)
     ]
     answers = [each.value for each in timed]
@@ -771,6 +775,29 @@ def table_methods(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]
     return header, rows
 
 
+def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """The knobs that are changed one at a time, about the setting where most of them are."""
+    galerkin = [
+        r
+        for r in scene["runs"]
+        if r["method"] in ("latin", "single") and r["error"] is not None
+    ]
+    groups: dict[tuple[int, float], list[Mapping[str, Any]]] = {}
+    for r in galerkin:
+        groups.setdefault((r["knobs"]["order"], r["knobs"]["rtol"]), []).append(r)
+    about = max(groups.values(), key=len, default=[])
+    # ties: the tighter one
+    tied = [g for g in groups.values() if len(g) == len(about)]
+    about = min(tied, key=lambda g: float(g[0]["knobs"]["rtol"]), default=[])
+    return (
+        ["setting", "iterations", "units", "error", "status"],
+        [
+            [r["label"], str(r["iterations"]), f"{r['units']:.2f}", f"{r['error']:.0e}", r["status"]]
+            for r in about
+        ],
+    )
+
+
 def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """For each accuracy in all: mesh, degree and setting."""
     header = ["in all", "mesh", "use", "error", "units", "seconds"]
@@ -791,60 +818,77 @@ BEGIN, END = "<!-- front: begin -->", "<!-- front: end -->"
 HEADING = "## Reading the front"
 
 
+INTRODUCTION = """![Error against cost on three scenes](figures/tradeoff.png)
+
+Each point is one setting of the knobs: the cost of mean and standard deviation of one number, and the larger
+of their true relative errors. The line is the front: what a cost buys at best; whatever lies above it or to
+its right wastes work. Stars are what `solve(problem, accuracy=...)` chose by itself.
+
+Two errors are kept apart. Above: on the same mesh, against a much tighter solution; that is what tolerance,
+chaos and method decide. Below: against a much finer mesh, with everything in it; the front flattens where the
+mesh decides, and from there on tighter tolerances and higher orders buy nothing.
+
+So begin below: take the mesh whose error fits. Then go up to the same error in the picture above (a third of
+it, if the sum is to fit), and read the setting from the table.
+
+A *unit* is one direct solution of the base mesh in the same run. Costs above begin with the matrices of the
+parts; those below have assembly and pairing, too. Errors that are small by chance (a tighter setting of the
+same series is over three times worse, or errors of chaos and mesh cancel) are drawn small, and count neither
+for the front nor for the tables. Errors of Monte Carlo are root mean squares over several seeds. In the grey
+band errors cannot be told from that of the reference. Of settings that cost the same to 10 % the tables name
+the best.
+"""
+
+
 def section(record: Mapping[str, Any]) -> str:
     """The part of the page on the front."""
     e = record["environment"]
+    quick = " (`--quick`: coarse meshes, few settings)" if record["quick"] else ""
     text = [
         BEGIN,
-        "Made by `./run bench tradeoff --json FILE --markdown docs/accuracy.md`"
-        + (" (`--quick`: coarse meshes, few settings)" if record["quick"] else "")
-        + f" on {e['processor']}, {e['threads']} thread(s), load {e['load']:.1f} at the end.",
+        f"Made by `./run bench tradeoff --json FILE --markdown docs/accuracy.md`{quick} on",
+        f"{e['processor']}, {e['threads']} thread(s), load {e['load']:.1f} at the end.",
         "",
-        "![Error against cost on three scenes](figures/tradeoff.png)",
-        "",
-        "Each point is one setting of the knobs: the cost of mean and standard deviation of one number, and the "
-        "larger of their true relative errors. The line is the front: what a cost buys at best. To the right and "
-        "above of it money is wasted. Stars are what `solve(problem, accuracy=...)` chose by itself.",
-        "",
-        "Two errors are kept apart. Above: on the same mesh, against a much tighter solution; that is what "
-        "tolerance, chaos and method decide. Below: against a much finer mesh, with everything in it; the front "
-        "flattens where the mesh decides, and from there on tighter tolerances and higher orders buy nothing.",
-        "",
-        "A *unit* is one direct solution of the base mesh in the same run. Costs above begin with the matrices of "
-        "the parts; those below have assembly and pairing, too. Errors that are small by chance (a tighter "
-        "setting of the same series is over three times worse, or errors of chaos and mesh cancel) are drawn "
-        "small, and count neither for the front nor for the tables. Those of Monte Carlo are root mean squares over several seeds. In the grey band errors "
-        "cannot be told from that of the reference.",
-        "",
+        INTRODUCTION,
     ]
     for scene in record["scenes"].values():
         same = scene["references"]["same"]
         base = next(m for m in scene["meshes"] if m["name"] == scene["base"])
         text += [
-            f"### {scene['title'][0].upper()}{scene['title'][1:]}",
+            f"### {_sentence(scene['title'])}",
             "",
-            f"{scene['quantity'][0].upper()}{scene['quantity'][1:]}: {same['mean']:.6g} N, standard deviation "
-            f"{same['std']:.5g} N, on {scene['base']} ({base['dof']} unknowns; a unit is {scene['unit_s']:.3f} s). "
-            f"Reference: {same['how']}; it differs by {same['own_error']:.0e} from {same['compared']}.",
+            f"{_sentence(scene['quantity'])}: {same['mean']:.6g} N, standard deviation {same['std']:.5g} N,",
+            f"on {scene['base']} ({base['dof']} unknowns; a unit is {scene['unit_s']:.3f} s). Reference:",
+            f"{same['how']}; it differs by {same['own_error']:.0e} from",
+            f"{same['compared']}.",
             "",
             *_lines(*table_same(scene)),
             "",
-            "What each method needs at least (`-`: not reached by any setting that was tried); what `accuracy=` "
-            "chose, its true error, and its cost over the least one:",
+            "What each method needs at least (`-`: not reached by any setting that was tried); what",
+            "`accuracy=` chose, its true error, and its cost over the least one:",
             "",
             *_lines(*table_methods(scene)),
+            "",
+            "One knob at a time:",
+            "",
+            *_lines(*table_knobs(scene)),
             "",
         ]
         made = scene["references"].get("all")
         if made is not None:
             text += [
-                f"In all, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which differs by "
-                f"{made['own_error']:.0e} from {made['compared']}; units and seconds with assembly:",
+                f"In all, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which",
+                f"differs by {made['own_error']:.0e} from {made['compared']}; units and seconds with",
+                "assembly:",
                 "",
                 *_lines(*table_all(scene)),
                 "",
             ]
     return "\n".join([*text, END])
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -890,7 +934,8 @@ def measure_all(
 
 def main() -> None:
     """Measure, or read a record; then print and write."""
-    parser: argparse.ArgumentParser = common.parser("tradeoff", __doc__.partition("\n")[0])  # type: ignore[union-attr]
+    about = "Speed against accuracy on three scenes, and the Pareto front."
+    parser: argparse.ArgumentParser = common.parser("tradeoff", about)
     parser.add_argument("--quick", action="store_true", help="coarse meshes, few settings")
     parser.add_argument("--scenes", nargs="+", choices=("vessel", "lap", "field"), help="only these")
     parser.add_argument("--read", type=Path, help="take this record instead of measuring")

@@ -179,7 +179,8 @@ def test_front() -> None:
 
 
 def test_page_and_figure(bench: ModuleType, tmp_path: Path) -> None:
-    scene = record_of([run_of(1.0, 5e-2, rtol=1e-1), run_of(2.0, 1e-4, rtol=1e-3), run_of(3.0, 1e-6, rtol=1e-6)])
+    runs = [run_of(1.0, 5e-2, rtol=1e-1), run_of(2.0, 1e-4, rtol=1e-3), run_of(3.0, 1e-6, rtol=1e-6)]
+    scene = record_of(runs)
     bench.mark_luck(scene)
     environment = {"processor": "some", "threads": "1", "load": 0.0}
     record = {"quick": True, "environment": environment, "scenes": {"a": scene}}
