@@ -1236,6 +1236,7 @@ def _draw_front(
     axis.set_xlabel(panel.cost_label)
     axis.set_ylabel(panel.error_label)
     axis.set_title(panel.title, fontsize=10)
+    axis.set_axisbelow(True)
     axis.grid(True, which="major", color="#dddddd", lw=0.6)
 
 
