@@ -128,6 +128,7 @@ def run_of(cost: float, error: float, rtol: float = 1e-2, order: int = 1, **chan
         "label": f"order {order}, rtol {rtol:g}",
         "mesh": "coarse",
         "status": "converged",
+        "iterations": 3,
         "seconds": cost,
         "units": cost,
         "units_all": cost + 1.0,
