@@ -803,6 +803,18 @@ def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     )
 
 
+def table_meshes(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """What size, degree and space do: the tightest run on each mesh."""
+    rows = []
+    for mesh in sorted(scene["meshes"], key=lambda m: float(m["dof"])):
+        runs = [r for r in scene["runs"] if r["mesh"] == mesh["name"] and r["error_all"] is not None]
+        if runs:
+            best = min(runs, key=_looseness)
+            cells = [f"{best['error_all']:.1e}", f"{best['units_all']:.1f}", f"{mesh['assembly_s']:.2f}"]
+            rows.append([mesh["name"], str(mesh["dof"]), best["label"], *cells])
+    return ["mesh", "unknowns", "setting", "error in all", "units", "assembly, seconds"], rows
+
+
 def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """For each accuracy in all: mesh, degree and setting."""
     header = ["in all", "mesh", "use", "error", "units", "seconds"]
@@ -887,6 +899,10 @@ def section(record: Mapping[str, Any]) -> str:
                 "assembly:",
                 "",
                 *_lines(*table_all(scene)),
+                "",
+                "Size, degree and interface space, each mesh by the tightest run on it:",
+                "",
+                *_lines(*table_meshes(scene)),
                 "",
             ]
     return "\n".join([*text, END])
