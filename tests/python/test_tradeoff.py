@@ -145,7 +145,7 @@ def record_of(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "quantity": "force",
         "base": "coarse",
         "unit_s": 1.0,
-        "meshes": [{"name": "coarse", "dof": 10}],
+        "meshes": [{"name": "coarse", "dof": 10, "assembly_s": 1.0}],
         "references": {"same": reference, "all": reference},
         "runs": runs,
         "accuracy": [{**run_of(2.5, 5e-3), "asked": 1e-2}],
