@@ -65,7 +65,9 @@ def check(record: Mapping[str, Any]) -> None:
         best = min(r["error"] for r in scene["runs"] if r["error"] is not None)
         assert best < 1e-3, f"{name}: no setting comes below {best:.1e}"
         for each in scene["accuracy"]:
-            assert each["error"] <= 3.0 * each["asked"], f"{name}: accuracy={each['asked']} was not kept"
+            if each["error"] is not None:
+                # a promise for 95 % of the cases; estimates are right within a factor of three
+                assert each["error"] <= 3.0 * each["asked"], f"{name}: accuracy={each['asked']} was not kept"
 
 
 def main(given: Sequence[str] | None = None) -> None:

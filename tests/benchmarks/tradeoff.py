@@ -543,8 +543,8 @@ def measure(
         row = one(scene, setting, references, repeats, seeds)
         runs.append(finish(row, meshes[setting.mesh or scene.base], units[-1].seconds))
         say(_line(row))
-    for wanted in asked:
-        row = automatic(scene, wanted, references, repeats)
+    for wanted, of_meshes in product(asked, (False, True) if in_all else (False,)):
+        row = automatic(scene, wanted, of_meshes, references, repeats)
         chosen.append(finish(row, meshes[scene.base], units[-1].seconds))
         say(f"  asked for {percent(wanted)}:{_line(row)}")
     seconds = float(np.median([each.seconds for each in units]))
@@ -618,25 +618,47 @@ def errors(found: Sequence[Moments], references: Mapping[str, Any], on_base: boo
 
 
 def automatic(
-    scene: Scene, accuracy: float, references: Mapping[str, Any], repeats: int
+    scene: Scene, accuracy: float, meshes: bool, references: Mapping[str, Any], repeats: int
 ) -> dict[str, Any]:
-    """What ``solve(accuracy=...)`` chooses, what it costs and how good it is."""
+    """What ``solve(accuracy=...)`` chooses, what it costs and how good it is.
+
+    With `meshes` it stops where the error of the mesh hides the rest, and its error in all counts; without,
+    that on the same mesh.
+    """
     problem = scene.build(scene.base)
     timed = common.timed(
-        lambda: solve(problem, accuracy=accuracy, quantity=scene.quantity, times=scene.times), repeats, 1.0
+        lambda: solve(
+            problem, accuracy=accuracy, quantity=scene.quantity, times=scene.times, meshes=meshes
+        ),
+        repeats,
+        1.0,
     )
     result = timed.value
-    knobs = {"order": result.chaos.order, "modes": result.modes, "rtol": result.plan.options.rtol}
-    return {
+    knobs: dict[str, Any] = {"rtol": result.plan.options.rtol}
+    if isinstance(result, SampleResult):
+        found, method = of_samples(scene, result), "qmc"
+        status = "converged" if result.converged else "not converged"
+        knobs["samples"] = len(result.germs)
+        iterations = int(result.iterations.sum())
+    else:
+        found, method = of_result(scene, result), "latin"
+        status, iterations = result.status, result.iterations
+        knobs |= {"order": result.chaos.order, "modes": result.modes}
+    estimate = result.errors()
+    row = {
         "asked": accuracy,
+        "meshes": meshes,
         "method": "accuracy",
         "knobs": knobs,
-        "label": label("latin", knobs),
-        "status": result.status,
-        "iterations": result.iterations,
+        "label": label(method, knobs),
+        "status": status,
+        "iterations": iterations,
         "seconds": timed.seconds,
-        **errors([of_result(scene, result)], references, on_base=True),
+        "estimated": estimate.total,
+        "dominating": estimate.dominating,
+        **errors([found], references, on_base=True),
     }
+    return row | {"error": None} if meshes else row | {"error_all": None}
 
 
 def _line(row: Mapping[str, Any]) -> str:
@@ -783,13 +805,18 @@ def table_methods(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]
         for methods in GROUPS.values():
             best = cheapest(good, level, methods=methods)
             cells.append("-" if best is None else f"{best['units']:.2f}")
-        chosen = next((r for r in scene["accuracy"] if r["asked"] == level), None)
+        chosen = _chosen(scene, level, meshes=False)
         least = cheapest(good, level)
         cells += ["-", "-"] if chosen is None else [f"{chosen['units']:.2f}", f"{chosen['error']:.0e}"]
         over = None if chosen is None or least is None else chosen["units"] / least["units"]
         cells.append("-" if over is None else f"{over:.1f}")
         rows.append([percent(level), *cells])
     return header, rows
+
+
+def _chosen(scene: Mapping[str, Any], level: float, meshes: bool) -> Mapping[str, Any] | None:
+    """What accuracy= did on request of a level."""
+    return next((r for r in scene["accuracy"] if (r["asked"], r["meshes"]) == (level, meshes)), None)
 
 
 def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -829,7 +856,7 @@ def table_meshes(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """For each accuracy in all: mesh, degree and setting."""
-    header = ["in all", "mesh", "use", "error", "units", "seconds"]
+    header = ["in all", "mesh", "use", "error", "units", "seconds", "`accuracy=` on the base mesh"]
     rows = []
     good = usable(scene, in_all=True)
     for level in LEVELS:
@@ -839,7 +866,11 @@ def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
             seconds = best["units_all"] * scene["unit_s"]
             cells = [best["mesh"], best["label"], f"{best['error_all']:.1e}"]
             cells += [f"{best['units_all']:.1f}", f"{seconds:.2f}"]
-        rows.append([percent(level), *cells])
+        chosen = _chosen(scene, level, meshes=True)
+        if chosen is not None:
+            decides = f"{chosen['dominating']} decides"
+            cells.append(f"{chosen['error_all']:.1e} for {chosen['units_all']:.1f}, {decides}")
+        rows.append([percent(level), *cells, *(["-"] if chosen is None else [])])
     return header, rows
 
 

@@ -148,7 +148,10 @@ def record_of(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "meshes": [{"name": "coarse", "dof": 10, "assembly_s": 1.0}],
         "references": {"same": reference, "all": reference},
         "runs": runs,
-        "accuracy": [{**run_of(2.5, 5e-3), "asked": 1e-2}],
+        "accuracy": [
+            {**run_of(2.5, 5e-3), "asked": 1e-2, "meshes": False},
+            {**run_of(2.5, 5e-3), "asked": 1e-2, "meshes": True, "dominating": "discretisation"},
+        ],
     }
 
 
@@ -192,6 +195,7 @@ def test_page_and_figure(bench: ModuleType, tmp_path: Path) -> None:
     assert once.startswith("# Accuracy\n\nBefore.\n\n## Reading the front\n")
     assert "| 1 % | order 1, rtol 0.001 | 1e-04 | 2.00 | 2.000 |" in once
     assert "| 1 % | 2.00 | - | - | - | 2.50 | 5e-03 | 1.2 |" in once
+    assert "6.0e-03 for 3.5, discretisation decides |" in once
     page.write_text(once + "\nAfter.\n", encoding="utf-8")
     bench.write_page(record, page)
     assert page.read_text(encoding="utf-8") == once + "\nAfter.\n"
