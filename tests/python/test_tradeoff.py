@@ -44,6 +44,7 @@ def vessel(bench: ModuleType) -> dict[str, Any]:
         [
             *(setting("latin", {"order": p, "rtol": 1e-8}) for p in (1, 2, 3)),
             *(setting("latin", {"order": 3, "rtol": r}) for r in (1e-1, 1e-2, 1e-4)),
+            setting("single", {"order": 3, "rtol": 1e-8}),
             *(setting("ssfem", {"order": p, "rtol": 1e-8}) for p in (1, 2, 3)),
             *(setting("ssfem", {"order": 3, "rtol": r}) for r in (1e-1, 1e-2, 1e-4)),
             *(setting("tensor", {"points": n, "rtol": 1e-8}) for n in (2, 3, 4)),
@@ -105,6 +106,12 @@ def test_mesh_errors_are_apart(vessel: dict[str, Any]) -> None:
     tight = next(r for r in vessel["runs"] if r["knobs"] == {"order": 3, "rtol": 1e-8})
     # elements of degree 1 are too stiff by tens of percent, those of degree 2 by one percent
     assert tight["error"] < 1e-4 < tight["error_all"] < linear["error_all"] / 5.0
+
+
+def test_float32_iteration_reaches_what_double_does(vessel: dict[str, Any]) -> None:
+    single = series(vessel, "single", rtol=1e-8)
+    # the same Galerkin equations to 1e-8: corrected in double precision
+    assert single == pytest.approx(series(vessel, "latin", rtol=1e-8)[-1:], abs=3e-7)
 
 
 def test_contact_and_field(bench: ModuleType) -> None:
