@@ -339,9 +339,10 @@ def scenes(quick: bool = False) -> dict[str, Scene]:
             lap_settings(quick),
             Setting("tensor", {"points": 12 if quick else 20, "rtol": 1e-8}),
             Setting("tensor", {"points": 8 if quick else 16, "rtol": 1e-8}),
+            # meshes of contact converge slowly: 4 mm and medium differ more than medium and coarse do
+            Mesh("medium" if quick else 4.0, 3, "facets"),
             Mesh("coarse" if quick else "medium", 3, "facets"),
-            Mesh("medium", 2, "facets") if quick else Mesh("coarse", 3, "facets"),
-            Setting("tensor", {"points": 3 if quick else 4, "rtol": 1e-6}),
+            Setting("tensor", {"points": 3, "rtol": 1e-6}),
             (1.0, 2.0),
             # as in the demo: Newton's dense steps do not pay in a sweep
             Options(newton=0, max_iterations=3000),
