@@ -66,8 +66,7 @@ void bind_descriptions(py::module_& m) {
       .def(py::init([](std::string name, Mat stiffness,
                        std::optional<latin::SparseRows> prolongation, latin::Matrix load,
                        std::optional<latin::Matrix> offset) {
-             auto sparse = std::make_shared<const latin::SparseRows>(
-                 latin::petsc::to_sparse(stiffness, name));
+             auto sparse = latin::petsc::view_sparse(stiffness, name);
              return latin::Member{std::move(name), std::move(sparse),
                                   prolongation ? std::move(*prolongation) : latin::SparseRows{},
                                   std::move(load), offset ? std::move(*offset) : latin::Matrix{}};

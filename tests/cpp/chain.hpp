@@ -29,8 +29,8 @@ inline SparseRows bar(Index n, double ea = 1.0) {
   return k;
 }
 
-inline std::shared_ptr<const SparseRows> shared_bar(Index n) {
-  return std::make_shared<const SparseRows>(bar(n));
+inline std::shared_ptr<const latin::SparseView> shared_bar(Index n) {
+  return latin::owning_view(bar(n));
 }
 
 inline SparseRows at(Index node, Index n) {

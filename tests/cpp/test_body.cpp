@@ -55,7 +55,7 @@ struct Sample {
     const Matrix imposed = (Matrix(1, 2) << jump, 0.0).finished();  // of the first load pattern
     return {{"part",
              size,
-             {{"part", std::make_shared<const SparseRows>(stiffness), z, load, offset}},
+             {{"part", latin::owning_view(stiffness), z, load, offset}},
              {{"ground", {0}, {ground}, Vector::Constant(1, kappa), imposed}}},
             {{0, left, weights, direction}, {0, right, weights, direction}},
             {kind, backend, 0.0}};
@@ -133,7 +133,7 @@ TEST(Body, AnswersTheSameOnceItMultipliesInsteadOfSolving) {
   for (int i = 0; i < 3; ++i) {
     trace.insert(0, i) = mean.coeff(0, i);
   }
-  const auto stiffness = std::make_shared<const SparseRows>(chain::bar(9, 2.0));
+  const auto stiffness = latin::owning_view(chain::bar(9, 2.0));
   const Body body({"bar", 9, {{"bar", stiffness, {}, Matrix::Zero(9, 0), {}}}, {}},
                   {{0, trace, Vector::Constant(1, 0.5), Vector::Constant(1, 2.0)}}, {});
   if (!body.condensed()) {

@@ -22,10 +22,10 @@ PetscInt references(Object object) {
 }
 
 /// ( 1 0 0 )
-/// ( 0 2 x )  with an explicit zero at (0, 1).
-Mat example(double x) {
+/// ( 0 2 x )  with an explicit zero at (0, 1), and more empty rows if asked for.
+Mat example(double x, PetscInt rows = 2) {
   Mat matrix = nullptr;
-  latin::petsc::check(MatCreateSeqAIJ(PETSC_COMM_SELF, 2, 3, 3, nullptr, &matrix),
+  latin::petsc::check(MatCreateSeqAIJ(PETSC_COMM_SELF, rows, 3, 3, nullptr, &matrix),
                       "create a matrix");
   const auto set = [matrix](PetscInt row, PetscInt column, double value) {
     latin::petsc::check(MatSetValue(matrix, row, column, value, INSERT_VALUES), "set a value");
@@ -51,6 +51,27 @@ std::string message(Action&& action) {
 }
 
 }  // namespace
+
+TEST(View, LooksAtAndKeepsPetscsOwnArrays) {
+  Mat matrix = example(3.0, 3);
+  const auto view = latin::petsc::view_sparse(matrix, "part");
+  const double* values = nullptr;
+  latin::petsc::check(MatSeqAIJGetArrayRead(matrix, &values), "read values");
+  EXPECT_EQ(view->valuePtr(), values);
+  latin::petsc::check(MatSeqAIJRestoreArrayRead(matrix, &values), "release values");
+  latin::petsc::check(MatDestroy(&matrix), "destroy");  // the view has a reference of its own
+  EXPECT_EQ(view->nonZeros(), 4);                       // the explicit zero is there
+  const latin::Matrix dense = *view * latin::Matrix::Identity(3, 3);
+  EXPECT_EQ(dense, (latin::Matrix(3, 3) << 1, 0, 0, 0, 2, 3, 0, 0, 0).finished());
+}
+
+TEST(View, RefusesNanWithItsRow) {
+  const MatHandle bad = MatHandle::adopt(example(std::numeric_limits<double>::quiet_NaN(), 3));
+  EXPECT_NE(message<latin::InputError>([&] {
+              static_cast<void>(latin::petsc::view_sparse(bad.get(), "part"));
+            }).find("'part' holds a NaN or infinity in row 1"),
+            std::string::npos);
+}
 
 TEST(Handle, AdoptTakesOverTheReference) {
   Mat raw = example(3.0);

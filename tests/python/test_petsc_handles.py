@@ -100,16 +100,24 @@ def test_references_are_given_back_after_an_error(problem):
     assert (matrix.refcount, sys.getrefcount(matrix)) == before
 
 
-def test_the_kernel_keeps_copies(problem):
-    """A matrix that is changed or destroyed afterwards does not change what was built from it."""
+def test_the_kernel_keeps_what_it_needs(problem):
+    """Until the problem is built it holds on to the matrix itself; then the matrix may change."""
     matrix = sequential(BAR)
+    before = matrix.getRefCount()
     body = _core.Body(name="bar", size=2, members=[member(matrix)], springs=[])
-    matrix.scale(-1.0)
+    assert matrix.getRefCount() > before
+    kept = matrix.copy()
     matrix.destroy()
     core = _core.Problem(
         bodies=[body], interfaces=[], operator="automatic", backend="automatic", memory_limit=0.0
     )
     assert core.unknowns == 2 and core.rows == 0
+    body = _core.Body(name="bar", size=2, members=[member(kept)], springs=[])
+    core = _core.Problem(
+        bodies=[body], interfaces=[], operator="automatic", backend="automatic", memory_limit=0.0
+    )
+    kept.scale(-1.0)
+    assert core.unknowns == 2
 
 
 def test_states_are_copies(problem):

@@ -61,9 +61,9 @@ class LowerSum {
  public:
   explicit LowerSum(Index size) : size_(size) {}
 
-  /// Both must outlive build().
-  void add(const SparseRows& middle, const SparseRows& b) {
-    terms_.push_back({&middle, &b, SparseColumns(b)});
+  /// What they look at must outlive build().
+  void add(const SparseView& middle, const SparseRows& b) {
+    terms_.push_back({middle, &b, SparseColumns(b)});
   }
 
   [[nodiscard]] SparseColumns build() const {
@@ -73,7 +73,7 @@ class LowerSum {
     std::vector<int> touched;
     Index expected = size_;
     for (const Term& term : terms_) {
-      expected += term.middle->nonZeros() / 2;
+      expected += term.middle.nonZeros() / 2;
     }
     lower.reserve(expected);
     for (int row = 0; row < size_; ++row) {
@@ -90,7 +90,7 @@ class LowerSum {
       collect(row, 0.0);  // the diagonal exists, even if nothing is held
       for (const Term& term : terms_) {
         for (SparseColumns::InnerIterator left(term.columns, row); left; ++left) {
-          for (SparseRows::InnerIterator m(*term.middle, left.row()); m; ++m) {
+          for (SparseView::InnerIterator m(term.middle, left.row()); m; ++m) {
             const double value = left.value() * m.value();
             for (SparseRows::InnerIterator right(*term.rows, m.col()); right; ++right) {
               if (right.col() <= row) {
@@ -114,7 +114,7 @@ class LowerSum {
 
  private:
   struct Term {
-    const SparseRows* middle;
+    SparseView middle;
     const SparseRows* rows;
     SparseColumns columns;
   };
@@ -128,6 +128,7 @@ SparseRows diagonal(const Vector& values) {
   for (Index i = 0; i < values.size(); ++i) {
     matrix.insert(i, i) = values(i);
   }
+  matrix.makeCompressed();
   return matrix;
 }
 
@@ -272,7 +273,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
         of_offsets += sign * (spring.traces[s] * offsets_[e]);
       }
     }
-    sum.add(of_springs.emplace_back(diagonal(spring.stiffness)), jump);
+    sum.add(view_of(of_springs.emplace_back(diagonal(spring.stiffness))), jump);
     if (shifted) {
       of_offset += jump.transpose() * (spring.stiffness.asDiagonal() * of_offsets);
       offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
@@ -290,7 +291,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   const Vector robin = weights_.cwiseProduct(direction_);
   const SparseRows of_robin = diagonal(robin);
-  sum.add(of_robin, traces_);
+  sum.add(view_of(of_robin), traces_);
   const SparseColumns lower = sum.build();
   for (Member& member : members) {
     member.stiffness.reset();

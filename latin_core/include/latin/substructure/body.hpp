@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
 #include "latin/petsc/factor.hpp"
 
@@ -12,8 +13,8 @@ namespace latin {
 /// One substructure of a body: u = Z q + u0, with q the unknowns of the body.
 struct Member {
   std::string name;
-  std::shared_ptr<const SparseRows>
-      stiffness;            ///< K (n, n), symmetric, force / length; never copied
+  /// K (n, n), symmetric, force / length; let go when the body is built
+  std::shared_ptr<const SparseView> stiffness;
   SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
   Matrix load;              ///< F (n, l), force, one column a load pattern
   Matrix offset;            ///< u0 (n, l), length; empty: zero
