@@ -567,7 +567,7 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
                             sample_forces_),
                         components, steps_, back_);
     for (Index component = group.begin; component < group.end; ++component) {
-      force(rows_of(component), Eigen::all) = back(rows_of(component), Eigen::all);
+      force(rows_of(component), every) = back(rows_of(component), every);
     }
   }
   return force;
@@ -688,8 +688,8 @@ Matrix Problem::forces(ConstMatrixRef jumps, ConstVectorRef flexibility) const {
   for (const Entry& entry : interfaces_) {
     const auto rows = Eigen::seqN(entry.first_unknown, entry.flexibility.size());
     const Vector own = flexibility(rows);
-    ask(entry, jumps(rows, Eigen::all), own, force);
-    result(rows, Eigen::all) = force;
+    ask(entry, jumps(rows, every), own, force);
+    result(rows, every) = force;
   }
   return result;
 }
