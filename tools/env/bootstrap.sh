@@ -54,8 +54,10 @@ def has_petsc_headers():
     if util.find_spec("petsc4py") is None:
         return False
     import petsc4py
-    config = petsc4py.get_config()
-    parts = (config["PETSC_DIR"], config["PETSC_ARCH"]), (config["PETSC_DIR"], "")
+    config = petsc4py.get_config()  # several builds at once in the dolfinx container: "first:second"
+    folder = os.environ.get("PETSC_DIR", config["PETSC_DIR"])
+    arch = os.environ.get("PETSC_ARCH", config["PETSC_ARCH"].split(os.pathsep)[0])
+    parts = (folder, arch), (folder, "")
     return any(os.path.exists(os.path.join(*part, "include", "petscconf.h")) for part in parts)
 
 if sys.version_info < (3, 11) or version("fenics-dolfinx") < (0, 9) or not has_petsc_headers():
