@@ -63,7 +63,8 @@ def test_tried_releases_are_accepted_in_silence(
 def test_old_release_is_refused(monkeypatch: pytest.MonkeyPatch, version: str) -> None:
     pretend(monkeypatch, version)
     found = rf"dolfinx {re.escape(version)} is installed \(in /somewhere/dolfinx/__init__.py\)"
-    with pytest.raises(ImportError, match=found + r", dolfinx_frontend needs 0\.9 or newer\. conda: ") as error:
+    needed = r", dolfinx_frontend needs 0\.9 or newer\. conda: "
+    with pytest.raises(ImportError, match=found + needed) as error:
         _release.check()
     assert error.value.name == "dolfinx"
 
@@ -223,7 +224,7 @@ def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
 # --- recipes ---------------------------------------------------------------------------------------
 
 
-def needed(requirement: str) -> str:
+def name_of(requirement: str) -> str:
     """Name of a requirement."""
     return re.split(r"[ <>=]", requirement)[0]
 
@@ -238,8 +239,8 @@ def test_conda_recipe_agrees_with_the_project() -> None:
     requirements = recipe["requirements"]
     for each in PROJECT["build-system"]["requires"]:
         assert each.replace(">=", " >=") in requirements["host"]
-    run = {needed(each) for each in requirements["run"]}
-    assert {needed(each) for each in project["dependencies"]} <= run
+    run = {name_of(each) for each in requirements["run"]}
+    assert {name_of(each) for each in project["dependencies"]} <= run
     oldest, newest = _release.OLDEST, _release.NEWEST_TRIED
     assert f"fenics-dolfinx >={oldest[0]}.{oldest[1]},<{newest[0]}.{newest[1] + 1}" in requirements["run"]
     for path in recipe["tests"][1]["files"]["source"]:

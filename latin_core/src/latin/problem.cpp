@@ -556,9 +556,6 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
     const Law& law = *entry.group_laws[g];
-    const auto rows_of = [&](Index component) {
-      return Eigen::seqN(component, entry.geometry.points, components);
-    };
     const Block back =
         group.forward.empty()
             ? ask(law, free_jump, back_)
@@ -567,7 +564,12 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
                             sample_forces_),
                         components, steps_, back_);
     for (Index component = group.begin; component < group.end; ++component) {
-      force(rows_of(component), every) = back(rows_of(component), every);
+      // maps: an indexed view would allocate with Eigen 5
+      using Strides = Eigen::Stride<Eigen::Dynamic, Eigen::Dynamic>;
+      const Index points = entry.geometry.points;
+      const Strides strides(force.rows(), components);
+      Eigen::Map<Matrix, 0, Strides>(force.data() + component, points, force.cols(), strides) =
+          Eigen::Map<const Matrix, 0, Strides>(back.data() + component, points, back.cols(), strides);
     }
   }
   return force;
