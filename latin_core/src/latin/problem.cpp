@@ -569,7 +569,8 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
       const Index points = entry.geometry.points;
       const Strides strides(force.rows(), components);
       Eigen::Map<Matrix, 0, Strides>(force.data() + component, points, force.cols(), strides) =
-          Eigen::Map<const Matrix, 0, Strides>(back.data() + component, points, back.cols(), strides);
+          Eigen::Map<const Matrix, 0, Strides>(back.data() + component, points, back.cols(),
+                                               strides);
     }
   }
   return force;
