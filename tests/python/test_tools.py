@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -273,3 +274,13 @@ def test_environment_with_several_builds_of_petsc_is_found(tmp_path: Path) -> No
         return answer(unset + script, PYTHONPATH=str(tmp_path), **variables) == "yes"
 
     assert found() and found(wanted="real") and not found(wanted="complex")
+
+
+def test_only_compat_asks_what_dolfinx_renamed() -> None:
+    """These work on the oldest release and warn on the newest; Eigen 5 has no ``Eigen::all``."""
+    renamed = re.compile(r"\.geometry\.(cmap|dofmap)\b|io\.gmsh(io)?\b|\bEigen::all\b")
+    folders = ("dolfinx_frontend", "latin_core", "demos", "tests/benchmarks", "tests/cpp")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.[pch]*")]
+    sources = [path for path in files if path.suffix in {".py", ".cpp", ".hpp"} and path.name != "compat.py"]
+    assert sources
+    assert not [str(path) for path in sources if renamed.search(path.read_text(encoding="utf-8"))]
