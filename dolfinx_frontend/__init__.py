@@ -5,6 +5,7 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here.
 """
 
+from dolfinx_frontend import _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend import (
     chaos_file,
     fields,

@@ -24,6 +24,7 @@ import ufl
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
+from dolfinx_frontend.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.errors import SceneError, SceneWarning, unknown_name
 from dolfinx_frontend.history import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.laws import (
@@ -446,11 +447,11 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
     """Volume and centre of gravity of a mesh; rejects cells that are inside out."""
     cell = basix.CellType[mesh.topology.cell_name()]
     element = coordinate_element(mesh)
-    d, order = int(mesh.geometry.dim), int(mesh.geometry.cmap.degree)
+    d, order = int(mesh.geometry.dim), int(coordinate_map(mesh).degree)
     points, weights = quadrature(cell, d * order + (order > 1))
     tables = tabulate(element, 1, points)
     volume, moment, bad = 0.0, np.zeros(d, dtype=np.float64), 0
-    dofmap, x = mesh.geometry.dofmap, np.asarray(mesh.geometry.x, dtype=np.float64)
+    dofmap, x = cell_nodes(mesh), np.asarray(mesh.geometry.x, dtype=np.float64)
     for cells in np.array_split(dofmap, 1 + len(dofmap) // 20_000):
         nodes = x[cells][:, :, :d]
         det = np.linalg.det(np.einsum("jqk,cki->cqij", tables[1:], nodes))
@@ -499,7 +500,7 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
             )
         # Full integration of the element, exact for straight cells; the estimate of UFL would
         # sum up the degrees of the mapping and is far too high for hexahedra.
-        order = int(spec.part.mesh.geometry.cmap.degree)
+        order = int(coordinate_map(spec.part.mesh).degree)
         simplex = spec.cell in ("triangle", "tetrahedron")
         constant = isinstance(material, (LinearElastic, OrthotropicElastic))
         degree = 2 * (spec.degree - (simplex and constant)) + 2 * (order - 1)

@@ -976,28 +976,34 @@ def to_openturns(
     rows = list(names) or [f"y{i}" for i in range(len(block))]
     outputs = ot.Sample(0, len(block))
     outputs.setDescription(rows)
-    unknown = ot.Point(len(block), math.nan)
-    try:
-        result = ot.FunctionalChaosResult(
-            ot.Sample(0, size),
-            outputs,
-            joint,
-            transformation,
-            inverse,
-            ot.OrthogonalBasis(product),
-            [int(enumerate_all.inverse([int(d) for d in index])) for index in table],
-            ot.Sample(block.T),
-            functions,
-            unknown,
-            unknown,
-        )
-    except (TypeError, NotImplementedError) as error:
-        raise SceneError(
-            f"to_openturns: OpenTURNS {ot.__version__} makes a FunctionalChaosResult in another "
-            f"way; install OpenTURNS 1.24 or newer ({error})"
-        ) from error
+    arguments = [
+        ot.Sample(0, size),
+        outputs,
+        joint,
+        transformation,
+        inverse,
+        ot.OrthogonalBasis(product),
+        [int(enumerate_all.inverse([int(d) for d in index])) for index in table],
+        ot.Sample(block.T),
+        functions,
+    ]
+    result = _chaos_result(ot, arguments, ot.Point(len(block), math.nan))
     result.setIsLeastSquares(False)
     return result
+
+
+def _chaos_result(ot: Any, arguments: Sequence[Any], unknown: Any) -> Any:
+    """The result; older releases also ask for residuals and relative errors."""
+    refused: Exception | None = None
+    for errors in ([], [unknown, unknown]):
+        try:
+            return ot.FunctionalChaosResult(*arguments, *errors)
+        except (TypeError, NotImplementedError) as error:
+            refused = error
+    raise SceneError(
+        f"to_openturns: OpenTURNS {ot.__version__} makes a FunctionalChaosResult in another "
+        f"way; install OpenTURNS 1.24 to 1.27 ({refused})"
+    ) from refused
 
 
 def _polynomials(ot: Any, space: RandomSpace, table: npt.NDArray[np.int32]) -> list[list[Any]]:

@@ -1,14 +1,13 @@
 """Differences between dolfinx releases, found by feature and not by version number.
 
-dolfinx renamed its gmsh module (``dolfinx.io.gmshio`` became ``dolfinx.io.gmsh``) and swapped the
-order of the arguments of ``create_mesh``.  The rest of the package goes through this module and
-does not know which release is installed.
+dolfinx renamed its gmsh module (``dolfinx.io.gmshio`` became ``dolfinx.io.gmsh``), swapped the order of
+the arguments of ``create_mesh`` and lists the cells of a mesh by their type. The rest of the package goes
+through this module and does not know which release is installed.
 """
 
 from __future__ import annotations
 
 import importlib
-import logging
 from typing import Any
 
 import basix
@@ -19,17 +18,7 @@ import ufl
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
-__all__ = ["create_mesh", "gmsh_cell_permutation"]
-
-
-def _show_warnings() -> None:
-    """Have Python show warnings again: ffcx sends them all to a logger to which nobody listens."""
-    loggers = (logging.getLogger("py.warnings"), logging.getLogger())
-    if all(isinstance(h, logging.NullHandler) for logger in loggers for h in logger.handlers):
-        logging.captureWarnings(False)
-
-
-_show_warnings()
+__all__ = ["cell_nodes", "coordinate_map", "create_mesh", "gmsh_cell_permutation"]
 
 
 def _gmsh_reader() -> Any:
@@ -86,3 +75,15 @@ def create_mesh(
     )
     # keywords: the order of e and x changed between releases
     return dmesh.create_mesh(comm=MPI.COMM_SELF, cells=cells, e=ufl.Mesh(element), x=x)
+
+
+def cell_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
+    """Rows of ``mesh.geometry.x`` that each cell uses, (cells, nodes per cell)."""
+    dofmaps = getattr(mesh.geometry, "dofmaps", None)  # a method in some releases
+    return dofmaps[0] if isinstance(dofmaps, list) else mesh.geometry.dofmap
+
+
+def coordinate_map(mesh: dmesh.Mesh) -> Any:
+    """The coordinate element of the cells."""
+    cmaps = getattr(mesh.geometry, "cmaps", None)
+    return cmaps[0] if isinstance(cmaps, list) else mesh.geometry.cmap

@@ -36,7 +36,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
-from dolfinx_frontend.compat import create_mesh, gmsh_cell_permutation
+from dolfinx_frontend.compat import cell_nodes, coordinate_map, create_mesh, gmsh_cell_permutation
 from dolfinx_frontend.errors import SceneError, unknown_name
 
 __all__ = [
@@ -102,7 +102,7 @@ class Part:
     @property
     def order(self) -> int:
         """Order of the geometry: 1 for straight cells, 2 for curved ones."""
-        return int(self.mesh.geometry.cmap.degree)
+        return int(coordinate_map(self.mesh).degree)
 
     @property
     def num_cells(self) -> int:
@@ -556,7 +556,7 @@ def _vertex_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int64]:
     width = vertices.links(0).size
     geometry = np.empty(mesh.topology.index_map(0).size_local, dtype=np.int64)
     # vertices come first among the geometry nodes of a cell
-    geometry[vertices.array] = mesh.geometry.dofmap[:, :width].reshape(-1)
+    geometry[vertices.array] = cell_nodes(mesh)[:, :width].reshape(-1)
     return np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)[geometry]
 
 

@@ -22,6 +22,7 @@ from dolfinx import mesh as dmesh
 from petsc4py import PETSc as _PETSc
 from scipy.spatial import cKDTree
 
+from dolfinx_frontend.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.errors import SceneError, SceneWarning
 from dolfinx_frontend.facets import OPPOSED, Averages, average
 from dolfinx_frontend.laws import Array, Elastic, Law
@@ -73,7 +74,7 @@ def csr(matrix: Any) -> sp.csr_matrix:
 
 def coordinate_element(mesh: dmesh.Mesh) -> Any:
     """Scalar basix element of the coordinate map."""
-    cmap = mesh.geometry.cmap
+    cmap = coordinate_map(mesh)
     return basix.create_element(
         basix.ElementFamily.P,
         basix.CellType[mesh.topology.cell_name()],
@@ -277,7 +278,7 @@ def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
     facets = FacetMap(part, face, where)
     element = space.element.basix_element
     nodes, dofs = np.unique(np.asarray(space.dofmap.list)[facets.cells], return_inverse=True)
-    cmap = part.mesh.geometry.cmap
+    cmap = coordinate_map(part.mesh)
     return FaceCopy(
         cell=facets.cell.name,
         order=facets.order,
@@ -371,11 +372,11 @@ class FacetMap:
             )
         self.cells = to_cell.array[to_cell.offsets[facets]].astype(np.int64)
         self.local = np.argmax(to_facet[self.cells] == facets[:, None], axis=1)
-        cmap = mesh.geometry.cmap
+        cmap = coordinate_map(mesh)
         self.element = coordinate_element(mesh)
         self.order = int(cmap.degree)
         x = np.asarray(mesh.geometry.x, dtype=np.float64)
-        self.nodes = x[mesh.geometry.dofmap[self.cells]][:, :, : self.dim]
+        self.nodes = x[cell_nodes(mesh)[self.cells]][:, :, : self.dim]
 
     def __len__(self) -> int:
         return len(self.cells)

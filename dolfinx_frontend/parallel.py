@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dolfinx_frontend.compat import coordinate_map
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import Array
@@ -87,7 +88,7 @@ def _cost(spec: SubstructureSpec) -> float:
     if spec.lazy:
         return 0.0
     nodes = spec.part.mesh.geometry.index_map().size_local
-    grow = spec.degree / max(int(spec.part.mesh.geometry.cmap.degree), 1)
+    grow = spec.degree / max(int(coordinate_map(spec.part.mesh).degree), 1)
     return float((spec.dim * nodes * grow**spec.dim) ** (4 / 3))
 
 

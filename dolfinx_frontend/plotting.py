@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.compat import cell_nodes, coordinate_map
+
 if TYPE_CHECKING:
     from dolfinx import fem
 
@@ -150,7 +152,7 @@ def _skin(
     shape = basix.ufl.element(
         "Lagrange",
         cell_name,
-        mesh.geometry.cmap.degree,
+        coordinate_map(mesh).degree,
         lagrange_variant=basix.LagrangeVariant.equispaced,
     )
     count = facets.size
@@ -164,7 +166,7 @@ def _skin(
     for index, corners in enumerate(corners_of):
         mine = np.flatnonzero(local == index)
         where = weights @ np.asarray(basix.geometry(kind), dtype=np.float64)[corners]
-        nodes = mesh.geometry.x[mesh.geometry.dofmap[cells[mine]]]
+        nodes = mesh.geometry.x[cell_nodes(mesh)[cells[mine]]]
         x[mine] = np.einsum("pn,fnd->fpd", np.asarray(shape.tabulate(0, where))[0], nodes)
         if values is not None:
             basis = space.element.basix_element.tabulate(0, where)[0][:, :, 0]
@@ -551,7 +553,7 @@ def _vertex_nodes(part: Part) -> Index:
     topology.create_connectivity(topology.dim, 0)
     vertices = topology.connectivity(topology.dim, 0)
     nodes = np.empty(topology.index_map(0).size_local, dtype=np.int64)
-    nodes[vertices.array] = part.mesh.geometry.dofmap[:, : vertices.links(0).size].reshape(-1)
+    nodes[vertices.array] = cell_nodes(part.mesh)[:, : vertices.links(0).size].reshape(-1)
     return nodes
 
 

@@ -23,6 +23,7 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_frontend.assembly import Substructure
+from dolfinx_frontend.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.pairing import coordinate_element, quadrature, tabulate
 
@@ -96,7 +97,7 @@ class Recovery:
         self.simplex = self.cell in SIMPLICES
         self.terms = _exponents(self.dim, self.degree, self.simplex)
         self.dofs = np.asarray(space.dofmap.list)
-        self.nodes = np.asarray(mesh.geometry.dofmap)
+        self.nodes = np.asarray(cell_nodes(mesh))
         self.x = np.asarray(mesh.geometry.x, dtype=np.float64)[:, : self.dim]
         kind = basix.CellType[self.cell]
         # reduced integration: the gradient is best there
@@ -254,7 +255,7 @@ class Recovery:
         w, v = fem.Function(part.space), fem.Function(part.space)
         integrand = part.integrand(w, v)
         if not isinstance(integrand, ufl.Form):
-            order = int(mesh.geometry.cmap.degree)
+            order = int(coordinate_map(mesh).degree)
             integrand = integrand * ufl.dx(domain=mesh, degree=2 * (self.degree + order - 1))
         # what depends on values instead of gradients is of higher order
         one = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0)))

@@ -52,6 +52,7 @@ from dolfinx_frontend import (
     Problem,
     Scene,
     assemble,
+    compat,
     geometry,
     solve,
 )
@@ -154,7 +155,7 @@ def solid(part: geometry.Part, material: tuple[float, float]) -> exchange.Solid:
         name: dmesh.entities_to_geometry(mesh, 2, part.facets(name)).astype(np.int64)
         for name in part.faces
     }
-    cells = mesh.geometry.dofmap.astype(np.int64)
+    cells = compat.cell_nodes(mesh).astype(np.int64)
     return exchange.Solid(mesh.geometry.x.copy(), cells, *material, faces)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -154,6 +155,16 @@ def test_package_list_has_no_comments_and_a_fixed_order(tmp_path: Path) -> None:
     assert answer("package_list", tmp_path).split() == ["g++", "zlib"]
 
 
+def test_suite_may_have_packages_of_its_own(tmp_path: Path) -> None:
+    write(tmp_path, "tools/env/packages.txt", "zlib\n")
+    alone = [answer(f"root_key {suite}", tmp_path) for suite in ("trixie", "sid")]
+    write(tmp_path, "tools/env/packages.sid.txt", "# not in trixie\na\n")
+    assert answer("package_list sid", tmp_path).split() == ["a", "zlib"]
+    assert answer("package_list trixie", tmp_path) == answer("package_list", tmp_path) == "zlib"
+    assert answer("root_key trixie", tmp_path) == alone[0]
+    assert answer("root_key sid", tmp_path) != alone[1]
+
+
 def test_key_of_the_root_follows_packages_and_suite(tmp_path: Path) -> None:
     keys = set()
     for packages in ("a\nb\n", "a\nb\nc\n"):
@@ -248,3 +259,28 @@ def test_help_needs_no_environment() -> None:
     assert done.returncode == 0
     for verb in ("demo", "test", "bench", "python", "shell", "lint", "docs"):
         assert f"./run {verb}" in done.stdout
+
+
+def test_environment_with_several_builds_of_petsc_is_found(tmp_path: Path) -> None:
+    """As in the dolfinx container: petsc4py names all of them, PETSC_ARCH or the first is meant."""
+    config = {"PETSC_DIR": str(tmp_path), "PETSC_ARCH": f"real{os.pathsep}complex"}
+    write(tmp_path, "petsc4py/__init__.py", f"def get_config():\n    return {config}\n")
+    write(tmp_path, "fenics_dolfinx-0.10.0.dist-info/METADATA", "Name: fenics-dolfinx\nVersion: 0.10.0\n")
+    write(tmp_path, "real/include/petscconf.h", "")
+
+    def found(**variables: str) -> bool:
+        script = f'"{sys.executable}" -c "$latin_probe" >/dev/null && echo yes || echo no'
+        unset = "unset PETSC_DIR; [[ -n ${wanted:-} ]] && export PETSC_ARCH=$wanted || unset PETSC_ARCH; "
+        return answer(unset + script, PYTHONPATH=str(tmp_path), **variables) == "yes"
+
+    assert found() and found(wanted="real") and not found(wanted="complex")
+
+
+def test_only_compat_asks_what_dolfinx_renamed() -> None:
+    """These work on the oldest release and warn on the newest; Eigen 5 has no ``Eigen::all``."""
+    renamed = re.compile(r"\.geometry\.(cmap|dofmap)\b|io\.gmsh(io)?\b|\bEigen::all\b")
+    folders = ("dolfinx_frontend", "latin_core", "demos", "tests/benchmarks", "tests/cpp")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.[pch]*")]
+    sources = [path for path in files if path.suffix in {".py", ".cpp", ".hpp"} and path.name != "compat.py"]
+    assert sources
+    assert not [str(path) for path in sources if renamed.search(path.read_text(encoding="utf-8"))]

@@ -11,8 +11,12 @@ latin_root_size="about 0.8 GB to download, 4 GB on disk, 3 to 4 minutes"
 say() { printf 'latin: %s\n' "$*" >&2; }
 die() { say "$@"; exit 1; }
 
-# Names in the package list, sorted, without comments.
-package_list() { sed -e 's/#.*//' -e 's/[[:space:]]//g' -e '/^$/d' "$latin_home/tools/env/packages.txt" | LC_ALL=C sort -u; }
+# Names in the package list, and in the suite's own list if it has one; sorted, without comments.
+package_list() { # [SUITE]
+  local lists=("$latin_home/tools/env/packages.txt") own=$latin_home/tools/env/packages.${1:-}.txt
+  if [[ -n ${1:-} && -f $own ]]; then lists+=("$own"); fi
+  sed -e 's/#.*//' -e 's/[[:space:]]//g' -e '/^$/d' "${lists[@]}" | LC_ALL=C sort -u
+}
 
 # Options of mmdebstrap that do not depend on the place of the root; they are part of its key.
 root_options() { # SUITE
@@ -24,7 +28,7 @@ root_options() { # SUITE
 
 root_key() { # SUITE
   local hash
-  hash=$({ package_list; root_options "$1"; } | sha256sum)
+  hash=$({ package_list "$1"; root_options "$1"; } | sha256sum)
   printf '%s-%s\n' "$1" "${hash:0:12}"
 }
 
@@ -50,8 +54,10 @@ def has_petsc_headers():
     if util.find_spec("petsc4py") is None:
         return False
     import petsc4py
-    config = petsc4py.get_config()
-    parts = (config["PETSC_DIR"], config["PETSC_ARCH"]), (config["PETSC_DIR"], "")
+    config = petsc4py.get_config()  # several builds at once in the dolfinx container: "first:second"
+    folder = os.environ.get("PETSC_DIR", config["PETSC_DIR"])
+    arch = os.environ.get("PETSC_ARCH", config["PETSC_ARCH"].split(os.pathsep)[0])
+    parts = (folder, arch), (folder, "")
     return any(os.path.exists(os.path.join(*part, "include", "petscconf.h")) for part in parts)
 
 if sys.version_info < (3, 11) or version("fenics-dolfinx") < (0, 9) or not has_petsc_headers():
@@ -137,7 +143,7 @@ make_root() { # SUITE ROOT
     rm -rf --one-file-system "$part"
     mapfile -t options < <(root_options "$suite")
     SECONDS=0
-    if ! mmdebstrap "${options[@]}" --include="$(package_list | paste -sd,)" "$suite" "$part" </dev/null >&2 9>&-; then
+    if ! mmdebstrap "${options[@]}" --include="$(package_list "$suite" | paste -sd,)" "$suite" "$part" </dev/null >&2 9>&-; then
       rm -rf --one-file-system "$part"
       die "the Debian environment could not be made; the reason is above"
     fi

@@ -68,13 +68,13 @@ Macro::Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_ro
 Matrix Macro::correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) const {
   Matrix imbalance = Matrix::Zero(size_, forces.cols());
   for (const Part& part : parts_) {
-    imbalance(part.moments, Eigen::all) -=
+    imbalance(part.moments, every) -=
         part.basis.transpose() * forces.middleRows(part.first_row, part.basis.rows());
   }
   const Matrix amplitudes = factor_->solve(imbalance);
   Matrix added = Matrix::Zero(forces.rows(), forces.cols());
   for (const Part& part : parts_) {
-    const Matrix own = amplitudes(part.moments, Eigen::all);
+    const Matrix own = amplitudes(part.moments, every);
     const Index rows = part.basis.rows();
     added.middleRows(part.first_row, rows).noalias() = part.data * own;
     traces.middleRows(part.first_row, rows).noalias() += part.traces * own;

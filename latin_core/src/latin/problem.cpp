@@ -556,9 +556,6 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
     const Law& law = *entry.group_laws[g];
-    const auto rows_of = [&](Index component) {
-      return Eigen::seqN(component, entry.geometry.points, components);
-    };
     const Block back =
         group.forward.empty()
             ? ask(law, free_jump, back_)
@@ -567,7 +564,13 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
                             sample_forces_),
                         components, steps_, back_);
     for (Index component = group.begin; component < group.end; ++component) {
-      force(rows_of(component), Eigen::all) = back(rows_of(component), Eigen::all);
+      // maps: an indexed view would allocate with Eigen 5
+      using Strides = Eigen::Stride<Eigen::Dynamic, Eigen::Dynamic>;
+      const Index points = entry.geometry.points;
+      const Strides strides(force.rows(), components);
+      Eigen::Map<Matrix, 0, Strides>(force.data() + component, points, force.cols(), strides) =
+          Eigen::Map<const Matrix, 0, Strides>(back.data() + component, points, back.cols(),
+                                               strides);
     }
   }
   return force;
@@ -688,8 +691,8 @@ Matrix Problem::forces(ConstMatrixRef jumps, ConstVectorRef flexibility) const {
   for (const Entry& entry : interfaces_) {
     const auto rows = Eigen::seqN(entry.first_unknown, entry.flexibility.size());
     const Vector own = flexibility(rows);
-    ask(entry, jumps(rows, Eigen::all), own, force);
-    result(rows, Eigen::all) = force;
+    ask(entry, jumps(rows, every), own, force);
+    result(rows, every) = force;
   }
   return result;
 }

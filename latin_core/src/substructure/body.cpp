@@ -450,7 +450,7 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   }
   if (!condensed()) {
     const Matrix response = factor_->solve(unit);
-    return response.bottomRows(active_)(unknowns, Eigen::all);
+    return response.bottomRows(active_)(unknowns, every);
   }
   condensed_.triangularView<Eigen::Lower>().solveInPlace(unit);
   return unit.transpose() * unit;

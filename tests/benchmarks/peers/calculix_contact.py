@@ -1,8 +1,9 @@
 """A contact scene in CalculiX: ``python calculix_contact.py SCENE ANSWER [REPEATS]``; needs ``ccx``.
 
 Ten-node tetrahedra (C3D10), surface-to-surface penalty contact with a stiff linear overclosure and, with
-friction, a stiff stick slope; small displacements, one increment. The penetration that a penalty leaves is
-STIFFER times smaller than the displacement of a cell under the same pressure.
+friction, a stick slope ten times lower; small displacements, one increment. The penetration that a penalty
+leaves is STIFFER times smaller than the displacement of a cell under the same pressure. With the same stick
+slope as overclosure slope ccx takes 1.6 to 4 times the iterations, for a force that differs by 4e-4.
 
 ``solve`` is the whole run of ccx, reading and writing included. Without ccx the input deck is still written,
 beside the answer, and the exit code is 3.
@@ -22,6 +23,7 @@ import numpy as np
 from exchange import Answer, Array, Ints, Scene, Solid, read_scene
 
 STIFFER = 300.0
+STICK = 0.1
 MISSING = 3
 # corners of the edges whose middles are nodes 5 to 10 of C3D10
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
@@ -89,7 +91,7 @@ def deck(scene: Scene) -> tuple[str, dict[str, Array], dict[str, int]]:
     text.append("*SURFACE INTERACTION, NAME=CONTACT\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
     text.append(f"{stiffness:.6g}")
     if scene.friction > 0.0:
-        text.append(f"*FRICTION\n{scene.friction:.12g}, {stiffness:.6g}")
+        text.append(f"*FRICTION\n{scene.friction:.12g}, {STICK * stiffness:.6g}")
     text.append("*CONTACT PAIR, INTERACTION=CONTACT, TYPE=SURFACE TO SURFACE")
     text.append(", ".join(f"S_{name}" for name in names))
     text.append("*STEP, INC=100\n*STATIC\n1., 1.\n*BOUNDARY")

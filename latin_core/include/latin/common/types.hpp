@@ -17,4 +17,7 @@ using ConstVectorRef = Eigen::Ref<const Vector>;
 using SparseRows = Eigen::SparseMatrix<double, Eigen::RowMajor, int>;
 using SparseColumns = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
 
+/// All rows or columns in an index expression: Eigen 3.4 and 5 keep their own in different places.
+inline const Eigen::internal::all_t every{};
+
 }  // namespace latin

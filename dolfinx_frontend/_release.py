@@ -1,0 +1,68 @@
+"""Refuses a dolfinx that is missing or too old, before anything else of the package is imported."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import re
+import warnings
+
+OLDEST = (0, 9)
+NEWEST_TRIED = (0, 11)
+MEND = (
+    "conda: conda install -c conda-forge 'fenics-dolfinx>=0.9'; container: dolfinx/dolfinx:stable; "
+    "Debian 13 or newer: apt-get install python3-dolfinx; or let ./run make an environment"
+)
+
+
+def show_warnings() -> None:
+    """Have Python show warnings again: ffcx sends them all to a logger to which nobody listens."""
+    loggers = (logging.getLogger("py.warnings"), logging.getLogger())
+    if all(isinstance(h, logging.NullHandler) for logger in loggers for h in logger.handlers):
+        logging.captureWarnings(False)
+
+
+def check() -> None:
+    """Compare the installed dolfinx with what the package was tried with.
+
+    Raises
+    ------
+    ImportError
+        If dolfinx is missing or older than 0.9.
+
+    Warns
+    -----
+    UserWarning
+        If it is newer than any that was tried.
+    """
+    oldest, newest = (".".join(map(str, release)) for release in (OLDEST, NEWEST_TRIED))
+    try:
+        dolfinx = importlib.import_module("dolfinx")
+    except ModuleNotFoundError as missing:
+        if missing.name != "dolfinx":
+            raise
+        raise ImportError(
+            f"dolfinx is not installed, dolfinx_frontend needs {oldest} or newer. {MEND}",
+            name="dolfinx",
+        ) from missing
+    version = str(getattr(dolfinx, "__version__", ""))
+    numbers = re.match(r"(\d+)\.(\d+)", version)
+    if numbers is None:  # a build without a number: nothing to compare
+        return
+    release = (int(numbers[1]), int(numbers[2]))
+    if release < OLDEST:
+        raise ImportError(
+            f"dolfinx {version} is installed (in {getattr(dolfinx, '__file__', 'an unknown place')}), "
+            f"dolfinx_frontend needs {oldest} or newer. {MEND}",
+            name="dolfinx",
+        )
+    show_warnings()
+    if release > NEWEST_TRIED:
+        warnings.warn(
+            f"dolfinx {version} is installed, dolfinx_frontend was tried with {oldest} to {newest}: "
+            "if something fails, install one of these, and report it",
+            stacklevel=2,
+        )
+
+
+check()

@@ -1,0 +1,255 @@
+"""What is installed: the range of dolfinx that is accepted, the package pip makes, and the recipes."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from dolfinx_frontend import _release
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+
+BLOCKS = """
+import numpy as np
+from pathlib import Path
+import dolfinx_frontend as lt
+import latin_core
+
+scene = lt.Scene()
+for name, x0 in (("left", 0.0), ("right", 1.0)):
+    block = lt.geometry.box((1.0, 1.0, 1.0), (1, 1, 1), origin=(x0, 0, 0), cell="hexahedron")
+    scene.substructure(name, block, lt.LinearElastic(E=1.0, nu=0.0), degree=1)
+scene.interface("layer", "left:x1", "right:x0", lt.Elastic(normal=1.0, tangential=1.0))
+scene.fix("left:x0")
+scene.fix("right:x1", (0.3, 0.0, 0.0))
+result = lt.solve(lt.assemble(scene))
+# three unit springs in a row share the elongation: force 0.1
+assert np.allclose(result.force("layer")[:, 0], 0.1, rtol=1e-4), result.force("layer")
+assert (Path(latin_core.get_include()) / "latin" / "interface" / "law.hpp").is_file()
+print(latin_core.__file__, lt.__file__, sep="\\n")
+"""
+
+
+# --- range of releases -----------------------------------------------------------------------------
+
+
+def pretend(monkeypatch: pytest.MonkeyPatch, version: str) -> None:
+    module = ModuleType("dolfinx")
+    module.__version__, module.__file__ = version, "/somewhere/dolfinx/__init__.py"
+    monkeypatch.setitem(sys.modules, "dolfinx", module)
+
+
+@pytest.mark.parametrize("version", ["0.9.0", "0.9.0.post1", "0.10.0.post5", "0.11.0.dev0", "unknown"])
+def test_tried_releases_are_accepted_in_silence(
+    monkeypatch: pytest.MonkeyPatch, recwarn: pytest.WarningsRecorder, version: str
+) -> None:
+    pretend(monkeypatch, version)
+    _release.check()
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("version", ["0.5.2", "0.8.0", "0.8.0.post1"])
+def test_old_release_is_refused(monkeypatch: pytest.MonkeyPatch, version: str) -> None:
+    pretend(monkeypatch, version)
+    found = rf"dolfinx {re.escape(version)} is installed \(in /somewhere/dolfinx/__init__.py\)"
+    needed = r", dolfinx_frontend needs 0\.9 or newer\. conda: "
+    with pytest.raises(ImportError, match=found + needed) as error:
+        _release.check()
+    assert error.value.name == "dolfinx"
+
+
+def test_missing_dolfinx_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> ModuleType:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+    monkeypatch.setattr(_release.importlib, "import_module", absent)
+    with pytest.raises(ImportError, match=r"dolfinx is not installed, .* needs 0\.9 or newer\. conda: "):
+        _release.check()
+
+
+def test_what_dolfinx_itself_misses_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(name: str) -> ModuleType:
+        raise ModuleNotFoundError("No module named 'basix'", name="basix")
+
+    monkeypatch.setattr(_release.importlib, "import_module", broken)
+    with pytest.raises(ModuleNotFoundError, match="basix"):
+        _release.check()
+
+
+@pytest.mark.parametrize("version", ["0.12.0", "0.12.0.dev0", "1.0.0"])
+def test_newer_release_warns(monkeypatch: pytest.MonkeyPatch, version: str) -> None:
+    pretend(monkeypatch, version)
+    found = rf"dolfinx {re.escape(version)} is installed, dolfinx_frontend was tried with 0\.9 to 0\.11"
+    with pytest.warns(UserWarning, match=found):
+        _release.check()
+
+
+def imported_with(version: str) -> subprocess.CompletedProcess[str]:
+    """Import the frontend twice under a dolfinx that says it is `version`."""
+    script = f"import dolfinx; dolfinx.__version__ = {version!r}\n"
+    script += "import dolfinx_frontend, dolfinx_frontend.solve\nfrom dolfinx_frontend import *"
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+
+def test_import_of_the_package_refuses_an_old_release() -> None:
+    done = imported_with("0.8.0")
+    assert done.returncode and "ImportError: dolfinx 0.8.0 is installed (in " in done.stderr
+
+
+def test_import_of_the_package_warns_once_of_a_new_one() -> None:
+    done = imported_with("0.99.0")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("dolfinx 0.99.0 is installed") == 1
+
+
+# --- pip -------------------------------------------------------------------------------------------
+
+
+def call(command: list[str], cwd: Path, **variables: str) -> str:
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, env=environment | variables
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution, unpacked."""
+    pytest.importorskip("scikit_build_core")
+    folder = tmp_path_factory.mktemp("sdist")
+    script = f"import scikit_build_core.build as backend; print(backend.build_sdist({str(folder)!r}))"
+    call([sys.executable, "-c", script], ROOT)
+    (archive,) = folder.glob("*.tar.gz")
+    with tarfile.open(archive) as opened:
+        opened.extractall(folder, filter="data")
+    (tree,) = (path for path in folder.iterdir() if path.is_dir())
+    return tree
+
+
+def test_source_distribution_is_complete(sdist: Path) -> None:
+    def files(root: Path) -> set[str]:
+        names: set[str] = set()
+        for part in ("latin_core", "dolfinx_frontend", "tests", "demos", "docs"):
+            inside = (path for path in (root / part).rglob("*") if path.is_file())
+            names |= {str(path.relative_to(root)) for path in inside if "__pycache__" not in path.parts}
+        return names
+
+    assert {f for f in files(ROOT) if not f.endswith(".so")} <= files(sdist)
+    for name in ("CMakeLists.txt", "pyproject.toml", "README.md", "LICENSE", "run", "PKG-INFO"):
+        assert (sdist / name).is_file(), name
+    assert not (sdist / "build").exists() and not (sdist / ".git").exists()
+
+
+def environment_below(folder: Path) -> Path:
+    """The interpreter of a new virtual environment that has dolfinx but not this project."""
+    base = Path(getattr(sys, "_base_executable", sys.executable))
+    call([str(base), "-m", "venv", "--without-pip", "--system-site-packages", str(folder)], folder.parent)
+    python = folder / "bin" / "python"
+    for module in ("dolfinx", "pip", "scikit_build_core", "pybind11"):
+        done = subprocess.run([python, "-c", f"import {module}"], capture_output=True, check=False)
+        if done.returncode:
+            pytest.skip(f"{base}, on which this environment stands, has no {module}")
+    return python
+
+
+def wheel_of(name: str, folder: Path) -> None:
+    """Pack an installed pure Python distribution again: what an index would have offered."""
+    module = name.replace("-", "_")
+    found = importlib.metadata.distribution(name)
+    stem = f"{re.sub('[-_.]+', '_', name).lower()}-{found.version}"
+    root = Path(str(found.locate_file("")))
+    record = f"{stem}.dist-info/RECORD"
+    with zipfile.ZipFile(folder / f"{stem}-py3-none-any.whl", "w") as wheel:
+        for path in sorted((root / module).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                wheel.write(path, str(path.relative_to(root)))
+        wheel.writestr(f"{stem}.dist-info/METADATA", found.read_text("METADATA") or "")
+        wheel.writestr(
+            f"{stem}.dist-info/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+        )
+        entries = found.read_text("entry_points.txt")
+        if entries:
+            wheel.writestr(f"{stem}.dist-info/entry_points.txt", entries)
+        wheel.writestr(record, "".join(f"{each},,\n" for each in [*wheel.namelist(), record]))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("isolation", [False, True], ids=["no-build-isolation", "isolated"])
+def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
+    if isolation and not os.environ.get("LATIN_TEST_ISOLATED"):
+        pytest.skip("compiles for minutes, the cache cannot help: set LATIN_TEST_ISOLATED=1")
+    python = environment_below(tmp_path / "venv")
+    options = ["--no-index"]
+    if isolation:
+        wheels = tmp_path / "wheels"
+        wheels.mkdir()
+        for name in ("scikit-build-core", "pybind11", "packaging", "pathspec"):
+            wheel_of(name, wheels)
+        options += ["--find-links", str(wheels)]
+    else:
+        options += ["--no-build-isolation"]
+    # paths and options as in `./run`: the compiler cache can be of use
+    werror = "ON" if os.environ.get("LATIN_ENVIRONMENT", "").startswith("trixie-") else "OFF"
+    build = sdist / "build" / ("isolated" if isolation else "installed") / "cmake"
+    options += [f"--config-settings=build-dir={build}"]
+    options += [f"--config-settings=cmake.define.LATIN_WERROR={werror}"]
+    call(
+        [str(python), "-m", "pip", "install", *options, str(sdist)],
+        tmp_path,
+        CCACHE_BASEDIR=str(sdist),
+        CCACHE_NOHASHDIR="1",
+    )
+    away = tmp_path / "elsewhere"
+    away.mkdir()
+    for printed in call([str(python), "-c", BLOCKS], away).splitlines()[-2:]:
+        assert Path(printed).is_relative_to(tmp_path / "venv")
+    installed = Path(printed).parent
+    assert (installed / "py.typed").is_file() and (installed.parent / "latin_core" / "_core.pyi").is_file()
+
+
+# --- recipes ---------------------------------------------------------------------------------------
+
+
+def name_of(requirement: str) -> str:
+    """Name of a requirement."""
+    return re.split(r"[ <>=]", requirement)[0]
+
+
+def test_conda_recipe_agrees_with_the_project() -> None:
+    yaml = pytest.importorskip("yaml")
+    recipe = yaml.safe_load((ROOT / "packaging" / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    project = PROJECT["project"]
+    assert recipe["context"]["version"] == project["version"]
+    assert recipe["package"]["name"] == project["name"]
+    assert recipe["about"]["summary"] == project["description"]
+    requirements = recipe["requirements"]
+    for each in PROJECT["build-system"]["requires"]:
+        assert each.replace(">=", " >=") in requirements["host"]
+    run = {name_of(each) for each in requirements["run"]}
+    assert {name_of(each) for each in project["dependencies"]} <= run
+    oldest, newest = _release.OLDEST, _release.NEWEST_TRIED
+    assert f"fenics-dolfinx >={oldest[0]}.{oldest[1]},<{newest[0]}.{newest[1] + 1}" in requirements["run"]
+    for path in recipe["tests"][1]["files"]["source"]:
+        assert (ROOT / path).is_file()
+
+
+def test_container_file_copies_what_there_is() -> None:
+    lines = (ROOT / "packaging" / "Containerfile").read_text(encoding="utf-8").splitlines()
+    assert any(line.startswith("FROM docker.io/dolfinx/dolfinx:") for line in lines)
+    copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
+    assert {"CMakeLists.txt", "pyproject.toml", "latin_core", "dolfinx_frontend"} <= set(copied)
+    assert all((ROOT / name).exists() for name in copied)
