@@ -839,13 +839,19 @@ Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef am
   return Size{sums[0], sums[1], sums[2]}.positive();
 }
 
-Size Problem::difference_size(ConstMatrixRef data, ConstMatrixRef traces) const {
-  std::array<double, 2> sums{0.0, squared_traces(traces)};
+Size Problem::share_of_difference(ConstMatrixRef data, ConstMatrixRef traces) const {
+  Size share{0.0, squared_traces(traces), 0.0};
   for (Index column = 0; column < data.cols(); ++column) {
-    sums[0] += (traces.col(column).array() * weights_.array() *
-                (data.col(column).array() - directions_.array() * traces.col(column).array()))
-                   .sum();
+    share.strain += (traces.col(column).array() * weights_.array() *
+                     (data.col(column).array() - directions_.array() * traces.col(column).array()))
+                        .sum();
   }
+  return share;
+}
+
+Size Problem::difference_size(ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Size share = share_of_difference(data, traces);
+  std::array<double, 2> sums{share.strain, share.trace};
   communicator_.sum(sums);
   return Size{sums[0], sums[1], 0.0}.positive();
 }

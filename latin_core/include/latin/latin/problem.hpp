@@ -213,7 +213,9 @@ class Problem {
   /// Size of the global-stage solution with the given data and traces. Collective.
   [[nodiscard]] Size size(ConstMatrixRef data, ConstMatrixRef traces,
                           ConstMatrixRef amplitudes) const;
-  /// Size of a difference of two solutions (their loads cancel). Collective.
+  /// This rank's share of the size of a difference of two solutions (their loads cancel).
+  [[nodiscard]] Size share_of_difference(ConstMatrixRef data, ConstMatrixRef traces) const;
+  /// Size of such a difference. Collective.
   [[nodiscard]] Size difference_size(ConstMatrixRef data, ConstMatrixRef traces) const;
 
   /// Displacements (n, c) of the named substructure's body, by substructure name.
