@@ -206,12 +206,19 @@ void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
   step = beta * step - shaped(work_);
 }
 
+Hindsight::Hindsight(const Problem& problem, Index columns) : problem_(&problem) {
+  for (Kept& each : kept_) {
+    each.state.data.resize(problem.rows(), columns);
+    each.state.traces.resize(problem.rows(), columns);
+  }
+}
+
 std::array<double, 2 * Hindsight::most> Hindsight::shares(const State& state) const {
   std::array<double, 2 * most> shares{};
   for (std::size_t i = 0; i < size_; ++i) {
     const State& then = kept_[i].state;
     const Size share =
-        problem_->share_of_difference(state.data - then.data, state.traces - then.traces);
+        problem_->share_of_distance(state.data, state.traces, then.data, then.traces);
     shares[2 * i] = share.strain;
     shares[2 * i + 1] = share.trace;
   }
@@ -236,7 +243,10 @@ void Hindsight::keep(const State& state, double estimate, double residual) {
     return;
   }
   std::rotate(kept_.begin(), kept_.end() - 1, kept_.end());
-  kept_[0] = {state, estimate, residual};
+  kept_[0].state.data = state.data;  // into its own block: nothing is allocated
+  kept_[0].state.traces = state.traces;
+  kept_[0].estimate = estimate;
+  kept_[0].residual = residual;
   size_ = std::min(size_ + 1, most);
 }
 

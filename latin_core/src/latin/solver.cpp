@@ -83,7 +83,7 @@ class Run {
         history_(problem, amplitudes.cols(),
                  (options.acceleration > 0 ? options.acceleration : observing_depth) +
                      static_cast<Index>(snapshots)),
-        hindsight_(problem),
+        hindsight_(problem, amplitudes.cols()),
         residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
         step_residual_(problem.rows(), amplitudes.cols()),

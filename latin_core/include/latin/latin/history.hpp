@@ -122,7 +122,7 @@ class Hindsight {
  public:
   static constexpr std::size_t most = 2;  ///< iterates kept
 
-  explicit Hindsight(const Problem& problem) : problem_(&problem) {}
+  Hindsight(const Problem& problem, Index columns);
 
   /// This rank's shares of the sizes (strain, trace) of the distances to the iterates kept.
   [[nodiscard]] std::array<double, 2 * most> shares(const State& state) const;
