@@ -52,6 +52,8 @@ SLOWEST = 0.7
 DROPPED = 0.02
 """Variance of modes that may be left out, as predicted, as a share of the accuracy of mean and deviation: they
 change with the square of such modes, and predictions are right within a factor of three, squared."""
+UNKNOWN = 0.3
+"""Fall from one degree to the next where nothing is known of it."""
 MOST_MODES = 2000
 MOST_ORDER = 8
 """Of an adaptive chaos: beyond, samples are cheaper."""
@@ -274,7 +276,10 @@ def _tightened(result: Result, rtol: float) -> Result:
         return carry_on(result, result.chaos, rtol)
     options = result.plan.options.with_(rtol=rtol)
     summary, state = result.core.solve(
-        options=options.kernel(), amplitudes=result.plan.amplitudes, start=[result.state]
+        options=options.kernel(),
+        amplitudes=result.plan.amplitudes,
+        start=[result.state],
+        callback=None,
     )
     changes: dict[str, Any] = {"_all": None} if isinstance(result, HistoryResult) else {}
     return replace(
@@ -331,7 +336,7 @@ def _enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0
             if degree == 0:
                 continue
             back = (*index[:germ], degree - 1, *index[germ + 1 :])
-            fall = 0.3  # nothing is known of the decay along a germ of degree 1
+            fall = UNKNOWN  # along a germ of degree 1
             if degree > 1:
                 before = (*index[:germ], degree - 2, *index[germ + 1 :])
                 if any(before):
@@ -702,7 +707,7 @@ def _adaptive(
             fall = min(change / change_before, SLOWEST)
             stalled = curved and change > STALLED * change_before and change > target
         else:
-            fall = min(_decay(result, quantity), SLOWEST)
+            fall = float(np.clip(_decay(result, quantity), UNKNOWN, SLOWEST))
         left = change * fall / (1.0 - fall)
         change_before = change
         if left <= 0.5 * target or stalled:

@@ -7,7 +7,7 @@ coarse bolted lap joint in contact and friction with random cuts of its bolts.
 
 *algebraic*: the estimate of the iteration (energy norm) against the error that it is an estimate of, over search
 directions k x 0.01 .. x 100 and tolerances 1e-2 .. 1e-8. *truncation*: the estimate of ``result.errors`` for mean
-and standard deviation of a quantity, orders 1 .. 5, against a chaos of order 8. *promise*: 40 runs of
+and standard deviation of a quantity, orders 1 .. 5, against a chaos of order 7. *promise*: 40 runs of
 ``solve(accuracy=...)``: true error (the larger of mean and standard deviation), and the time in units of the cheapest
 combination of order and tolerance that reaches the accuracy.
 """
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -74,7 +74,7 @@ def vessel(screw: Any, joint: Any, name: str) -> Case:
     return Case(name, problem, (Resultant("screw"), Resultant("joint", "jump")))
 
 
-def blocks(cov: float, length: float, distribution: str, name: str) -> Case:
+def blocks(cov: float, length: float, captured: float, name: str) -> Case:
     """Two blocks, pulled and sheared, with a random field between them."""
     layer = RandomField(
         "joint",
@@ -82,8 +82,8 @@ def blocks(cov: float, length: float, distribution: str, name: str) -> Case:
         cov=cov,
         covariance="exponential",
         length=length,
-        variance_captured=0.8,
-        distribution=distribution,  # type: ignore[arg-type]
+        variance_captured=captured,
+        distribution="lognormal",
     )
     scene = Scene()
     for part, x0 in (("left", 0.0), ("right", 20.0)):
@@ -99,11 +99,13 @@ def blocks(cov: float, length: float, distribution: str, name: str) -> Case:
 def lap(bolt: Any, name: str) -> Case:
     """The lap joint, tightened and sheared: the force of a bolt at the end."""
     demo = common.demo("bolted_lap_joint")
-    scene = demo.build_scene(lap_joint(12.0), demo.SHEAR * (0.05, 0.0, 0.0), bolt=1.0)
+    scene = demo.build_scene(lap_joint(12.0), demo.SHEAR * (0.05, 0.0, 0.0))
     cut = Elastic(normal=bolt, tangential=bolt, total=True, jump=demo.TIGHTEN * -demo.SHORTENING)
     problem = assemble(scene)
-    for each in demo.CUTS:
-        problem.interfaces[each].law = cut
+    interfaces = {
+        n: replace(i, law=cut) if n in demo.CUTS else i for n, i in problem.interfaces.items()
+    }
+    problem = Problem(problem.substructures, interfaces)
     quantities = (Resultant("cut1"),)
     return Case(name, problem, quantities, {"times": (1.0, 2.0)}, False, ACCURACIES[:3])
 
@@ -116,11 +118,25 @@ CASES: dict[str, Callable[[], Case]] = {
         LogNormal("screw", 2.5e4, 0.2), LogNormal("joint", 100.0, 0.4), "vessel, lognormal"
     ),
     "vessel, uniform": lambda: vessel(
-        Uniform("screw", 2.5e4, 0.1), Gamma("joint", 100.0, 0.3), "vessel, uniform and gamma"
+        Uniform("screw", mean=2.5e4, cov=0.1), Gamma("joint", 100.0, 0.3), "vessel, uniform and gamma"
     ),
-    "blocks, field": lambda: blocks(0.3, 10.0, "lognormal", "blocks, field of 4 germs"),
-    "blocks, long field": lambda: blocks(0.5, 60.0, "lognormal", "blocks, field of 1 germ"),
+    "blocks, field": lambda: blocks(0.3, 10.0, 0.7, "blocks, short field"),
+    "lap joint, bolts": lambda: lap(LogNormal("bolt", 2e5, 0.2), "lap joint, bolts lognormal"),
+    "blocks, long field": lambda: blocks(0.5, 60.0, 0.7, "blocks, long field"),
 }
+
+HELD_OUT: dict[str, Callable[[], Case]] = {
+    "vessel, two lognormal": lambda: vessel(
+        LogNormal("screw", 2.5e4, 0.1), LogNormal("joint", 100.0, 0.25), "vessel, other lognormal"
+    ),
+    "vessel, gamma": lambda: vessel(
+        Gamma("screw", 2.5e4, 0.25), Uniform("joint", mean=100.0, cov=0.2), "vessel, gamma and uniform"
+    ),
+    "vessel, one": lambda: vessel(2.5e4, Gamma("joint", 100.0, 0.45), "vessel, joint gamma"),
+    "blocks, 15": lambda: blocks(0.4, 15.0, 0.7, "blocks, medium field"),
+    "blocks, 40": lambda: blocks(0.2, 40.0, 0.7, "blocks, smooth field"),
+}
+"""Not looked at while the rules of ``accuracy=`` were made, unlike those above."""
 
 
 # --- algebraic ------------------------------------------------------------------------------------
@@ -204,8 +220,7 @@ def algebraic_scenes() -> list[tuple[str, Problem, dict[str, Any]]]:
 def truth(case: Case) -> dict[Resultant, Moments]:
     """Moments far beyond what is compared."""
     if case.linear:
-        order = 8 if "normal" != case.name.split(", ")[-1] else 7
-        fine = solve(case.problem, chaos=order, options=FINEST, **case.settings)
+        fine = solve(case.problem, chaos=7, options=FINEST, **case.settings)
     else:
         fine = tensor_quadrature(
             case.problem, 24, plan_options=Options(rtol=1e-8, newton=0), progress=False, **case.settings
@@ -359,6 +374,7 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="page with marks, e.g. docs/accuracy.md")
     parser.add_argument("--quick", action="store_true", help="every other tolerance, three directions")
     parser.add_argument("--only", nargs="*", default=["algebraic", "truncation", "promise"])
+    parser.add_argument("--cases", nargs="*", default=list(CASES), help="of truncation and promise")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     record: dict[str, Any] = {"environment": common.environment()}
@@ -369,13 +385,13 @@ def main() -> None:
             began = perf_counter()
             record["algebraic"] += algebraic(name, problem, settings, *grid)
             print(f"{name}: {perf_counter() - began:.0f} s", flush=True)
-    for build in CASES.values():
+    for build in ((CASES | HELD_OUT)[name] for name in given.cases):
         if not {"truncation", "promise"} & set(given.only):
             break
         case = build()
         began = perf_counter()
         exact = truth(case)
-        if "truncation" in given.only:
+        if "truncation" in given.only and case.linear:
             record["truncation"] += truncation(case, exact)
         if "promise" in given.only:
             record["promise"] += promise(case, exact, 1 if given.quick else given.repeats)
