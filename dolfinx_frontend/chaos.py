@@ -455,7 +455,7 @@ def _moment_errors(
     ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
     away = [np.abs(end - np.sqrt(variance)) for end in ends]
     # a deviation that is nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
-    noise = _relative(ends[0], better, weights) <= NOISE * rtol
+    noise = _relative(truth.std(axis=0, ddof=1), better, weights) <= NOISE * rtol
     whole = np.abs(better) if noise else ends[0]
     of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
     return of_mean[1], of_std[1], max(of_mean[0], of_std[0])
