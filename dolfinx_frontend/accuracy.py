@@ -9,7 +9,6 @@ measurements to stop as soon as the answer is good enough.
 
 from __future__ import annotations
 
-import importlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from latin_core import Options
 
 from dolfinx_frontend.chaos import ChaosResult, IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.cost import shown
@@ -25,13 +25,12 @@ from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.interest import Resultant
 from dolfinx_frontend.plan import Direction, Method
 from dolfinx_frontend.random import Chaos
+from dolfinx_frontend.running import iterate
 from dolfinx_frontend.sampling import SampleResult
 from dolfinx_frontend.solve import HistoryResult, Result, solve
 from dolfinx_frontend.stochastic import RandomLaws
 
 if TYPE_CHECKING:
-    from latin_core import Options
-
     from dolfinx_frontend.assembly import Problem
 
 __all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments", "solve_to_accuracy"]
@@ -50,7 +49,7 @@ NOISE = 100.0
 SLOWEST = 0.7
 """Errors are not taken to fall more slowly than so from one set of modes to the next."""
 DROPPED = 0.02
-"""Variance of modes that may be left out, as predicted, as a share of the accuracy of mean and deviation: they
+"""Variance of modes that may be left out, as predicted, as a share of the accuracy of the moments: these
 change with the square of such modes, and predictions are right within a factor of three, squared."""
 UNKNOWN = 0.3
 """Fall from one degree to the next where nothing is known of it."""
@@ -165,7 +164,7 @@ class Errors:
             share: ErrorShare | None = getattr(self, source)
             if share is not None:
                 mark = "  <- dominates" if source == self.dominating else ""
-                relative = self.relative(source)  # type: ignore[arg-type]
+                relative = self.relative(source)
                 lines.append(f"  {source:<15}{relative:9.1e}  ({share.how}){mark}")
         if self.next_halving:
             lines.append(f"  half of it: {self.next_halving}")
@@ -192,14 +191,10 @@ def _interest(problem: Problem, quantity: Interest) -> Resultant | None:
 
 def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
     """Chaos coefficients (P + 1,) of a quantity, of a history at its end."""
-    fields = [
-        np.moveaxis(block, -1, 0)
-        for block in (
-            result.force_coefficients(quantity.interface),
-            result.jump_coefficients(quantity.interface),
-        )
-    ]
-    values = quantity.of_fields(*fields, result.problem.interfaces[quantity.interface].weights)
+    weights = result.problem.interfaces[quantity.interface].weights
+    force = np.moveaxis(result.force_coefficients(quantity.interface), -1, 0)
+    jump = np.moveaxis(result.jump_coefficients(quantity.interface), -1, 0)
+    values = quantity.of_fields(force, jump, weights)
     return values if result.times is None else values[..., -1]
 
 
@@ -275,16 +270,14 @@ def _tightened(result: Result, rtol: float) -> Result:
     if isinstance(result, ChaosResult):
         return carry_on(result, result.chaos, rtol)
     options = result.plan.options.with_(rtol=rtol)
-    summary, state = result.core.solve(
-        options=options.kernel(),
-        amplitudes=result.plan.amplitudes,
-        start=[result.state],
-        callback=None,
+    plan = replace(result.plan, options=options)
+    summary, state = iterate(
+        result.problem, plan, result.core, plan.amplitudes, [result.state], None
     )
     changes: dict[str, Any] = {"_all": None} if isinstance(result, HistoryResult) else {}
     return replace(
         result,
-        plan=replace(result.plan, options=options),
+        plan=plan,
         summary=summary,
         state=state,
         _displacements=None,
@@ -325,8 +318,10 @@ def _enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0
     """The chaos with the modes of the margin that are predicted to matter to an accuracy; 0: all of them."""
     table = result.basis.indices.table
     caps = [germ.capacity - 1 if germ.capacity is not None else 2**30 for germ in result.space.germs]
-    names = [tuple(int(i) for i in row) for row in table]
-    sizes, of_field = (dict(zip(names, each.tolist(), strict=True)) for each in _sizes(result, quantity))
+    names: list[Index] = [tuple(int(i) for i in row) for row in table]
+    of_quantity, whole = _sizes(result, quantity)
+    sizes = {name: float(size) for name, size in zip(names, of_quantity, strict=True)}
+    of_field = {name: float(size) for name, size in zip(names, whole, strict=True)}
     margin = _margin(table, caps)
 
     def predicted(index: Index) -> float:
@@ -470,18 +465,16 @@ def _errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Erro
     made = Errors(algebraic, truncation, None, quantity, value, _whole(value, rtol))
     seconds = sum(result.seconds.values())
     return replace(
-        made, next_halving=f"{4 * len(values)} random or {2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
+        made, next_halving=f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
     )
 
 
 def _of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
     """The error of the meshes, where it can be estimated."""
+    from dolfinx_frontend.discretisation import estimate  # slow to import, and not always asked for
+
     try:
-        module = importlib.import_module("dolfinx_frontend.discretisation")
-    except ModuleNotFoundError:
-        return None
-    try:
-        found = module.estimate(result, quantity)
+        found = estimate(result, quantity)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None
@@ -564,16 +557,16 @@ def solve_to_accuracy(
     what = _interest(problem, quantity)
     options = options or _default_options(method)
     kept = active
-    if what is not None and active is None and method == "auto":
-        kept = None
-    settings = {"times": times, "direction": direction}
+    settings: dict[str, Any] = {"times": times, "direction": direction}
     random = RandomLaws.of(problem)
     if random.sources:
         if what is not None and active is None and what.interface not in random.interfaces:
             kept = [what.interface]
         return _adaptive(problem, accuracy, what, method, kept, options, random, meshes, settings)
     first = max(DIGIT * accuracy, FINEST)
-    result = solve(problem, method, active=kept, options=options.with_(rtol=first), **settings)  # type: ignore[call-overload]
+    result: Result = solve(
+        problem, method, active=active, options=options.with_(rtol=first), **settings
+    )
     of_meshes = _of_meshes(result, what) if meshes else None
     target = _visible(accuracy, of_meshes, what, result)
     made = _settled(result, what, target)
@@ -581,12 +574,11 @@ def solve_to_accuracy(
         rtol = max(result.plan.options.rtol * min(0.5 * target / made.relative("algebraic"), DIGIT), FINEST)
         result = _tightened(result, rtol)
         made = _settled(result, what, target)
-    return _with_errors(result, made, accuracy, of_meshes, ())
+    answer: Result = _with_errors(result, made, accuracy, of_meshes, ())
+    return answer
 
 
 def _default_options(method: Method) -> Options:
-    from latin_core import Options  # the only setting that is not of the problem
-
     return Options.plain() if method == "latin" else Options()
 
 
@@ -614,7 +606,8 @@ def _settled(result: Result, quantity: Resultant | None, target: float) -> Error
     value = moments(result, quantity)
     after = moments(_tightened(result, max(DIGIT * result.plan.options.rtol, FINEST)), quantity)
     how = "the iteration carried on for one digit"
-    return Errors(ErrorShare(result.error, abs(after.mean - value.mean), None, how), None, None, quantity, value)
+    share = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
+    return Errors(share, None, None, quantity, value)
 
 
 def _with_errors(
@@ -628,8 +621,8 @@ def _with_errors(
     made = replace(made, asked=accuracy, discretisation=of_meshes)
     if made.relative("discretisation") > accuracy:
         notes += (
-            f"the meshes leave {made.relative('discretisation'):.1e}, more than asked: refine them, or see "
-            "solve_to_accuracy in the documentation",
+            f"the meshes leave {made.relative('discretisation'):.1e}, more than asked: "
+            "refine them",
         )
     if made.total > accuracy:
         notes += (f"the accuracy was not reached: {made.total:.1e} is left",)
@@ -685,7 +678,9 @@ def _adaptive(
     change_before, left, fall = np.nan, np.inf, SLOWEST
     stalled = False
     while True:
-        chaos = Chaos(order=result.chaos.order + 1, check_points=0) if curved else _enlarged(result, quantity, target)
+        chaos = _enlarged(result, quantity, target)
+        if curved:
+            chaos = Chaos(order=result.chaos.order + 1, check_points=0)
         modes = len(chaos.indices) if chaos.indices is not None else 0
         if chaos.order > MOST_ORDER + (0 if curved else 12) or modes > MOST_MODES:
             notes += (f"the chaos was not carried beyond order {result.chaos.order}, {result.modes} modes",)
@@ -698,6 +693,9 @@ def _adaptive(
             old.resume()
             result = old
             notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
+            break
+        if result.status == "interrupted":
+            notes += ("interrupted",)
             break
         if quantity is None or before is None:
             change = _distance(result, old)
@@ -712,10 +710,10 @@ def _adaptive(
         change_before = change
         if left <= 0.5 * target or stalled:
             break
-    if curved and (stalled or left > 0.5 * target):
+    if curved and result.status != "interrupted" and (stalled or left > 0.5 * target):
         return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
     made = _errors_of_chaos(result, quantity, left, gain)
-    if curved:
+    if curved and result.status != "interrupted":
         share = _checked(result, quantity)
         made = replace(made, truncation=share)
         if made.relative("truncation") > target and quantity is not None:
@@ -724,7 +722,7 @@ def _adaptive(
 
 
 def _mean_over_spread(result: ChaosResult) -> float:
-    """Size of the whole field over that of its deviation: what counts for the one is so much more for the other."""
+    """Size of the whole field over that of its deviation."""
     sizes = _sizes(result, None)[0]
     spread = float(np.sum(sizes[1:] ** 2))
     return float(np.sqrt((1.0 + spread) / spread)) if spread > 1e-6 else 1.0
@@ -784,7 +782,7 @@ def _by_samples(
         total = each * REPLICATES
         if made.relative("truncation") <= 0.7 * target:
             break
-        # errors of scrambled points fall like 1 / N at best, like those of random points where there are kinks
+        # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
         factor = 2 ** max(1, min(3, round(log2(made.relative("truncation") / (0.5 * target)))))
         if total * factor > MOST_SAMPLES:
             notes += (f"{total} samples: more are left to you, see quasi_monte_carlo",)

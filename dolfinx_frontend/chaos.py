@@ -417,7 +417,7 @@ def _percent(share: float) -> str:
 
 
 NOISE = 100.0
-"""A standard deviation below so many times the tolerance of the iteration, as a share of the mean, is noise."""
+"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
 
 
 def _relative(difference: Array, whole: Array, weights: Array) -> float:
@@ -454,7 +454,7 @@ def _moment_errors(
     shift, margin = estimate((truth - better) ** 2 - (chaos - mean) ** 2)
     ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
     away = [np.abs(end - np.sqrt(variance)) for end in ends]
-    # a deviation that is nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
+    # nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
     noise = _relative(truth.std(axis=0, ddof=1), better, weights) <= NOISE * rtol
     whole = np.abs(better) if noise else ends[0]
     of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
@@ -1123,8 +1123,8 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
     states = []
     for block in (result.state.data, result.state.traces):
         wider = np.zeros((len(block), len(basis) * steps), order="F")
-        for mode, index in enumerate(result.basis.indices.table):
-            place = basis.indices.find([int(i) for i in index])
+        for mode, index in enumerate(np.asarray(result.basis.indices.table)):
+            place = basis.indices.find([int(i) for i in np.atleast_1d(index)])
             if place is not None:
                 wider[:, place * steps : (place + 1) * steps] = block[:, mode * steps : (mode + 1) * steps]
         states.append(wider)

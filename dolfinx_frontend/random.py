@@ -1397,7 +1397,8 @@ class Chaos:
         trusted.
     indices
         Multi-indices (one degree a germ, the zero index among them) of a set of your own, within `order`;
-        `index_set`, `q`, `weights` and `max_interaction` do not apply. ``solve(accuracy=...)`` makes such sets.
+        `index_set`, `q`, `weights` and `max_interaction` do not apply. ``solve(accuracy=...)`` makes
+        such sets.
     """
 
     order: int

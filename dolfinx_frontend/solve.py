@@ -428,9 +428,9 @@ def solve(
         Called after every iteration; it may raise StopIteration to end the run with what is done so far, as
         Ctrl-C does (see :mod:`dolfinx_frontend.running`), or anything else to end it without a result.
     accuracy
-        Instead of a tolerance and an order: the relative error that the answer may have, 1e-10 to 0.5. Tolerance,
-        order and modes follow; ``result.errors()`` says what was reached and which error dominates. Where
-        something is random the answer is a :class:`ChaosResult`, or, where its chaos does not
+        Instead of a tolerance and an order: the relative error that the answer may have, 1e-10 to 0.5.
+        Tolerance, order and modes follow; ``result.errors()`` says what was reached and what dominates.
+        Where something is random the answer is a :class:`ChaosResult`, or, where its chaos does not
         converge, a :class:`SampleResult`.
     quantity
         Of which: a :class:`Resultant` (if random, of its mean and of its standard deviation), the name of an
@@ -465,7 +465,9 @@ def solve(
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():
             if value is not None:
-                raise SceneError(f"accuracy = {accuracy:g} decides on the chaos and the plan: leave {name} out")
+                raise SceneError(
+                    f"accuracy = {accuracy:g} decides on the chaos and the plan: leave {name} out"
+                )
         return solve_to_accuracy(
             problem,
             accuracy,

@@ -1,4 +1,4 @@
-"""Estimates within a factor of three of the true errors, and ``accuracy=`` keeps what it promises (a sample)."""
+"""Estimates within three of the true errors, and ``accuracy=`` keeps its promise: a sample."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dolfinx_frontend.interest import Resultant
 from dolfinx_frontend.laws import Elastic
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.random import Chaos, LogNormal, Normal, RandomField
-from dolfinx_frontend.reference import energy_error, monolithic
+from dolfinx_frontend.reference import energy_error
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
 
