@@ -18,6 +18,7 @@ from dolfinx_frontend import (
     step,
     tables,
 )
+from dolfinx_frontend.accuracy import Errors
 from dolfinx_frontend.assembly import Problem, Substructure, assemble
 from dolfinx_frontend.chaos import (
     ChaosResult,
@@ -87,6 +88,7 @@ __all__ = [
     "Direction",
     "Displacement",
     "Elastic",
+    "Errors",
     "Estimate",
     "FromDistribution",
     "FromSamples",

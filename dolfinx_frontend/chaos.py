@@ -54,6 +54,7 @@ __all__ = [
     "NearlyIndefiniteWarning",
     "TruncationError",
     "TruncationWarning",
+    "carry_on",
     "galerkin",
     "solve_chaos",
 ]
@@ -415,8 +416,8 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
-# share of the mean below which a deviation does not count by itself
-LEAST_SPREAD = 0.002
+NOISE = 100.0
+"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
 
 
 def _relative(difference: Array, whole: Array, weights: Array) -> float:
@@ -427,7 +428,7 @@ def _relative(difference: Array, whole: Array, weights: Array) -> float:
 
 
 def _moment_errors(
-    truth: Array, chaos: Array, mean: Array, variance: Array, weights: Array
+    truth: Array, chaos: Array, mean: Array, variance: Array, weights: Array, rtol: float
 ) -> tuple[float, float, float]:
     """Bounds of the relative errors of mean and standard deviation of quantities, and the larger estimate.
 
@@ -439,6 +440,8 @@ def _moment_errors(
         (k,) of the chaos, which is the control variate.
     weights
         (k,) of the norm.
+    rtol
+        Of the iterations.
     """
     count = len(truth)
 
@@ -451,8 +454,9 @@ def _moment_errors(
     shift, margin = estimate((truth - better) ** 2 - (chaos - mean) ** 2)
     ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
     away = [np.abs(end - np.sqrt(variance)) for end in ends]
-    # a deviation of next to nothing, say of a resultant that equilibrium fixes, is measured by the mean
-    whole = np.maximum(ends[0], LEAST_SPREAD * np.abs(better))
+    # nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
+    noise = _relative(truth.std(axis=0, ddof=1), better, weights) <= NOISE * rtol
+    whole = np.abs(better) if noise else ends[0]
     of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
     return of_mean[1], of_std[1], max(of_mean[0], of_std[0])
 
@@ -733,6 +737,12 @@ class ChaosResult(Result, StochasticResult):
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return to_openturns(self.space, self.basis, block, inputs=inputs)
 
+    def resume(self) -> None:
+        """Give the kernel back the laws of this result, after :func:`carry_on` has used it for another."""
+        self.core.set_steps(self._steps)
+        _make_deterministic(self.core, self.problem, self.plan)
+        _make_stochastic(self.core, self._columns)
+
     def sample(
         self,
         germs: npt.ArrayLike,
@@ -835,6 +845,7 @@ class ChaosResult(Result, StochasticResult):
             mean.ravel(),
             variance.ravel(),
             np.broadcast_to(weights[:, None], exact.shape[1:]).ravel(),
+            self.plan.options.rtol,
         )
         total_mean, total_std, total_estimate = _moment_errors(
             self._resultant(interface, exact).reshape(count, -1),
@@ -842,6 +853,7 @@ class ChaosResult(Result, StochasticResult):
             total.ravel(),
             total_variance.ravel(),
             np.ones(total.size),
+            self.plan.options.rtol,
         )
         return TruncationError(
             decay,
@@ -1024,6 +1036,21 @@ def solve_chaos(
             len(basis),
             times=times,
         )
+    return _run(problem, random, chaos, basis, plan, None, start_states(start), indefinite, callback)
+
+
+def _run(
+    problem: Problem,
+    random: RandomLaws,
+    chaos: Chaos,
+    basis: stochastic.ChaosBasis,
+    plan: Plan,
+    core: Kernel | None,
+    start: list[State],
+    indefinite: Literal["refuse", "prove"] = "refuse",
+    callback: Callable[[Iteration], None] | None = None,
+) -> ChaosResult:
+    """One run of a plan, on a kernel problem that is factorised already if there is one."""
     began = perf_counter()
     steps = plan.amplitudes.shape[1]
     curved = [name for name in plan.active if not random.linear(name)]
@@ -1038,12 +1065,12 @@ def solve_chaos(
             columns[name] = Columns({}, [collocations[name].group(random, fields, steps)])
         else:
             columns[name] = _columns(random, basis, name, matrices, plan, steps)
-    core = bridge.build(problem, plan)
+    core = core or bridge.build(problem, plan)
     core.set_steps(steps)
     _make_stochastic(core, columns)
     built = perf_counter()
     summary, state = iterate(
-        problem, plan, core, _amplitudes(plan, len(basis)), start_states(start), callback
+        problem, plan, core, _amplitudes(plan, len(basis)), start, callback
     )
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(
@@ -1064,3 +1091,42 @@ def solve_chaos(
     if collocations:
         result._check()
     return result
+
+
+def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
+    """The run of another chaos or tolerance on the factorised problem of a result, started from its answer.
+
+    The modes that both have are taken over, the others start from zero. The kernel is left with the laws of
+    the new result; of the old one only :meth:`ChaosResult.resume` brings them back.
+
+    Raises
+    ------
+    IndefiniteError
+        A Galerkin stiffness is indefinite in the new basis.
+    """
+    problem, random, old = result.problem, result.random, result.plan
+    rows = result.core.rows
+    needed = result._steps * (problem.size + rows * (4 + 3 * old.options.acceleration))
+    basis = random.space.basis(chaos, rows=needed)
+    plan = make_plan(
+        problem,
+        old.method if old.method == "latin" else "auto",
+        old.active,
+        random.interfaces,
+        old.direction,
+        old.options.with_(rtol=rtol),
+        random,
+        len(basis),
+        times=old.times,
+    )
+    steps = result._steps
+    states = []
+    for block in (result.state.data, result.state.traces):
+        wider = np.zeros((len(block), len(basis) * steps), order="F")
+        for mode, index in enumerate(np.asarray(result.basis.indices.table)):
+            place = basis.indices.find([int(i) for i in np.atleast_1d(index)])
+            if place is not None:
+                wider[:, place * steps : (place + 1) * steps] = block[:, mode * steps : (mode + 1) * steps]
+        states.append(wider)
+    indefinite: Literal["refuse", "prove"] = "prove" if result.proven else "refuse"
+    return _run(problem, random, chaos, basis, plan, result.core, [State(*states)], indefinite)

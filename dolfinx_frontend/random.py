@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, cast
 
@@ -1395,6 +1395,10 @@ class Chaos:
     tolerance
         Relative error of mean and standard deviation of an interface force up to which such an answer is
         trusted.
+    indices
+        Multi-indices (one degree a germ, the zero index among them) of a set of your own, within `order`;
+        `index_set`, `q`, `weights` and `max_interaction` do not apply. ``solve(accuracy=...)`` makes
+        such sets.
     """
 
     order: int
@@ -1406,6 +1410,7 @@ class Chaos:
     sobol_points: int | None = None
     check_points: int = 32
     tolerance: float = 0.01
+    indices: tuple[tuple[int, ...], ...] | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return record(self)
@@ -1612,6 +1617,8 @@ class RandomSpace:
             min(germ.capacity - 1 if germ.capacity is not None else 2**30, 2**30)
             for germ in self.germs
         ]
+        if chaos.indices is not None:
+            return self._own_basis(chaos, caps, rows, limit)
         try:
             indices = MultiIndexSet(
                 chaos.index_set,
@@ -1627,6 +1634,28 @@ class RandomSpace:
             return ChaosBasis(self.germs, indices)
         except (ValueError, RuntimeError) as error:
             raise SceneError(f"{chaos} on {self!r}: {error}") from error
+
+    def _own_basis(
+        self, chaos: Chaos, caps: Sequence[int], rows: int, limit: float
+    ) -> ChaosBasis:
+        """The basis of a set of indices."""
+        assert chaos.indices is not None
+        table = np.array(chaos.indices, dtype=np.int32).reshape(len(chaos.indices), -1)
+        if table.shape[1] != self.dimension:
+            raise SceneError(
+                f"Chaos: indices of {table.shape[1]} germs, there are {self.dimension}: "
+                f"{', '.join(self.germ_names)}"
+            )
+        if np.any(table > caps):
+            raise SceneError(f"Chaos: an index beyond the degrees {list(caps)} that the germs have")
+        if limit and 8.0 * rows * len(table) > limit:
+            raise SceneError(
+                f"{len(table)} modes need {8e-9 * rows * len(table):.3g} GB, more than the limit"
+            )
+        try:
+            return ChaosBasis(self.germs, MultiIndexSet.from_table(table))
+        except (ValueError, RuntimeError) as error:
+            raise SceneError(f"Chaos: indices: {error}") from error
 
     def _weights(self, chaos: Chaos) -> list[float]:
         if chaos.weights is None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,10 @@ from dolfinx_frontend.running import Interrupt, report_points
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.sweep import fingerprint, in_time, warn_unconverged, worst_status
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.accuracy import Errors
+    from dolfinx_frontend.interest import Resultant
 
 __all__ = [
     "SampleFields",
@@ -95,6 +99,7 @@ class SampleResult(StochasticResult):
     seconds: dict[str, float]
     core: Any = field(repr=False)
     _moments: dict[str, tuple[Array, Array]] | None = field(default=None, repr=False)
+    _errors: Errors | None = field(default=None, repr=False)
 
     @property
     def iterations(self) -> npt.NDArray[np.int64]:
@@ -246,6 +251,12 @@ class SampleResult(StochasticResult):
             function(SampleFields(self.germs, self)), len(self.germs), name
         )
         return Quantity(name=name, unit=unit, values=values, weights=self.weights, kind=self.kind)
+
+    def errors(self, quantity: Resultant | str | None = None) -> Errors:
+        """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
+        from dolfinx_frontend.accuracy import errors  # which builds on this module
+
+        return errors(self, quantity)
 
     def table(
         self,

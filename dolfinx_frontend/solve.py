@@ -27,7 +27,9 @@ from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
 
 if TYPE_CHECKING:
+    from dolfinx_frontend.accuracy import Errors
     from dolfinx_frontend.chaos import ChaosResult
+    from dolfinx_frontend.interest import Resultant
     from dolfinx_frontend.random import Chaos
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
@@ -60,6 +62,7 @@ class Result:
     core: Kernel = field(repr=False)
     _displacements: dict[str, Array] | None = field(default=None, repr=False)
     _cuts: dict[str, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+    _errors: Errors | None = field(default=None, repr=False)
 
     @property
     def status(self) -> str:
@@ -104,6 +107,22 @@ class Result:
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (m, components), in the local frame: column 0 is normal."""
         return self._local(interface)[0]
+
+    def errors(self, quantity: Resultant | str | None = None) -> Errors:
+        """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
+
+        The iteration is carried on for one digit, a chaos gets its next modes: about half the cost of the
+        run without its factorisation. After ``solve(accuracy=...)`` they are there already.
+
+        Parameters
+        ----------
+        quantity
+            A :class:`Resultant`, the name of an interface (its normal force), ``"energy"``; None: what was
+            asked for, or the energy norm.
+        """
+        from dolfinx_frontend.accuracy import errors  # which builds on this module
+
+        return errors(self, quantity)
 
     def spent(self) -> str:
         """Where the time and the memory went, beside what the plan predicted, as a table."""
@@ -308,6 +327,21 @@ def solve(
     problem: Problem,
     method: Method = "auto",
     *,
+    accuracy: float,
+    quantity: Resultant | str | None = None,
+    meshes: bool = True,
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+) -> Any: ...
+
+
+@overload
+def solve(
+    problem: Problem,
+    method: Method = "auto",
+    *,
     chaos: None = None,
     times: None = None,
     active: Sequence[str] | Literal["all"] | None = None,
@@ -365,7 +399,10 @@ def solve(
     start: Result | State | None = None,
     indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
-) -> Result:
+    accuracy: float | None = None,
+    quantity: Resultant | str | None = None,
+    meshes: bool = True,
+) -> Any:
     """Solve a problem.
 
     Parameters
@@ -390,6 +427,16 @@ def solve(
     callback
         Called after every iteration; it may raise StopIteration to end the run with what is done so far, as
         Ctrl-C does (see :mod:`dolfinx_frontend.running`), or anything else to end it without a result.
+    accuracy
+        Instead of a tolerance and an order: the relative error that the answer may have, 1e-10 to 0.5.
+        Tolerance, order and modes follow; ``result.errors()`` says what was reached and what dominates.
+        Where something is random the answer is a :class:`ChaosResult`, or, where its chaos does not
+        converge, a :class:`SampleResult`.
+    quantity
+        Of which: a :class:`Resultant` (if random, of its mean and of its standard deviation), the name of an
+        interface (its normal force), or ``"energy"`` (None).
+    meshes
+        With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
 
     Returns
     -------
@@ -412,6 +459,28 @@ def solve(
     SceneWarning
         Parts that have lost their support, see :mod:`dolfinx_frontend.support`.
     """
+    if accuracy is not None:
+        from dolfinx_frontend.accuracy import solve_to_accuracy
+
+        set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
+        for name, value in set_elsewhere.items():
+            if value is not None:
+                raise SceneError(
+                    f"accuracy = {accuracy:g} decides on the chaos and the plan: leave {name} out"
+                )
+        return solve_to_accuracy(
+            problem,
+            accuracy,
+            quantity,
+            method,
+            times=times,
+            active=active,
+            direction=direction,
+            options=options,
+            meshes=meshes,
+        )
+    if quantity is not None:
+        raise SceneError("a quantity goes with an accuracy: solve(problem, accuracy=1e-3, quantity=...)")
     if chaos is not None:
         from dolfinx_frontend.chaos import solve_chaos  # which builds on this module
 

@@ -25,6 +25,7 @@ LAYERS = ("petsc", "interface", "stochastic", "substructure", "latin")
 COMMON = "common"
 FACE_USERS = (
     "__init__.py",
+    "accuracy.py",
     "bridge.py",
     "chaos.py",
     "chaos_file.py",

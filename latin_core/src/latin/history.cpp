@@ -7,6 +7,14 @@
 #include <limits>
 
 namespace latin {
+namespace {
+
+/// An iterate whose residual has fallen to this share is the next to look back on.
+constexpr double well_below = 0.2;
+/// Distances of iterates that are better than this are rounding, rather than what was wrong with them.
+constexpr double noise = 1e-10;
+
+}  // namespace
 
 std::array<double, 2> stage_shares(const Problem& problem, const State& state,
                                    ConstMatrixRef residual) {
@@ -196,6 +204,50 @@ void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
   }
   work_.noalias() = data_.leftCols(used) * gamma_;
   step = beta * step - shaped(work_);
+}
+
+Hindsight::Hindsight(const Problem& problem, Index columns) : problem_(&problem) {
+  for (Kept& each : kept_) {
+    each.state.data.resize(problem.rows(), columns);
+    each.state.traces.resize(problem.rows(), columns);
+  }
+}
+
+std::array<double, 2 * Hindsight::most> Hindsight::shares(const State& state) const {
+  std::array<double, 2 * most> shares{};
+  for (std::size_t i = 0; i < size_; ++i) {
+    const State& then = kept_[i].state;
+    const Size share =
+        problem_->share_of_distance(state.data, state.traces, then.data, then.traces);
+    shares[2 * i] = share.strain;
+    shares[2 * i + 1] = share.trace;
+  }
+  return shares;
+}
+
+double Hindsight::raised(double estimate, double residual, const Size& whole,
+                         std::span<const double> sums) const {
+  double said = 0.0;
+  for (std::size_t i = 0; i < size_; ++i) {
+    const Size distance = Size{sums[2 * i], sums[2 * i + 1], 0.0}.positive();
+    const double fall =
+        std::sqrt(estimate / kept_[i].estimate) * std::sqrt(residual / kept_[i].residual);
+    said = std::max(said, distance.relative_to(whole) * std::min(fall, 1.0));
+  }
+  return estimate < noise ? estimate : std::max(estimate, said);
+}
+
+void Hindsight::keep(const State& state, double estimate, double residual) {
+  if (!std::isfinite(estimate) || estimate < noise ||
+      (size_ > 0 && residual > well_below * kept_[0].residual)) {
+    return;
+  }
+  std::rotate(kept_.begin(), kept_.end() - 1, kept_.end());
+  kept_[0].state.data = state.data;  // into its own block: nothing is allocated
+  kept_[0].state.traces = state.traces;
+  kept_[0].estimate = estimate;
+  kept_[0].residual = residual;
+  size_ = std::min(size_ + 1, most);
 }
 
 }  // namespace latin

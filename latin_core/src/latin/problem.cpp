@@ -842,6 +842,18 @@ Size Problem::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef am
   return Size{sums[0], sums[1], sums[2]}.positive();
 }
 
+Size Problem::share_of_distance(ConstMatrixRef data, ConstMatrixRef traces,
+                                ConstMatrixRef other_data, ConstMatrixRef other_traces) const {
+  Size share;
+  for (Index column = 0; column < data.cols(); ++column) {
+    const auto s = data.col(column).array() - other_data.col(column).array();
+    const auto w = traces.col(column).array() - other_traces.col(column).array();
+    share.strain += (w * weights_.array() * (s - directions_.array() * w)).sum();
+    share.trace += (w.square() * trace_metric_.array()).sum();
+  }
+  return share;
+}
+
 Size Problem::difference_size(ConstMatrixRef data, ConstMatrixRef traces) const {
   std::array<double, 2> sums{0.0, squared_traces(traces)};
   for (Index column = 0; column < data.cols(); ++column) {

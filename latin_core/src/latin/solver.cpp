@@ -63,6 +63,8 @@ constexpr Index steps_after_failure = 8;
 constexpr double newton_accuracy = 1e-3;
 /// A Newton step that leaves less than this of the residual is the error of the iterate before it.
 constexpr double believable = 0.5;
+/// The residual falls by so much more than the error in a Newton step (measured: 0.1 to 6).
+constexpr double residual_over_error = 2.0;
 /// A step so much larger than the data is a body that flies off.
 constexpr double absurd = 1e6;
 /// Below this share of the data the residual need not fall.
@@ -81,6 +83,7 @@ class Run {
         history_(problem, amplitudes.cols(),
                  (options.acceleration > 0 ? options.acceleration : observing_depth) +
                      static_cast<Index>(snapshots)),
+        hindsight_(problem, amplitudes.cols()),
         residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
         step_(problem.rows(), amplitudes.cols()),
         step_residual_(problem.rows(), amplitudes.cols()),
@@ -174,7 +177,10 @@ class Run {
         }
         summary_.status = Status::converged;
         if (proposed_ && proposed_columns_ == step_.cols()) {
-          follow(norm);
+          // the estimate was of the iterate before; errors fall less than residuals do
+          if (follow(norm)) {
+            summary_.error *= std::min(residual_over_error * best_norm_ / norm, 1.0);
+          }
         }
         break;
       }
@@ -230,6 +236,7 @@ class Run {
     Size size;
     double indicator;
     double data_norm;
+    std::array<double, 2 * Hindsight::most> distances;
   };
 
   /// Fit the history to the present residual; all numbers that decide anything go through this one reduction
@@ -237,21 +244,26 @@ class Run {
   Measure measure() {
     const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
     const auto [distance, extent] = stage_shares(problem_, state_, residual_);
-    std::array<double, 8> sums{size.strain,
-                               size.trace,
-                               size.work,
-                               distance,
-                               extent,
-                               history_.share_of_square(state_.data),
-                               failure_ ? 1.0 : 0.0,
-                               interrupted_ ? 1.0 : 0.0};
+    Measure measured{};
+    std::array<double, 8 + 2 * Hindsight::most> sums{size.strain,
+                                                     size.trace,
+                                                     size.work,
+                                                     distance,
+                                                     extent,
+                                                     history_.share_of_square(state_.data),
+                                                     failure_ ? 1.0 : 0.0,
+                                                     interrupted_ ? 1.0 : 0.0};
+    std::ranges::copy(hindsight_.shares(state_), sums.begin() + 8);
     history_.fit(residual_, sums);
     if (sums[6] > 0.0) {
       problem_.communicator().agree(failure_);
     }
     stop_ = sums[7] > 0.0;
-    return {Size{sums[0], sums[1], sums[2]}.positive(), stage_distance({sums[3], sums[4]}),
-            std::sqrt(sums[5])};
+    measured.size = Size{sums[0], sums[1], sums[2]}.positive();
+    measured.indicator = stage_distance({sums[3], sums[4]});
+    measured.data_norm = std::sqrt(sums[5]);
+    std::copy(sums.begin() + 8, sums.end(), measured.distances.begin());
+    return measured;
   }
 
   /// |r|. Collective.
@@ -259,7 +271,7 @@ class Run {
     return std::sqrt(problem_.communicator().sum(history_.share_of_square(residual)));
   }
 
-  [[nodiscard]] double estimate(double norm, const Measure& measured) const {
+  [[nodiscard]] double estimate(double norm, const Measure& measured) {
     if (norm == 0.0) {
       return 0.0;
     }
@@ -277,7 +289,11 @@ class Run {
     if (own_ < own_before_estimate() || pause_ > 0) {
       return std::numeric_limits<double>::infinity();
     }
-    return std::max(history_.error(measured.size, rounding_share * measured.data_norm), least);
+    const double own =
+        std::max(history_.error(measured.size, rounding_share * measured.data_norm), least);
+    const double raised = hindsight_.raised(own, norm, measured.size, measured.distances);
+    hindsight_.keep(state_, own, norm);
+    return raised;
   }
 
   /// Where Newton's method leads from here. What it changes is the estimate of the error, too.
@@ -449,6 +465,7 @@ class Run {
   State& state_;
   const Callback& callback_;
   History history_;
+  Hindsight hindsight_;
   Matrix residual_;
   Matrix step_;
   Matrix added_;            ///< to the data, by the coarse problem

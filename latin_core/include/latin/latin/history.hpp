@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -108,6 +109,40 @@ class History {
   Vector gamma_;
   double remainder_ = 1.0;
   double residual_norm_ = 0.0;
+};
+
+/// What earlier iterates turned out to be wrong by, and what follows for the present one.
+///
+/// An estimate sees an error only as far as the last steps have moved it: parts that hardly move (a search
+/// direction far off) hide. In hindsight they do not: the distance from an earlier iterate to the present,
+/// much better one is the error that the earlier one had. It is carried to the present iterate by the
+/// geometric mean of the falls of its estimate and of its residual since then, of which the first
+/// falls too fast where an error hides and the second depends on the search direction.
+class Hindsight {
+ public:
+  static constexpr std::size_t most = 2;  ///< iterates kept
+
+  Hindsight(const Problem& problem, Index columns);
+
+  /// This rank's shares of the sizes (strain, trace) of the distances to the iterates kept.
+  [[nodiscard]] std::array<double, 2 * most> shares(const State& state) const;
+  /// The estimate of the present iterate of that residual and size, raised to what the iterates kept say.
+  /// @param sums of the shares over all ranks
+  [[nodiscard]] double raised(double estimate, double residual, const Size& whole,
+                              std::span<const double> sums) const;
+  /// Keep an iterate, if its residual is well below that of the last one kept.
+  void keep(const State& state, double estimate, double residual);
+
+ private:
+  struct Kept {
+    State state;
+    double estimate = 0.0;
+    double residual = 0.0;
+  };
+
+  const Problem* problem_;
+  std::array<Kept, most> kept_;  ///< the newest first
+  std::size_t size_ = 0;
 };
 
 }  // namespace latin

@@ -213,6 +213,10 @@ class Problem {
   /// Size of the global-stage solution with the given data and traces. Collective.
   [[nodiscard]] Size size(ConstMatrixRef data, ConstMatrixRef traces,
                           ConstMatrixRef amplitudes) const;
+  /// This rank's share of the size of the difference of two solutions.
+  [[nodiscard]] Size share_of_distance(ConstMatrixRef data, ConstMatrixRef traces,
+                                       ConstMatrixRef other_data,
+                                       ConstMatrixRef other_traces) const;
   /// Size of a difference of two solutions (their loads cancel). Collective.
   [[nodiscard]] Size difference_size(ConstMatrixRef data, ConstMatrixRef traces) const;
 

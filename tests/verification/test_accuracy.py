@@ -1,0 +1,136 @@
+"""Estimates within three of the true errors, and ``accuracy=`` keeps its promise: a sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from latin_core import Options
+
+from dolfinx_frontend import geometry
+from dolfinx_frontend.accuracy import Moments, moments
+from dolfinx_frontend.assembly import Problem, assemble
+from dolfinx_frontend.chaos import ChaosResult
+from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.interest import Resultant
+from dolfinx_frontend.laws import Elastic
+from dolfinx_frontend.materials import LinearElastic
+from dolfinx_frontend.random import Chaos, LogNormal, Normal, RandomField
+from dolfinx_frontend.reference import energy_error
+from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.solve import solve
+
+OPENING = Resultant("layer", "jump")
+BOTH = [OPENING, Resultant("layer", "jump", 2)]
+
+
+@pytest.fixture(scope="module")
+def blocks() -> Problem:
+    """Two blocks, pulled and sheared, with a random field between them."""
+    field = RandomField(
+        "joint", mean=2000.0, cov=0.3, covariance="exponential", length=20.0, variance_captured=0.7,
+        distribution="lognormal",
+    )  # fmt: skip
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 20.0)):
+        box = geometry.box((20.0, 10.0, 10.0), (2, 2, 2), origin=(x0, 0.0, 0.0), cell="hexahedron")
+        scene.substructure(name, box, LinearElastic(E=200e3, nu=0.3), degree=2)
+    scene.interface("layer", "left:x1", "right:x0", Elastic(normal=field, tangential=field))
+    scene.fix("left:x0")
+    scene.traction("right:x1", (10.0, 0.0, -2.0))
+    return assemble(scene)
+
+
+@pytest.fixture(scope="module")
+def paper(vessel: Problem) -> Problem:
+    """The vessel with random screw and joint."""
+    screw, joint = Normal("screw", mean=2.5e4, cov=0.1), LogNormal("joint", mean=100.0, cov=0.4)
+    laws = {
+        "screw": Elastic(normal=screw, tangential=screw, total=True, jump=-0.2),
+        "joint": Elastic(normal=joint, tangential=joint),
+    }
+    interfaces = {
+        n: replace(i, law=laws[n]) if n in laws else i for n, i in vessel.interfaces.items()
+    }
+    return Problem(vessel.substructures, interfaces)
+
+
+@pytest.fixture(scope="module")
+def exact(blocks: Problem) -> dict[Resultant, Moments]:
+    """Moments of a chaos far beyond."""
+    fine = solve(blocks, chaos=7, options=Options(rtol=1e-12))
+    return {q: moments(fine, q) for q in BOTH}
+
+
+def off(found: Moments, true: Moments) -> float:
+    """The larger of the relative errors of mean and deviation."""
+    assert found.std is not None and true.std is not None
+    return max(abs(found.mean / true.mean - 1.0), abs(found.std / true.std - 1.0))
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
+def test_algebraic_estimate(vessel, vessel_reference, rtol):
+    """All interfaces kept: the estimate is the error within three, in the energy norm."""
+    result = solve(vessel, "accelerated", active="all", options=Options(rtol=rtol))
+    true = energy_error(vessel, result.displacements, vessel_reference, springs=False)
+    assert result.converged and true / 3.0 < result.errors().relative("algebraic")
+    assert result.error < 5.0 * true
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
+def test_truncation_estimate(blocks, exact, order):
+    """The next modes tell the error of mean and deviation within three."""
+    result = solve(blocks, chaos=order, options=Options(rtol=1e-10))
+    for quantity in BOTH:
+        share = result.errors(quantity).truncation
+        found, true = moments(result, quantity), exact[quantity]
+        errors = ((share.quantity, found.mean - true.mean), (share.std, found.std - true.std))
+        for estimate, error in errors:
+            assert abs(error) < 1e-9 * true.mean or 1 / 3 < estimate / abs(error) < 3.0
+    # the result has its own laws back
+    psi = result.sample(np.zeros((1, result.space.dimension))).force("layer")
+    assert psi.shape[0] == 1 and result.converged
+
+
+@pytest.mark.parametrize("accuracy", [1e-1, 1e-2, 1e-3, 1e-4])
+def test_the_accuracy_is_kept(blocks, exact, accuracy):
+    for quantity in BOTH:
+        result = solve(blocks, accuracy=accuracy, quantity=quantity, meshes=False)
+        assert isinstance(result, ChaosResult)
+        made = result.errors()
+        assert off(moments(result, quantity), exact[quantity]) <= accuracy
+        assert made.reached and made.total <= accuracy and made.asked == accuracy
+        assert made.dominating in ("algebraic", "truncation") and made.next_halving
+        assert "<- dominates" in str(made)
+
+
+def test_vessel_keeps_it_too(paper):
+    quantity = Resultant("screw")
+    fine = moments(solve(paper, chaos=6, options=Options(rtol=1e-12)), quantity)
+    result = solve(paper, accuracy=1e-3, quantity=quantity, meshes=False)
+    assert off(moments(result, quantity), fine) <= 1e-3
+    # a set of its own, smaller than the total degree that it reaches
+    assert result.chaos.indices is not None
+    assert result.modes <= len(result.space.basis(Chaos(result.chaos.order)))
+
+
+def test_deterministic_scene(vessel, vessel_reference):
+    for active in ("all", None):
+        result = solve(
+            vessel, "accelerated", accuracy=1e-4, quantity="joint", active=active, meshes=False
+        )
+        true = vessel_reference.forces["joint"][:, 0] @ vessel.interfaces["joint"].weights
+        assert abs(moments(result, Resultant("joint")).mean / true - 1.0) <= 1e-4
+        assert result.errors().truncation is None
+
+
+def test_bad_accuracy_is_refused(vessel):
+    with pytest.raises(SceneError, match="must lie in 1e-10..0.5"):
+        solve(vessel, accuracy=2.0)
+    with pytest.raises(SceneError, match="leave chaos out"):
+        solve(vessel, accuracy=1e-2, chaos=2)
+    with pytest.raises(SceneError, match="goes with an accuracy"):
+        solve(vessel, quantity="joint")
+    with pytest.raises(SceneError, match="nowhere"):
+        solve(vessel, accuracy=1e-2, quantity="nowhere")
