@@ -995,7 +995,7 @@ def measure_all(
     record: dict[str, Any] = {"benchmark": "tradeoff", "quick": quick, "scenes": {}}
     for name, scene in scenes(quick).items():
         if not names or name in names:
-            record["scenes"][name] = measure(scene, repeats, say=say)
+            record["scenes"][name] = measure(scene, repeats, asked=LEVELS, say=say)
     return record | {"environment": common.environment()}
 
 

@@ -108,6 +108,14 @@ def test_mesh_errors_are_apart(vessel: dict[str, Any]) -> None:
     assert tight["error"] < 1e-4 < tight["error_all"] < linear["error_all"] / 5.0
 
 
+def test_what_accuracy_chooses(bench: ModuleType) -> None:
+    scene = replace(bench.scenes(quick=True)["vessel"], settings=[])
+    record = bench.measure(scene, 1, in_all=False, asked=(1e-2,), say=lambda line: None)
+    (chosen,) = record["accuracy"]
+    assert chosen["status"] == "converged" and chosen["asked"] == 1e-2
+    assert chosen["error"] <= 1e-2 and chosen["error_all"] is None
+
+
 def test_float32_iteration_reaches_what_double_does(vessel: dict[str, Any]) -> None:
     single = series(vessel, "single", rtol=1e-8)
     # the same Galerkin equations to 1e-8: corrected in double precision
