@@ -84,7 +84,7 @@ class Recovery:
     Raises
     ------
     SceneError
-        The material of the part is not known.
+        The material of the part is not known, or it has too few cells.
     """
 
     def __init__(self, part: Substructure) -> None:
@@ -104,6 +104,11 @@ class Recovery:
         points, _ = quadrature(kind, 2 * (self.degree - 1) + (0 if self.simplex else 1))
         geometry = tabulate(coordinate_element(mesh), 1, points)
         self.samples = np.einsum("qk,cki->cqi", geometry[0], self.x[self.nodes])
+        if self.samples.shape[0] * self.samples.shape[1] < len(self.terms):
+            raise SceneError(
+                f"substructure {part.name!r}: {len(self.nodes)} cell(s) are too few to estimate its "
+                "discretisation error: refine it"
+            )
         jacobian = np.einsum("mqk,cki->cqim", geometry[1:], self.x[self.nodes])
         self.inverse = np.linalg.inv(jacobian)  # (c, q, m, i)
         self.slopes = tabulate(self.element, 1, points)[1:]

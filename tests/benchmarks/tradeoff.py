@@ -639,9 +639,14 @@ def automatic(
     result = timed.value
     knobs: dict[str, Any] = {"rtol": result.plan.options.rtol}
     if isinstance(result, SampleResult):
-        found, method = of_samples(scene, result), "qmc"
+        by_rule = result.weights is not None
+        found, method = of_samples(scene, result), "tensor" if by_rule else "qmc"
         status = "converged" if result.converged else "not converged"
-        knobs["samples"] = len(result.germs)
+        count = len(result.germs)
+        if by_rule:
+            knobs["points"] = round(count ** (1.0 / result.germs.shape[1]))
+        else:
+            knobs["samples"] = count
         iterations = int(result.iterations.sum())
     else:
         found, method = of_result(scene, result), "latin"

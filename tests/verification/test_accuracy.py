@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from latin_core import Options
+from scipy import stats
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.accuracy import Moments, moments
@@ -14,10 +15,11 @@ from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.chaos import ChaosResult
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.interest import Resultant
-from dolfinx_frontend.laws import Elastic
+from dolfinx_frontend.laws import Contact, Elastic
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.random import Chaos, LogNormal, Normal, RandomField
 from dolfinx_frontend.reference import energy_error
+from dolfinx_frontend.sampling import SampleResult
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
 
@@ -123,6 +125,42 @@ def test_deterministic_scene(vessel, vessel_reference):
         true = vessel_reference.forces["joint"][:, 0] @ vessel.interfaces["joint"].weights
         assert abs(moments(result, Resultant("joint")).mean / true - 1.0) <= 1e-4
         assert result.errors().truncation is None
+
+
+def rods(spread: float) -> tuple[Problem, Moments]:
+    """Two rods end to end with a random gap, pressed by 0.01: force = E (0.01 - gap)+ / 2, in closed form."""
+    E, press, mean = 1000.0, 0.01, 0.008
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        rod = geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
+        scene.substructure(name, rod, LinearElastic(E=E, nu=0.0), degree=1)
+        scene.symmetry(f"{name}:y0")
+    scene.symmetry("left:x0")
+    scene.interface("gap", "left:x1", "right:x0", Contact(gap=Normal("gap", mean, cov=spread / mean)))
+    scene.fix("right:x1", (-press, 0.0), components=0)
+    reach = press - mean
+    closed, density = stats.norm.cdf(reach / spread), stats.norm.pdf(reach / spread)
+    first = reach * closed + spread * density
+    second = (reach**2 + spread**2) * closed + reach * spread * density
+    half = 0.5 * E
+    return assemble(scene), Moments(-half * first, half * float(np.sqrt(second - first**2)))
+
+
+@pytest.mark.parametrize(
+    ("spread", "accuracy", "by_rule"),
+    [
+        (2e-4, 1e-3, True),  # ten deviations from opening: as good as linear
+        (1e-3, 2e-2, None),  # two deviations: a kink in the tail
+        (4e-3, 1e-2, False),  # half a deviation: Gauss rules zigzag, Sobol points take over
+    ],
+)
+def test_contact_is_sampled_where_chaos_would_creep(spread, accuracy, by_rule):
+    problem, true = rods(spread)
+    result = solve(problem, accuracy=accuracy, quantity="gap")
+    assert isinstance(result, SampleResult)
+    assert by_rule in (None, result.kind == "quadrature")
+    assert result.errors().reached
+    assert off(moments(result, Resultant("gap")), true) <= accuracy
 
 
 def test_bad_accuracy_is_refused(vessel):
