@@ -8,6 +8,7 @@ here.
 from dolfinx_frontend import _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend import (
     chaos_file,
+    discretisation,
     fields,
     geometry,
     lap_joint,
@@ -133,6 +134,7 @@ __all__ = [
     "UserLaw",
     "assemble",
     "chaos_file",
+    "discretisation",
     "fields",
     "geometry",
     "lap_joint",

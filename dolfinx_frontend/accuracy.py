@@ -61,8 +61,8 @@ STALLED = 0.6
 REPLICATES = 4
 MOST_SAMPLES = 8192
 RULES = (3, 5, 7, 9, 12, 16, 20)
-"""Points a germ of the tensor rules that are tried one after the other, at least three of them: the third looks
-3.8 standard deviations far, so that a kink beyond it hardly counts."""
+"""Points a germ of the tensor rules that are tried one after the other, at least three of them: the third
+looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
 SUREST = 0.5
 """Changes of rules are not taken to fall faster than so: with kinks they are no series."""
 FEW_GERMS = 3
@@ -98,7 +98,7 @@ class ErrorShare:
     how: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Errors:
     """Errors of an answer by their source.
 
@@ -160,6 +160,10 @@ class Errors:
     def reached(self) -> bool:
         """Whether the accuracy that was asked for is reached; the meshes count as far as they are known."""
         return self.asked is None or max(self.total, self.relative("discretisation")) <= self.asked
+
+    def __repr__(self) -> str:
+        of = "the energy norm" if self.quantity is None else str(self.quantity)
+        return f"Errors(of {of}: {self.total:.1e} in all, most of it {self.dominating})"
 
     def __str__(self) -> str:
         where = "energy norm" if self.quantity is None else str(self.quantity)

@@ -84,7 +84,7 @@ class Recovery:
     Raises
     ------
     SceneError
-        The material of the part is not known, or it has too few cells.
+        The material of the part is not known.
     """
 
     def __init__(self, part: Substructure) -> None:
@@ -104,11 +104,6 @@ class Recovery:
         points, _ = quadrature(kind, 2 * (self.degree - 1) + (0 if self.simplex else 1))
         geometry = tabulate(coordinate_element(mesh), 1, points)
         self.samples = np.einsum("qk,cki->cqi", geometry[0], self.x[self.nodes])
-        if self.samples.shape[0] * self.samples.shape[1] < len(self.terms):
-            raise SceneError(
-                f"substructure {part.name!r}: {len(self.nodes)} cell(s) are too few to estimate its "
-                "discretisation error: refine it"
-            )
         jacobian = np.einsum("mqk,cki->cqim", geometry[1:], self.x[self.nodes])
         self.inverse = np.linalg.inv(jacobian)  # (c, q, m, i)
         self.slopes = tabulate(self.element, 1, points)[1:]
@@ -186,8 +181,12 @@ class Recovery:
             P = _powers(offset / radius[:, None, None, None], self.terms) * there[:, :, None, None]
             P = P.reshape(len(who), widest * q, -1)
             A = np.einsum("vsa,vsb->vab", P, P, optimize=True)
-            # directions that the points do not tell are left flat
+            # directions that the points do not tell are left flat, about the mean: constants are recovered
             fit = np.linalg.pinv(A, rcond=1e-8, hermitian=True) @ P.transpose(0, 2, 1)
+            mean = np.repeat(there, q, axis=1) / (sizes[who] * q)[:, None]
+            excess = -(fit @ np.repeat(there, q, axis=1)[:, :, None].astype(np.float64))
+            excess[:, int(np.flatnonzero(self.terms.sum(axis=1) == 0)[0])] += 1.0
+            fit += excess * mean[:, None, :]
             self.groups.append((who, cells, fit))
             begin = end
 

@@ -133,6 +133,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(scene, part.part, problem, part, interface, interface.sides[0], plan, plan.cost, result, history),
         *(LinearElastic(1.0, 0.3), Direction(), Options(), Direction(given={"layer": MANY[1:]})),
         Resultant("layer"),
+        chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
         *(result.summary, result.state, result.core, result.summary.history[0], result.table()),
         *(chaos, chaos.random, chaos.space, chaos.basis, chaos.basis.indices, chaos.space.germs[0]),
