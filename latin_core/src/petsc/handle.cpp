@@ -1,7 +1,7 @@
 #include "latin/petsc/handle.hpp"
 
 #include <cmath>
-#include <optional>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -51,7 +51,8 @@ class Borrowed {
       throw NumericalError("PETSc does not give the structure of a matrix");
     }
     check(MatSeqAIJGetArrayRead(matrix, &values_), "read the values of a matrix");
-    view_.emplace(rows_, rows_, starts_[rows_], starts_, columns_, values_);
+    view_ = std::make_unique<const SparseView>(rows_, rows_, starts_[rows_], starts_, columns_,
+                                               values_);
   }
   Borrowed(const Borrowed&) = delete;
   Borrowed& operator=(const Borrowed&) = delete;
@@ -72,7 +73,7 @@ class Borrowed {
   const PetscInt* starts_ = nullptr;
   const PetscInt* columns_ = nullptr;
   const PetscScalar* values_ = nullptr;
-  std::optional<SparseView> view_;
+  std::unique_ptr<const SparseView> view_;
 };
 
 }  // namespace

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <memory>
-#include <utility>
 
 #include "latin/common/types.hpp"
 
@@ -16,14 +15,14 @@ inline SparseView view_of(const SparseRows& matrix) {
           matrix.outerIndexPtr(), matrix.innerIndexPtr(), matrix.valuePtr()};
 }
 
-/// A view that keeps its matrix.
-inline std::shared_ptr<const SparseView> owning_view(SparseRows matrix) {
+/// A view that keeps a copy of its matrix.
+inline std::shared_ptr<const SparseView> owning_view(const SparseRows& matrix) {
   struct Owner {
-    explicit Owner(SparseRows kept) : matrix(std::move(kept)), view(view_of(matrix)) {}
+    explicit Owner(const SparseRows& copied) : matrix(copied), view(view_of(matrix)) {}
     SparseRows matrix;
     SparseView view;
   };
-  const auto owner = std::make_shared<const Owner>(std::move(matrix));
+  const auto owner = std::make_shared<const Owner>(matrix);
   return {owner, &owner->view};
 }
 
