@@ -914,9 +914,9 @@ class ChaosResult(Result, StochasticResult):
         if self.collocations:
             limit = _percent(self.chaos.tolerance)
             verdict = f"trusted to {limit}" if self.trusted else f"NOT TRUSTED to {limit}"
-            measured = "; ".join(str(c) for c in self.checks.values()) or "not checked"
+            measured = "".join(f"\n  {c}" for c in self.checks.values()) or " not checked"
             solves = sum(len(part.germs) for part in self.checked)
-            text += f"; truncation {verdict} by {solves} deterministic solves: {measured}"
+            text += f";\n  truncation {verdict} by {solves} deterministic solves:{measured}"
         return text + ")"
 
 

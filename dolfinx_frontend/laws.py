@@ -263,6 +263,14 @@ class Law:
         if not is_plain(value):
             if callable(value) or isinstance(value, Parameter):
                 return
+            if isinstance(value, (list, tuple)) and any(
+                isinstance(v, Parameter) and not is_plain(v) for v in value
+            ):
+                raise SceneError(
+                    f"{type(self).__name__}: {name} = {value!r}: a vector of random components is not "
+                    "supported; a random value is the whole parameter, as in pressure(face, p) or "
+                    "fix(face, value, components=0)"
+                )
             raise SceneError(
                 f"{type(self).__name__}: {name} = {value!r} is not a number, an array, a callable "
                 "or a parameter with a mean"

@@ -17,6 +17,8 @@ import ufl
 from ufl.domain import extract_unique_domain
 
 from dolfinx_frontend.errors import SceneError
+from dolfinx_frontend.history import Amplitude, Combination, Varying
+from dolfinx_frontend.laws import Parameter, is_plain
 
 __all__ = ["LinearElastic", "Material", "OrthotropicElastic", "strain"]
 
@@ -47,6 +49,16 @@ def _check_plane(name: str, plane: str) -> None:
         raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress'")
 
 
+def _check_known(name: str, constant: str, value: Any) -> None:
+    """Refuse what only laws and loads can be: random, swept, or a function of time."""
+    if is_plain(value) or not isinstance(value, (Parameter, Amplitude, Combination, Varying)):
+        return
+    raise SceneError(
+        f"{name}: {constant} = {value!r}; the stiffness of a part is neither random nor does it change in "
+        "time: give a number or a UFL expression, and solve once for each value, or let a law carry it"
+    )
+
+
 _LOCKS = 0.45
 """Poisson's ratio from which on a bent part of linear elements is more than a third too stiff."""
 
@@ -71,6 +83,8 @@ class LinearElastic:
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
+        for name in ("E", "nu"):
+            _check_known("LinearElastic", name, getattr(self, name))
         if isinstance(self.E, (int, float, np.number)) and not 0.0 < self.E < np.inf:
             raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
         if isinstance(self.nu, (int, float, np.number)) and not -1.0 < self.nu < 0.5:
@@ -154,6 +168,8 @@ class OrthotropicElastic:
     def __post_init__(self) -> None:
         _check_plane("OrthotropicElastic", self.plane)
         for name in ("E", "nu", "G"):
+            for entry in np.atleast_1d(np.asarray(getattr(self, name), dtype=object)):
+                _check_known("OrthotropicElastic", name, entry)
             value = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
             if not np.all(np.isfinite(value)):
                 raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()} is not finite")

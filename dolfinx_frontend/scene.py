@@ -19,6 +19,7 @@ from dolfinx_frontend.history import Varying
 from dolfinx_frontend.laws import (
     Displacement,
     Law,
+    Parameter,
     Pressure,
     Symmetry,
     Traction,
@@ -142,6 +143,11 @@ class SubstructureSpec:
             )
         varies = isinstance(spec.body_force, Varying)
         for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:
+            if isinstance(force, Parameter) and not is_plain(force):
+                raise SceneError(
+                    f"{where}: body_force = {force!r} is random; a part has no random values: give "
+                    "numbers, or a random pressure, traction or stiffness of a law"
+                )
             if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
                 if not hasattr(force, "__len__") or len(force) != spec.dim:
                     raise SceneError(f"{where}: body_force = {force!r}; give {spec.dim} numbers")

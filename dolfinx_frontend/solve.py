@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
 
 _log = logging.getLogger(__name__)
+_OF_RANDOM = ("field_moments", "force_moments", "quantity", "sobol", "truncation")
+"""What only random answers have."""
 Array = npt.NDArray[np.float64]
 
 
@@ -63,6 +65,16 @@ class Result:
     _displacements: dict[str, Array] | None = field(default=None, repr=False)
     _cuts: dict[str, tuple[Array, Array]] = field(default_factory=dict, repr=False)
     _errors: Errors | None = field(default=None, repr=False)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in _OF_RANDOM:
+                raise AttributeError(
+                    f"{type(self).__name__} has no {name!r}: the answer is deterministic; give a law a "
+                    "random value and solve with chaos=Chaos(order), or sample with monte_carlo"
+                )
+            return object.__getattribute__(self, name)  # raises, with the reason if a property failed
 
     @property
     def status(self) -> str:

@@ -80,8 +80,11 @@ class _Asked:
             with np.errstate(over="ignore"):  # far from the answer a law may be anything
                 answer = np.asarray(function(*given, **values), dtype=np.float64)
         except Exception as error:
+            shapes = ", ".join(f"{name} {np.shape(v)}" for name, v in values.items() if np.ndim(v) == 2)
+            hint = f"; values are (points, columns): {shapes}; write value[:, None] beside a jump"
             raise SceneError(
                 f"{self.who}: its {what} raised {type(error).__name__}: {error}"
+                + (hint if isinstance(error, ValueError) and "broadcast" in str(error) else "")
             ) from error
         if answer.shape != shape:
             names = "points, components, columns" if len(shape) == 3 else (

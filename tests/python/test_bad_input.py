@@ -14,6 +14,7 @@ from mpi4py import MPI
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly import assemble, resolve
 from dolfinx_frontend.errors import SceneError, SceneWarning
+from dolfinx_frontend.history import Amplitude
 from dolfinx_frontend.laws import (
     Displacement,
     Elastic,
@@ -25,10 +26,12 @@ from dolfinx_frontend.laws import (
     evaluate,
 )
 from dolfinx_frontend.materials import LinearElastic, OrthotropicElastic
+from dolfinx_frontend.random import LogNormal
 from dolfinx_frontend.reduction import reduce
 from dolfinx_frontend.reference import Cholesky, monolithic
 from dolfinx_frontend.rigid import check_rigid_bodies
 from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.solve import solve
 
 STEEL = LinearElastic(2e5, 0.3)
 UNIT = geometry.box((1.0, 1.0), (2, 2))
@@ -128,11 +131,28 @@ def test_cells_and_dimensions():
     message(lambda: assemble(Scene()), "empty")
 
 
+def test_a_deterministic_answer_has_no_statistics():
+    scene = two()
+    scene.interface("joint", "lower:y1", "upper:y0", Perfect())
+    scene.traction("upper:y1", (0.0, 1.0))
+    result = solve(assemble(scene))
+    with pytest.raises(AttributeError, match=r"no 'quantity': .* deterministic; .*chaos="):
+        result.quantity(lambda f: f.force("joint"))
+    with pytest.raises(AttributeError, match="'quantities'"):
+        _ = result.quantities
+
+
 def test_material_constants():
     message(lambda: LinearElastic(-1.0, 0.3), "E = -1.0")
     message(lambda: LinearElastic(np.nan, 0.3), "E = nan")
     message(lambda: LinearElastic(1.0, 0.5), "nu = 0.5", "-1 < nu < 0.5")
     message(lambda: LinearElastic(1.0, 0.3, "straining"), "'stress'")
+    E = LogNormal("E", 1.0, 0.1)
+    message(lambda: LinearElastic(E, 0.3), "LinearElastic: E = LogNormal('E'", "neither random")
+    message(lambda: LinearElastic(1.0, Amplitude([0, 1], [0, 0.3]) * 1.0), "nu =", "in time")
+    message(lambda: OrthotropicElastic((1, E, 1), (0, 0, 0), (1, 1, 1)), "E = LogNormal('E'")
+    message(lambda: Scene().substructure("a", UNIT, STEEL, body_force=E), "'a'", "is random")
+    message(lambda: Traction((E, 0.0)), "Traction: t = (LogNormal('E'", "vector of random", "pressure(")
     cube = geometry.box((1, 1, 1), (1, 1, 1))
     stress = LinearElastic(1.0, 0.3, "stress")
     message(lambda: Scene().substructure("a", cube, stress), "'a'", "plane='stress' in 3D")

@@ -16,7 +16,10 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 # laws.md: test_user_laws; chaos_file.md: test_chaos_file; step.md: test_step
-@pytest.mark.parametrize("page", ["contact.md", "parallel.md", "results.md", "running.md", "start.md"])
+PAGES = ["contact.md", "parallel.md", "results.md", "running.md", "scene.md", "start.md"]
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_examples(page: str) -> None:
     names: dict[str, object] = {"__name__": "docs"}
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S)

@@ -495,6 +495,12 @@ def test_an_exception_of_a_law_arrives_with_the_interface_named() -> None:
     assert isinstance(e.value.__cause__, Broken)
 
 
+def test_shapes_that_do_not_fit_come_with_a_hint() -> None:
+    law = UserLaw(force=lambda jump, *, k: k * jump, values={"k": 50.0})
+    with pytest.raises(SceneError, match=r"ValueError: .*; values are .*: k \(\d+, 1\); write value"):
+        solve(blocks(law))
+
+
 def test_an_interrupt_is_not_swallowed() -> None:
     def law(jump: Array, flexibility: Array) -> Array:
         raise KeyboardInterrupt
