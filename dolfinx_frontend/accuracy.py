@@ -688,7 +688,9 @@ def _adaptive(
     notes: tuple[str, ...] = ()
     if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
         # few germs and laws that are not linear: rules converge where the chaos does, at less for a point
-        by_rules = _by_rules(result, quantity, target)
+        # what the iteration leaves shows in the changes from rule to rule
+        each = float(np.clip(0.03 * target, FINEST, 3e-3))
+        by_rules = _by_rules(result, quantity, target, each)
         if by_rules is None:
             return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
         return _with_errors(*by_rules, accuracy, of_meshes, notes)  # type: ignore[no-any-return]
@@ -776,7 +778,7 @@ def _errors_of_chaos(
 
 
 def _by_rules(
-    result: ChaosResult, quantity: Resultant, target: float
+    result: ChaosResult, quantity: Resultant, target: float, rtol: float
 ) -> tuple[SampleResult, Errors] | None:
     """Tensor Gauss rules of rising order on the solver of a chaos; None: they do not converge in time."""
     before: Moments | None = None
@@ -785,10 +787,9 @@ def _by_rules(
         rule = result.space.tensor_gauss(points)
         if len(rule.points) > MOST_SAMPLES:
             return None
-        samples = result.sample(rule.points, rule.weights, "quadrature")
+        samples = result.sample(rule.points, rule.weights, "quadrature", rtol=rtol)
         value = moments(samples, quantity)
         if before is not None:
-            rtol = result.plan.options.rtol
             changes.append(_change(before, value, rtol))
             # kinks make changes that are small by chance: earlier ones count, too, and the fall of all
             change = max(c * UNKNOWN**k for k, c in enumerate(reversed(changes)))

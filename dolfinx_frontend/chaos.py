@@ -751,9 +751,11 @@ class ChaosResult(Result, StochasticResult):
         *,
         keep_states: bool = False,
         progress: bool = False,
+        rtol: float | None = None,
     ) -> SampleResult:
         """Deterministic solves at points (N, L) of the germs: as :func:`dolfinx_frontend.sampling.sample`, on
-        the factorised problem of this result and started from what its chaos predicts."""
+        the factorised problem of this result and started from what its chaos predicts; to its tolerance, or to
+        `rtol`."""
         from dolfinx_frontend.sampling import sample_on
 
         points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
@@ -766,11 +768,14 @@ class ChaosResult(Result, StochasticResult):
             )
             for i, one in enumerate(np.split(columns, len(psi), axis=1))
         }
+        plan = self.plan
+        if rtol is not None:
+            plan = replace(plan, options=plan.options.with_(rtol=rtol))
         with self.at_mean():
             return sample_on(
                 self.core,
                 self.random,
-                self.plan,
+                plan,
                 points,
                 None if weights is None else np.asarray(weights, dtype=np.float64),
                 kind,
