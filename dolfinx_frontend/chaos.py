@@ -754,8 +754,8 @@ class ChaosResult(Result, StochasticResult):
         rtol: float | None = None,
     ) -> SampleResult:
         """Deterministic solves at points (N, L) of the germs: as :func:`dolfinx_frontend.sampling.sample`, on
-        the factorised problem of this result and started from what its chaos predicts; to its tolerance, or to
-        `rtol`."""
+        the factorised problem of this result and started from what its chaos predicts; to its tolerance, or
+        to `rtol`."""
         from dolfinx_frontend.sampling import sample_on
 
         points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
