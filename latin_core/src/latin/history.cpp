@@ -84,16 +84,11 @@ void History::clear() {
   next_ = 0;
   fresh_.clear();
   gamma_.resize(0);
+  predicted_ = false;
 }
 
 Eigen::Map<const Matrix> History::block(const Matrix& store, Index slot) const {
   return {store.col(slot).data(), rows_, columns_};
-}
-
-void History::weigh(ConstMatrixRef residual, Eigen::Ref<Vector> weighted) const {
-  for (Index column = 0; column < columns_; ++column) {
-    weighted.segment(column * rows_, rows_) = metric_.cwiseProduct(residual.col(column));
-  }
 }
 
 Eigen::Map<Matrix> History::shaped(Vector& vector) const {
@@ -127,15 +122,21 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
   // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
   std::vector<double> sums(shares.begin(), shares.end());
   sums.push_back(share_of_square(residual));
-  const auto add_products = [&](ConstMatrixRef with) {
-    weigh(with, work_);
-    const Vector products = residual_.leftCols(size_).transpose() * work_;
-    sums.insert(sums.end(), products.begin(), products.end());
-  };
-  add_products(residual);
-  for (const Index slot : fresh_) {
-    add_products(block(residual_, slot));
+  // piece by piece, so that all products pass over the history once
+  Matrix products = Matrix::Zero(size_, 1 + static_cast<Index>(fresh_.size()));
+  Vector weighted(rows_);
+  for (Index column = 0; column < columns_ && products.rows() > 0 && rows_ > 0; ++column) {
+    const auto stored = residual_.block(column * rows_, 0, rows_, size_);
+    for (Index i = 0; i < products.cols(); ++i) {
+      if (i == 0) {
+        weighted = metric_.cwiseProduct(residual.col(column));
+      } else {
+        weighted = metric_.cwiseProduct(stored.col(fresh_[static_cast<std::size_t>(i - 1)]));
+      }
+      products.col(i).noalias() += stored.transpose() * weighted;
+    }
   }
+  sums.insert(sums.end(), products.data(), products.data() + products.size());
   problem_->communicator().sum(sums);
   auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
   std::copy(sums.cbegin(), next, shares.begin());
@@ -154,10 +155,15 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
 
   Fit best = least_squares(gram_.topLeftCorner(size_, size_), projection, residual_norm_);
   gamma_ = std::move(best.gamma);
+  predicted_ = false;
   remainder_ = best.remainder;
 }
 
 const State& History::predicted_error() const {
+  if (predicted_) {
+    return error_;
+  }
+  predicted_ = true;
   const auto combine = [this](const Matrix& store, Matrix& sum) {
     sum.resize(rows_, columns_);
     Eigen::Map<Vector>(sum.data(), sum.size()).noalias() = store.leftCols(gamma_.size()) * gamma_;
@@ -202,8 +208,7 @@ void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
   if (problem_->preconditions()) {
     problem_->precondition(step);
   }
-  work_.noalias() = data_.leftCols(used) * gamma_;
-  step = beta * step - shaped(work_);
+  step = beta * step - predicted_error().data;
 }
 
 Hindsight::Hindsight(const Problem& problem, Index columns) : problem_(&problem) {

@@ -88,8 +88,6 @@ class History {
   /// Largest |dS| / |dR| in the history, |dS| relative to `whole`.
   [[nodiscard]] double amplification(const Size& whole, double rounding) const;
   [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
-  /// W/k r as one column.
-  void weigh(ConstMatrixRef residual, Eigen::Ref<Vector> weighted) const;
   [[nodiscard]] Eigen::Map<Matrix> shaped(Vector& vector) const;
 
   const Problem* problem_;
@@ -105,7 +103,8 @@ class History {
   std::vector<Index> fresh_;  ///< slots that it has not
   Vector metric_;             ///< W/k
   Vector work_;
-  mutable State error_;
+  mutable State error_;             ///< predicted_error() of the last fit
+  mutable bool predicted_ = false;  ///< it is there
   Vector gamma_;
   double remainder_ = 1.0;
   double residual_norm_ = 0.0;
