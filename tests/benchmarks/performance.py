@@ -432,7 +432,8 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         "on the same mesh, by the faster of CHOLMOD and MUMPS. Seconds begin with the matrices of the "
         "parts. Errors are true ones: in the energy norm, all chaos coefficients together, against SSFEM "
         "converged to 1e-11; for the sweep the worst force on the joint (rms over the interface) of all "
-        "91 points. Peak memory is what a process takes beyond the matrices of the parts.",
+        "91 points. Peak memory is what a process takes beyond the matrices of the parts; below 150 000 "
+        "unknowns runs are repeated and two results may be alive at once.",
         "",
         "## Against size",
         "",
