@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
-from dolfinx_frontend.chaos import ChaosResult, IndefiniteError, carry_on, solve_chaos
+from dolfinx_frontend.chaos import NOISE, ChaosResult, IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.cost import shown
 from dolfinx_frontend.errors import SceneError, unknown_name
 from dolfinx_frontend.interest import Resultant
@@ -44,8 +44,6 @@ DIGIT = 0.1
 """By so much the tolerance is tightened to see how far the iteration was."""
 FINEST = 1e-12
 """Tightest tolerance of an iteration."""
-NOISE = 100.0
-"""A standard deviation below so many times the tolerance, as a share of the mean, is measured by the mean."""
 SLOWEST = 0.7
 """Errors are not taken to fall more slowly than so from one set of modes to the next."""
 DROPPED = 0.02
@@ -203,18 +201,15 @@ def _interest(problem: Problem, quantity: Interest) -> Resultant | None:
 def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
     """Chaos coefficients (P + 1,) of a quantity, of a history at its end."""
     weights = result.problem.interfaces[quantity.interface].weights
-    force = np.moveaxis(result.force_coefficients(quantity.interface), -1, 0)
-    jump = np.moveaxis(result.jump_coefficients(quantity.interface), -1, 0)
-    values = quantity.of_fields(force, jump, weights)
+    read = result.force_coefficients if quantity.of == "force" else result.jump_coefficients
+    values = quantity.total(np.moveaxis(read(quantity.interface), -1, 0), weights)
     return values if result.times is None else values[..., -1]
 
 
 def _samples(result: Any, fields: Any, quantity: Resultant) -> Array:
     """A quantity (N,) in samples of the fields, of a history at its end."""
     weights = result.problem.interfaces[quantity.interface].weights
-    values = quantity.of_fields(
-        fields.force(quantity.interface), fields.jump(quantity.interface), weights
-    )
+    values = quantity.total(quantity.field(fields), weights)
     return values if result.plan.times is None else values[..., -1]
 
 
@@ -223,11 +218,12 @@ def moments(result: Result | SampleResult, quantity: Resultant) -> Moments:
     if isinstance(result, SampleResult):
         values = _samples(result, result, quantity)
         mean = float(np.average(values, weights=result.weights))
-        return Moments(mean, float(np.sqrt(np.average((values - mean) ** 2, weights=result.weights))))
+        variance = float(np.average((values - mean) ** 2, weights=result.weights))
+        return Moments(mean, float(np.sqrt(max(variance, 0.0))))  # sparse rules have negative weights
     if not isinstance(result, ChaosResult):
         return Moments(float(np.ravel(quantity.value(result))[-1]), None)
     if quantity.interface in result.collocations:
-        germs = result.space.sample_sobol(2**12, 0)
+        germs = result.moment_germs()
         parts = [
             _samples(result, result.at(germs[i : i + 512]), quantity) for i in range(0, len(germs), 512)
         ]
@@ -260,9 +256,7 @@ def _distance(one: Result, other: Result) -> float:
     The first may have modes that the second has not.
     """
     core = one.core
-    data, traces = (
-        block.copy() for block in (one.state.data, one.state.traces)
-    )
+    data, traces = one.state.data.copy(), one.state.traces.copy()
     places = np.arange(data.shape[1])
     if isinstance(one, ChaosResult) and isinstance(other, ChaosResult):
         steps = one._steps
@@ -441,11 +435,11 @@ def _checked(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     count = max(result.chaos.check_points, 32)
     result.resume()
     truth = result.sample(result.space.sample(count, 1))
-    name = quantity.interface if quantity is not None else result.random.interfaces[0]
-    check = result._compared(name, [truth])
+    names = result.plan.active if quantity is None else (quantity.interface,)
+    error = max(result.compared(name, [truth]).error for name in names)
     how = f"{count} deterministic solves"
     if quantity is None:
-        return ErrorShare(check.error, how=how)
+        return ErrorShare(error, how=how)
     value = moments(result, quantity)
     exact, own = (_samples(result, fields, quantity) for fields in (truth, result.at(truth.germs)))
     shift = exact - own
@@ -456,14 +450,19 @@ def _checked(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     assert value.std is not None  # of a chaos
     ends = [np.sqrt(max(value.std**2 + spread.mean() + s * more, 0.0)) for s in (-1.0, 0.0, 1.0)]
     away = max(abs(end - value.std) for end in ends)
-    return ErrorShare(check.error, float(abs(shift.mean()) + margin), float(away), how)
+    return ErrorShare(error, float(abs(shift.mean()) + margin), float(away), how)
 
 
 def _errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
-    """By the spread of interleaved parts of the sample."""
+    """By the spread of parts of the sample, one after the other."""
     error = float(np.nanmax(result.error))
     if quantity is None:
         raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
+    if result.weights is not None:
+        raise SceneError(
+            "one quadrature does not tell its error: compare it with one of more points, or let "
+            "solve(accuracy=...) do so"
+        )
     values = _samples(result, result, quantity)
     value = moments(result, quantity)
     spread = np.array(
@@ -643,13 +642,6 @@ def _with_errors(
     for note in notes:
         _log.warning("%s", note)
     return result
-
-
-def _measured(one: ChaosResult, other: ChaosResult, quantity: Resultant | None) -> float:
-    """Relative change from the second to the first in what counts."""
-    if quantity is None:
-        return _distance(one, other)
-    return _change(moments(one, quantity), moments(other, quantity), one.plan.options.rtol)
 
 
 def _adaptive(

@@ -815,7 +815,7 @@ class ChaosResult(Result, StochasticResult):
         decay, deviation = self._decay(interface)
         if points <= 0:
             return TruncationError(decay, np.nan, 0, interface)
-        return self._compared(interface, [self.sample(self.space.sample(points, seed))])
+        return self.compared(interface, [self.sample(self.space.sample(points, seed))])
 
     def _decay(self, interface: str) -> tuple[float, float]:
         """Estimate from the coefficients, and standard deviation of the force in the interface's norm."""
@@ -832,7 +832,7 @@ class ChaosResult(Result, StochasticResult):
             decay = by_degree[-1] * ratio / np.sqrt(1.0 - ratio**2) / deviation
         return float(decay), deviation
 
-    def _compared(self, interface: str, truth: Sequence[SampleResult]) -> TruncationError:
+    def compared(self, interface: str, truth: Sequence[SampleResult]) -> TruncationError:
         """The chaos against deterministic solves."""
         decay, deviation = self._decay(interface)
         exact = np.concatenate([part.force(interface) for part in truth])
@@ -888,7 +888,7 @@ class ChaosResult(Result, StochasticResult):
                 return  # Ctrl-C: not checked, so not trusted; the log says so
             self.checked += (part,)
             own = [name for name in self.plan.active if self.problem.speaks_for(name)]
-            self.checks = self.problem.gather({n: self._compared(n, self.checked) for n in own})
+            self.checks = self.problem.gather({n: self.compared(n, self.checked) for n in own})
             if self.trusted or any(not c.estimate <= tolerance for c in self.checks.values()):
                 break
         self.seconds["check"] = sum(sum(part.seconds.values()) for part in self.checked)

@@ -271,7 +271,7 @@ def _value(
         return result.eliminated(interface, law, fields)
 
     force, jump = result.problem.everywhere(name, read)
-    return float(quantity.of_fields(force, jump, interface.weights))
+    return float(quantity.total(force if quantity.of == "force" else jump, interface.weights))
 
 
 @dataclass(frozen=True)

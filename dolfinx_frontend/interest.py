@@ -55,9 +55,13 @@ class Resultant:
         what = "force" if self.of == "force" else "mean jump"
         return f"{_COMPONENTS[self.component]} {what} of {self.interface}"
 
-    def of_fields(self, force: Array, jump: Array, weights: Array) -> Array:
-        """The number from fields (..., points, components), for each of their leading axes."""
-        field = force if self.of == "force" else jump
+    def field(self, source: Any) -> Array:
+        """The field that is summed, (..., points, components): force or jump of a result or of samples."""
+        read = source.force if self.of == "force" else source.jump
+        return np.asarray(read(self.interface))
+
+    def total(self, field: Array, weights: Array) -> Array:
+        """The number from such a field, for each of its leading axes; `weights` are the areas (points,)."""
         if self.component >= field.shape[-1]:
             raise SceneError(
                 f"interface {self.interface!r} carries {field.shape[-1]} component(s), not component "
@@ -78,4 +82,4 @@ class Resultant:
         if self.interface not in interfaces:
             raise unknown_name("interface", self.interface, interfaces, "problem")
         weights = interfaces[self.interface].weights
-        return self.of_fields(result.force(self.interface), result.jump(self.interface), weights)
+        return self.total(self.field(result), weights)

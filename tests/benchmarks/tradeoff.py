@@ -50,7 +50,6 @@ import numpy.typing as npt
 
 from dolfinx_frontend import (
     Chaos,
-    ChaosResult,
     Contact,
     Elastic,
     LogNormal,
@@ -70,6 +69,7 @@ from dolfinx_frontend import (
     ssfem,
     tensor_quadrature,
 )
+from dolfinx_frontend.accuracy import moments
 from dolfinx_frontend.lap_joint import lap_joint
 
 Array = npt.NDArray[np.float64]
@@ -412,29 +412,20 @@ class Answer:
     iterations: int
 
 
-def of_chaos(scene: Scene, problem: Problem, force: Array, jump: Array) -> Moments:
-    """Moments from chaos coefficients ([T,] m, components, P + 1), at the last time."""
-    weights = problem.interfaces[scene.quantity.interface].weights
-    modes = scene.quantity.of_fields(np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0), weights)
+def of_chaos(scene: Scene, problem: Problem, found: Any) -> Moments:
+    """Moments from the chaos coefficients ([T,] m, components, P + 1) of an answer, at the last time."""
+    name = scene.quantity.interface
+    of_force = scene.quantity.of == "force"
+    field = found.force_coefficients(name) if of_force else found.jump_coefficients(name)
+    weights = problem.interfaces[name].weights
+    modes = scene.quantity.total(np.moveaxis(field, -1, 0), weights)
     modes = modes.reshape(len(modes), -1)[:, -1]
     return Moments(float(modes[0]), float(np.sqrt(np.sum(modes[1:] ** 2))))
 
 
-def of_result(scene: Scene, result: ChaosResult) -> Moments:
-    """Moments of a LATIN-PCE answer."""
-    name = scene.quantity.interface
-    return of_chaos(
-        scene, result.problem, result.force_coefficients(name), result.jump_coefficients(name)
-    )
-
-
 def of_samples(scene: Scene, result: SampleResult) -> Moments:
-    """Moments of samples; a sparse rule may give a negative variance, which counts as 0."""
-    values = scene.quantity.value(result)
-    values = values.reshape(len(values), -1)[:, -1]
-    weights = np.full(len(values), 1.0 / len(values)) if result.weights is None else result.weights
-    mean = float(weights @ values)
-    return Moments(mean, math.sqrt(max(float(weights @ (values - mean) ** 2), 0.0)))
+    """Moments of samples."""
+    return Moments(*moments(result, scene.quantity))
 
 
 def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answer:
@@ -446,10 +437,8 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
         chaos = Chaos(knobs.pop("order"), check_points=0, **about)
         if method == "ssfem":
             found = ssfem.ssfem(problem, chaos, rtol=rtol)
-            name = scene.quantity.interface
-            fields = found.force_coefficients(name), found.jump_coefficients(name)
             status = "converged" if found.converged else "max_iterations"
-            return Answer(of_chaos(scene, problem, *fields), status, found.iterations)
+            return Answer(of_chaos(scene, problem, found), status, found.iterations)
         options = scene.options.with_(rtol=rtol)
         if method == "single":
             options = options.with_(precision="single")
@@ -462,7 +451,7 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
             times=scene.times,
             options=options.with_(**knobs),
         )
-        return Answer(of_result(scene, result), result.status, result.iterations)
+        return Answer(of_chaos(scene, problem, result), result.status, result.iterations)
     samplers = {
         "tensor": lambda **how: tensor_quadrature(problem, knobs.pop("points"), **how),
         "sparse": lambda **how: sparse_quadrature(problem, knobs.pop("level"), **how),
@@ -649,7 +638,7 @@ def automatic(
             knobs["samples"] = count
         iterations = int(result.iterations.sum())
     else:
-        found, method = of_result(scene, result), "latin"
+        found, method = of_chaos(scene, problem, result), "latin"
         status, iterations = result.status, result.iterations
         knobs |= {"order": result.chaos.order, "modes": result.modes}
     estimate = result.errors()

@@ -402,20 +402,21 @@ void Problem::check_columns(Index columns) const {
 }
 
 void Problem::set_extra_loads(const std::map<std::string, Matrix>& loads) {
-  std::size_t taken = 0;
+  for (const auto& [name, load] : loads) {
+    const auto here = [&name](const auto& members) {
+      return std::ranges::count(members, name) > 0;
+    };
+    if (!std::ranges::any_of(member_names_, here)) {
+      throw InputError("extra loads: substructure '" + name + "' is not on this rank");
+    }
+  }
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     std::vector<Matrix> of_body;
     for (const std::string& member : member_names_[b]) {
       const auto found = loads.find(member);
       of_body.push_back(found != loads.end() ? found->second : Matrix());
-      taken += found != loads.end() ? 1 : 0;
     }
     bodies_[b].set_extra_loads(of_body);
-  }
-  if (taken < loads.size()) {
-    throw InputError("extra loads of " + std::to_string(loads.size() - taken) +
-                     " substructures that are not on this rank, '" + loads.begin()->first +
-                     "' or others");
   }
 }
 
