@@ -153,12 +153,6 @@ def loaded(step: StepAssembly, assembly: Assembly, shape: FlangeShape, on: Ampli
     return scene
 
 
-def with_laws(problem: Problem, laws: dict[str, Law]) -> Problem:
-    """The same meshes and matrices with other laws on some interfaces."""
-    changed = {name: replace(problem.interfaces[name], law=law) for name, law in laws.items()}
-    return replace(problem, interfaces={**problem.interfaces, **changed})
-
-
 # %% What is read from an answer; the last axes of a force are points and components
 
 
@@ -355,7 +349,7 @@ def main() -> None:
 
     times = np.arange(1.0, len(steps) + 2.0)
     options = Options(rtol=1e-8, max_iterations=1000)
-    sequence = with_laws(problem, bolt_laws(steps))
+    sequence = problem.with_laws(bolt_laws(steps))
     result = solve(sequence, times=times, options=options)
     forces = bolt_forces(sequence, result)
     loads = pressure_force(problem, times, on)
@@ -393,7 +387,7 @@ largest pressure on the gasket  {around[-2].max():9.2f}  {around[-1].max():9.2f}
 
     # the scatter: all bolts at once, then the pressure
     pair = np.array([tightened, tightened + 1.0])
-    uncertain = with_laws(problem, random_laws(tightened))
+    uncertain = problem.with_laws(random_laws(tightened))
     start = perf_counter()
     # near samples start from each other: Anderson's steps are cheaper than Newton's there (measured: 4 times)
     quickly = Options(rtol=1e-7, max_iterations=1000, newton=0)
@@ -420,7 +414,7 @@ P(leak)                         {100 * leak.value:9.2f} %  {interval}""")
 
     turned, shape_error = rotation_error(uncertain, pair, options)
     nominal = solve(
-        with_laws(problem, {n: Preload(FORCE, until=tightened) for n in BOLTS}), times=pair, options=options
+        problem.with_laws({n: Preload(FORCE, until=tightened) for n in BOLTS}), times=pair, options=options
     )
     alike = bolt_forces(problem, nominal)[-1]
     spread = float(np.ptp(alike) / FORCE)

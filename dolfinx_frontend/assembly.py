@@ -347,6 +347,20 @@ class Problem:
             out[name] = out[name].with_(**{parameter: value})
         return out
 
+    def with_laws(
+        self, laws: dict[str, Law] | None = None, values: dict[str, Any] | None = None
+    ) -> Problem:
+        """The same parts and interfaces with some laws replaced; nothing is assembled again.
+
+        Parameters
+        ----------
+        laws, values
+            As for :meth:`laws`.
+        """
+        new = self.laws(laws, values)
+        interfaces = {name: replace(i, law=new[name]) for name, i in self.interfaces.items()}
+        return replace(self, interfaces=interfaces)
+
     def __repr__(self) -> str:
         lines = [
             f"Problem: {self.size} unknowns in {len(self.parts)} substructures, "

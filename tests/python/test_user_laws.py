@@ -102,13 +102,10 @@ def test_the_documentation_runs_as_it_stands(
         ({"values": {"stiffness": 1.0}}, "takes the values limit, stiffness, got stiffness"),
         ({"history": False}, "give history=True"),
     ):
-        wrong = replace(problem.interfaces["pad"], law=replace(law, **bad))
-        interfaces = problem.interfaces | {"pad": wrong}
         with pytest.raises(SceneError, match=f"'pad'.*{message}"):
-            solve(Problem(problem.substructures, interfaces))
-    negative = replace(problem.interfaces["pad"], law=law.with_(stiffness=-1.0))
+            solve(problem.with_laws({"pad": replace(law, **bad)}))
     with pytest.raises(InputError, match=r"interface 'pad'.*'stiffness'.*at least 0"):
-        solve(Problem(problem.substructures, problem.interfaces | {"pad": negative}))
+        solve(problem.with_laws({"pad": law.with_(stiffness=-1.0)}))
     sys.modules.pop("pad", None)
 
 

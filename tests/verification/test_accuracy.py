@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -52,10 +51,7 @@ def paper(vessel: Problem) -> Problem:
         "screw": Elastic(normal=screw, tangential=screw, total=True, jump=-0.2),
         "joint": Elastic(normal=joint, tangential=joint),
     }
-    interfaces = {
-        n: replace(i, law=laws[n]) if n in laws else i for n, i in vessel.interfaces.items()
-    }
-    return Problem(vessel.substructures, interfaces)
+    return vessel.with_laws(laws)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.chaos import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
 from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Elastic, Law, Perfect
+from dolfinx_frontend.laws import Elastic, Perfect
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.plan import Direction
 from dolfinx_frontend.random import (
@@ -40,22 +39,13 @@ from dolfinx_frontend.ssfem import energy_error_modes, ssfem
 TIGHT = Options(rtol=1e-10)
 
 
-def with_laws(problem: Problem, **laws: Law) -> Problem:
-    """The problem with some laws replaced; nothing is assembled again."""
-    interfaces = {
-        name: replace(i, law=laws[name]) if name in laws else i
-        for name, i in problem.interfaces.items()
-    }
-    return Problem(problem.substructures, interfaces)
-
-
 def random_vessel(vessel: Problem, screw: Any, joint: Any) -> Problem:
     """The paper's section 5: random stiffness of the (half) screw and of the joint."""
-    return with_laws(
-        vessel,
-        screw=Elastic(normal=screw, tangential=screw, total=True, jump=-0.2),
-        joint=Elastic(normal=joint, tangential=joint),
-    )
+    laws = {
+        "screw": Elastic(normal=screw, tangential=screw, total=True, jump=-0.2),
+        "joint": Elastic(normal=joint, tangential=joint),
+    }
+    return vessel.with_laws(laws)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +105,7 @@ def test_index_sets_equal_ssfem(paper: Problem) -> None:
 
 
 def test_plain_iteration_has_the_same_fixed_point(two_blocks: Problem) -> None:
-    problem = with_laws(two_blocks, layer=Elastic(normal=Normal("k", mean=50.0, cov=0.2), tangential=9.0))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=Normal("k", mean=50.0, cov=0.2), tangential=9.0)})
     result = solve_chaos(
         problem, 3, options=Options.plain(rtol=1e-10), direction=Direction(given={"layer": 100.0})
     )
@@ -126,18 +116,18 @@ def test_plain_iteration_has_the_same_fixed_point(two_blocks: Problem) -> None:
 
 def test_chaos_on_all_interfaces_kept(two_blocks: Problem) -> None:
     k = Gamma("k", mean=50.0, cov=0.3)
-    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     assert difference(problem, Chaos(4), active="all") < 1e-8
 
 
 def test_independent_normal_and_tangential_and_jump(vessel: Problem) -> None:
-    problem = with_laws(
-        vessel,
-        joint=Elastic(normal=Gamma("kn", mean=100.0, cov=0.2), tangential=LogNormal("kt", 60.0, 0.3)),
-        screw=Elastic(
+    laws = {
+        "joint": Elastic(normal=Gamma("kn", mean=100.0, cov=0.2), tangential=LogNormal("kt", 60.0, 0.3)),
+        "screw": Elastic(
             normal=Normal("K", 2.5e4, 0.1), tangential=2e4, total=True, jump=Normal("D", -0.2, 0.05)
         ),
-    )
+    }
+    problem = vessel.with_laws(laws)
     assert difference(problem, Chaos(2)) < 1e-8
 
 
@@ -149,7 +139,7 @@ def test_correlated_parameters_equal_ssfem(vessel: Problem) -> None:
 
 
 def test_random_jump_of_a_perfect_interface(two_blocks: Problem) -> None:
-    problem = with_laws(two_blocks, layer=Perfect(jump=Normal("D", mean=0.1, std=0.02)))
+    problem = two_blocks.with_laws({"layer": Perfect(jump=Normal("D", mean=0.1, std=0.02))})
     result = solve_chaos(problem, 1, options=TIGHT)
     jump = result.jump_coefficients("layer")[:, 0]
     assert np.allclose(jump, [0.1, 0.02], rtol=1e-8)
@@ -160,7 +150,7 @@ def test_random_field_equals_ssfem(two_blocks: Problem, distribution: Any) -> No
     field = RandomField(
         "k", mean=50.0, cov=0.2, length=8.0, modes=3, distribution=distribution
     )
-    problem = with_laws(two_blocks, layer=Elastic(normal=field, tangential=field))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=field, tangential=field)})
     assert difference(problem, Chaos(2)) < 1e-8
 
 
@@ -168,7 +158,7 @@ def test_random_field_equals_ssfem(two_blocks: Problem, distribution: Any) -> No
 @pytest.mark.parametrize(("order", "mean"), [(2, 1.04545455), (3, 1.04602510), (4, 1.04615385)])
 def test_mean_opening_of_a_normal_stiffness(two_blocks: Problem, order: int, mean: float) -> None:
     k = Normal("k", mean=50.0, cov=0.2)
-    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     result = solve_chaos(problem, order, options=TIGHT)
     assert np.allclose(result.jump("layer")[:, 0] / (10.0 / 50.0), mean, rtol=1e-8)
 
@@ -187,7 +177,7 @@ def test_mean_opening_of_a_normal_stiffness(two_blocks: Problem, order: int, mea
     ids=["lognormal", "gamma", "uniform"],
 )
 def test_moments_of_positive_laws(two_blocks: Problem, law: Any, mean: float, second: float) -> None:
-    problem = with_laws(two_blocks, layer=Elastic(normal=law, tangential=law))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=law, tangential=law)})
     errors = []
     for order in (2, 4, 6):
         result = solve_chaos(problem, order, options=TIGHT)
@@ -251,7 +241,7 @@ def test_probability_of_traction_agrees_with_sampling(paper: Problem) -> None:
 def test_samples_equal_deterministic_solves(paper: Problem) -> None:
     samples = monte_carlo(paper, 5, seed=3, plan_options=Options(rtol=1e-9), progress=False)
     laws = samples.random.at(samples.germs[4])
-    problem = with_laws(paper, **{n: laws[n] for n in ("screw", "joint")})
+    problem = paper.with_laws({n: laws[n] for n in ("screw", "joint")})
     alone = solve(problem, active=["screw", "joint"], options=Options(rtol=1e-9))
     force = alone.force("joint")
     assert np.abs(samples.force("joint")[4] - force).max() < 1e-6 * np.abs(force).max()
@@ -277,21 +267,21 @@ def test_guard_names_the_limit(two_blocks: Problem, order: int, limit: float) ->
     exact = stochastic.critical_cov(stochastic.Germ.hermite(), order)
     assert abs(exact - limit) < 1e-5  # five digits; 0.22160 stands for 0.221595 at order 8
     k = Normal("k", mean=50.0, cov=limit + 2e-5)
-    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     with pytest.raises(IndefiniteError) as caught:
         solve_chaos(problem, order)
     text = str(caught.value)
     for part in ("'layer'", "'k'", f"order {order} ", f"{exact:.5f}", "LogNormal"):
         assert part in text
     inside = Normal("k", mean=50.0, cov=limit - 2e-5)
-    problem = with_laws(two_blocks, layer=Elastic(normal=inside, tangential=inside))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=inside, tangential=inside)})
     with pytest.warns(NearlyIndefiniteWarning, match="nearly indefinite"):
         solve_chaos(problem, order, options=Options(max_iterations=1))
 
 
 def test_the_papers_joint_passes_at_order_9_and_is_refused_at_10(two_blocks: Problem) -> None:
     k = Normal("k", mean=50.0, cov=0.2)
-    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     with pytest.warns(NearlyIndefiniteWarning):
         assert solve_chaos(problem, 9).converged
     with pytest.raises(IndefiniteError):
@@ -300,7 +290,7 @@ def test_the_papers_joint_passes_at_order_9_and_is_refused_at_10(two_blocks: Pro
 
 def test_positive_laws_pass_at_every_order(two_blocks: Problem) -> None:
     for k in (LogNormal("k", 50.0, 0.5), Gamma("k", 50.0, 0.5)):
-        problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+        problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
         assert solve_chaos(problem, 8).converged
 
 
@@ -316,7 +306,7 @@ def test_override_needs_a_proof(vessel: Problem, two_blocks: Problem) -> None:
     assert energy_error_modes(problem, blocks, ssfem(problem, Chaos(3)).coefficients) < 1e-8
     # in series the layer carries all of it: nothing to prove
     k = Normal("k", mean=50.0, cov=0.45)
-    series = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    series = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     with pytest.raises(IndefiniteError, match="could not be proven"):
         solve_chaos(series, 3, indefinite="prove")
 
@@ -329,7 +319,7 @@ def test_mistakes_are_named(paper: Problem, two_blocks: Problem) -> None:
     with pytest.raises(SceneError, match="(?i)memory|GB|bytes"):
         solve_chaos(paper, 100_000)
     k = Normal("k", mean=50.0, cov=0.5)
-    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     with pytest.raises(SceneError, match="negative"):
         monte_carlo(problem, 500, progress=False)
     with pytest.raises(SceneError, match="refuse"):
@@ -338,13 +328,13 @@ def test_mistakes_are_named(paper: Problem, two_blocks: Problem) -> None:
 
 def test_random_parameters_without_effect_are_dropped_and_said(two_blocks: Problem) -> None:
     law = Elastic(normal=LogNormal("k", 50.0, 0.2), tangential=50.0, jump=0.0)
-    problem = with_laws(two_blocks, layer=law)
+    problem = two_blocks.with_laws({"layer": law})
     result = solve_chaos(problem, 2)
     assert result.space.germ_names == ("k",)
     free = Elastic(normal=0.0, tangential=0.0, jump=Normal("D", 0.1, std=0.01))
     from dolfinx_frontend.stochastic import RandomLaws
 
-    dropped = RandomLaws.of(with_laws(two_blocks, layer=free)).dropped
+    dropped = RandomLaws.of(two_blocks.with_laws({"layer": free})).dropped
     assert dropped and "layer.jump" in dropped[0]
 
 
@@ -355,7 +345,7 @@ def test_without_chaos_the_mean_is_taken_and_said(paper: Problem) -> None:
 
 def test_chaos_and_samples_answer_alike(two_blocks: Problem, tmp_path: Any) -> None:
     k = Uniform("k", mean=50.0, cov=0.2)
-    problem = with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+    problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     chaos = solve_chaos(problem, 6, options=TIGHT)
     settings: dict[str, Any] = {"plan_options": TIGHT, "progress": False, "keep_states": True}
     for other in (tensor_quadrature(problem, 7, **settings), sparse_quadrature(problem, 6, **settings)):
@@ -380,7 +370,7 @@ def test_a_sampling_checkpoint_is_resumed_and_belongs_to_its_problem(
 ) -> None:
     def problem(cov: float) -> Problem:
         k = Uniform("k", mean=50.0, cov=cov)
-        return with_laws(two_blocks, layer=Elastic(normal=k, tangential=k))
+        return two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
 
     settings: dict[str, Any] = {"progress": False, "checkpoint": tmp_path / "samples"}
     first = monte_carlo(problem(0.2), 6, **settings)

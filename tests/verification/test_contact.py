@@ -12,7 +12,7 @@ from latin_core import Options
 from dolfinx_frontend import geometry, reference
 from dolfinx_frontend.assembly import Problem, assemble
 from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.laws import Contact, Elastic, Perfect
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.random import Normal
 from dolfinx_frontend.sampling import quasi_monte_carlo
@@ -22,14 +22,6 @@ from dolfinx_frontend.sweep import sweep
 
 TIGHT = Options(rtol=1e-11, max_iterations=1000)
 AREA = 100.0  # mm^2
-
-
-def with_laws(problem: Problem, **laws: Law) -> Problem:
-    interfaces = {
-        name: replace(i, law=laws[name]) if name in laws else i
-        for name, i in problem.interfaces.items()
-    }
-    return Problem(problem.substructures, interfaces)
 
 
 def blocks(gap: float = 0.0, traction: Any = (-5.0, 0.0, 0.0), nu: float = 0.0) -> Scene:
@@ -74,9 +66,8 @@ def test_gap_closes_before_anything_is_carried() -> None:
     scene.interface("joint", "left:x1", "right:x0", Perfect())
     scene.interface("stop", "right:x1", Contact(gap=0.01))
     for pull in (25.0, 50.0, 100.0):
-        problem = with_laws(
-            assemble(scene), load=replace(scene.interfaces["load"].law, t=(pull, 0.0, 0.0))
-        )
+        load = replace(scene.interfaces["load"].law, t=(pull, 0.0, 0.0))
+        problem = assemble(scene).with_laws({"load": load})
         # free, the end moves by t L / E = t 40 / 2e5; the stop acts in series
         result = solve(problem, options=TIGHT)
         moved = max(0.0, pull * 40.0 / 200e3 - 0.01)
@@ -88,14 +79,14 @@ def test_gap_closes_before_anything_is_carried() -> None:
 def test_vessel_equals_an_active_set_solver(vessel: Problem, factor: float) -> None:
     stiffness = 1000.0
     screw = Elastic(normal=2.5e4, tangential=2.5e4, total=True, jump=-0.2)
-    problem = with_laws(vessel, joint=Contact(stiffness=stiffness), screw=screw)
+    problem = vessel.with_laws({"joint": Contact(stiffness=stiffness), "screw": screw})
     result = solve(problem, direction=factor, options=Options(rtol=1e-9, max_iterations=500))
     assert result.converged
 
     # semi-smooth Newton: springs where the joint is closed, none elsewhere, until the set stands
     closed = np.ones(problem.interfaces["joint"].num_points)
     for _ in range(30):
-        linear = with_laws(vessel, joint=Elastic(normal=stiffness * closed), screw=screw)
+        linear = vessel.with_laws({"joint": Elastic(normal=stiffness * closed), "screw": screw})
         exact = reference.monolithic(linear)
         traces = exact.traces["joint"]
         again = (traces[1][:, 0] - traces[0][:, 0] < 0.0).astype(float)
@@ -113,7 +104,7 @@ def test_friction_beyond_need_is_perfect_adhesion() -> None:
     scene.interface("joint", "left:x1", "right:x0", Contact(friction=10.0))
     problem = assemble(scene)
     result = solve(problem, options=Options(rtol=1e-10, max_iterations=2000))
-    glued = with_laws(problem, joint=Perfect())
+    glued = problem.with_laws({"joint": Perfect()})
     exact = reference.monolithic(glued)
     assert result.converged
     assert reference.energy_error(glued, result.displacements, exact) < 1e-8
@@ -141,7 +132,7 @@ def test_friction_slips_at_its_bound() -> None:
 def test_the_answer_does_not_depend_on_the_direction(vessel: Problem) -> None:
     law = Contact(friction=0.3)
     screw = Elastic(normal=2.5e4, tangential=2.5e4, total=True, jump=-0.2)
-    problem = with_laws(vessel, joint=law, screw=screw)
+    problem = vessel.with_laws({"joint": law, "screw": screw})
     weights = problem.interfaces["joint"].weights
     forces = []
     for factor in (3.0, 10.0):
@@ -186,7 +177,7 @@ def test_uncertain_preload_over_a_contact_is_sampled() -> None:
     bolt = Elastic(
         normal=Normal("K", mean=stiffness, cov=0.1), tangential=stiffness, total=True, jump=-preload
     )
-    problem = with_laws(problem, bolt=bolt)
+    problem = problem.with_laws({"bolt": bolt})
     samples = quasi_monte_carlo(
         problem, 1024, plan_options=Options(rtol=1e-8, max_iterations=500), progress=False
     )
@@ -209,7 +200,7 @@ def test_a_swept_contact() -> None:
     force = result.force("joint")[..., 0].mean(axis=-1)
     assert force[3] == 0.0 and np.all(np.diff(force) >= -1e-9) and force[0] < -9.0
     # a finite stiffness in compression: 10 MPa are shared by the spring and the contact
-    soft = with_laws(assemble(scene), joint=Contact(gap=0.0, stiffness=10.0))
+    soft = assemble(scene).with_laws({"joint": Contact(gap=0.0, stiffness=10.0)})
     stiffness = np.array([50.0, 200.0])
     shared = sweep(soft, {"joint.stiffness": stiffness}, options=TIGHT, progress=False)
     jump = shared.jump("joint")[..., 0]

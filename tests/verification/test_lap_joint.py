@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import sys
 from pathlib import Path
@@ -17,7 +16,6 @@ from dolfinx_frontend import (
     Elastic,
     LinearElastic,
     Options,
-    Problem,
     Scene,
     SceneError,
     assemble,
@@ -236,11 +234,8 @@ def test_the_plates_slip_at_friction_times_pressing_force(demo, loop):
 def test_without_shear_in_the_bolts_the_joint_slips_at_friction_times_clamping(demo, joint):
     """Bolts cut by a smooth plane: mu N on one surface is all that the joint carries."""
     problem = demo.study_problem(joint)
-    interfaces = dict(problem.interfaces)
-    for name in demo.CUTS:
-        law = interfaces[name].law.with_(tangential=None)
-        interfaces[name] = dataclasses.replace(interfaces[name], law=law)
-    smooth = Problem(problem.substructures, interfaces)
+    laws = {n: problem.interfaces[n].law.with_(tangential=None) for n in demo.CUTS}
+    smooth = problem.with_laws(laws)
     options = demo.SETTINGS.with_(rtol=TIGHT)
     result = solve(smooth, times=[1.0, 1.5, 2.0], options=options)
     assert result.converged

@@ -20,7 +20,7 @@ from dolfinx_frontend.chaos import ChaosResult, TruncationWarning
 from dolfinx_frontend.collocation import MOST_TENSOR, collocation
 from dolfinx_frontend.errors import SceneError
 from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Contact, Elastic, Law
+from dolfinx_frontend.laws import Contact, Elastic
 from dolfinx_frontend.materials import LinearElastic
 from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import (
@@ -44,14 +44,6 @@ AREA = 100.0  # mm^2
 SEED = 11
 BOLT, PRELOAD, JOINT = 4e5, 0.02, 50.0 * AREA  # N/mm, mm, N/mm
 SCREW = Elastic(normal=2.5e4, tangential=2.5e4, total=True, jump=Normal("D", -0.2, cov=0.1))
-
-
-def with_laws(problem: Problem, **laws: Law) -> Problem:
-    interfaces = {
-        name: replace(i, law=laws[name]) if name in laws else i
-        for name, i in problem.interfaces.items()
-    }
-    return Problem(problem.substructures, interfaces)
 
 
 def bolted(share: float, bolt: Elastic, joint: Contact | Elastic, at: float = 0.0) -> Problem:
@@ -186,7 +178,7 @@ def test_a_joint_that_never_opens_has_the_galerkin_solution() -> None:
 def test_vessel_against_512_samples(
     vessel: Problem, joint: Contact, screw: Elastic, trusted: bool
 ) -> None:
-    problem = with_laws(vessel, joint=joint, screw=screw)
+    problem = vessel.with_laws({"joint": joint, "screw": screw})
     result = solve(problem, chaos=3)
     samples = result.quasi_monte_carlo(512, 3)
     assert result.converged and samples.converged
@@ -244,7 +236,7 @@ def test_every_parameter_of_contact_may_be_random() -> None:
     assert len(result.collocations["joint"]) <= MOST_TENSOR
     own = result.at(germs).force("joint")
     for i, point in enumerate(germs):
-        fixed = with_laws(problem, **random.at(point))
+        fixed = problem.with_laws(random.at(point))
         exact = solve(fixed, options=options).force("joint")
         size = in_norm(problem, "joint", exact)
         assert in_norm(problem, "joint", samples.force("joint")[i] - exact) < 1e-5 * size
@@ -257,7 +249,7 @@ def test_every_parameter_of_contact_may_be_random() -> None:
 
 def test_a_gap_that_varies_from_place_to_place(vessel: Problem) -> None:
     gap = RandomField("gap", 0.0, std=0.002, length=60.0, modes=3)
-    problem = with_laws(vessel, joint=Contact(stiffness=1000.0, gap=gap), screw=SCREW.with_(jump=-0.2))
+    problem = vessel.with_laws({"joint": Contact(stiffness=1000.0, gap=gap), "screw": SCREW.with_(jump=-0.2)})
     result = solve(problem, chaos=Chaos(2, tolerance=0.05))
     assert result.trusted
     germs = result.space.sample(4, 1)
@@ -336,7 +328,7 @@ def test_history_of_preloaded_springs() -> None:
     add_bolted(scene, 0.0, bolt, Contact(stiffness=JOINT / AREA), "")
     problem = assemble(scene)
     load = pull * (BOLT * PRELOAD / AREA, 0.0, 0.0)
-    problem = with_laws(problem, load=replace(problem.interfaces["load"].law, t=load))
+    problem = problem.with_laws({"load": replace(problem.interfaces["load"].law, t=load)})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TruncationWarning)
         result = solve(problem, chaos=3, times=times, options=TIGHT)
@@ -393,7 +385,7 @@ def test_friction_over_a_load_cycle() -> None:
     own = result.at(germs).force("joint")
     left = []
     for i, point in enumerate(germs):
-        fixed = with_laws(problem, **result.random.at(point))
+        fixed = problem.with_laws(result.random.at(point))
         exact = solve(fixed, times=times, options=options)
         size = np.linalg.norm(exact.force("joint"))
         assert np.linalg.norm(drawn.force("joint")[i] - exact.force("joint")) < 1e-4 * size
@@ -411,7 +403,7 @@ def test_linear_histories_are_superposed_with_chaos_too() -> None:
     add_bolted(scene, 0.0, bolt, joint, "")
     problem = assemble(scene)
     load = Amplitude([0.0, 1.0, 2.0], [0.0, 0.0, 1.0]) * (20.0, 0.0, 0.0) + (1.0, 0.0, 0.0)
-    problem = with_laws(problem, load=replace(problem.interfaces["load"].law, t=load))
+    problem = problem.with_laws({"load": replace(problem.interfaces["load"].law, t=load)})
     times = np.linspace(0.0, 2.0, 9)
     result = solve(problem, chaos=3, times=times, options=TIGHT)
     assert result.plan.history == "patterns" and result.state.data.shape[1] == 10 * 3
