@@ -45,7 +45,7 @@ from dolfinx_frontend.scene import Overlap
 if TYPE_CHECKING:
     from dolfinx_frontend.pairing import FacetMap
 
-__all__ = ["Averages", "Polygons", "average", "clip", "polygons"]
+__all__ = ["Averages", "Polygons", "average", "clip", "means", "polygons"]
 
 Ints = npt.NDArray[np.int64]
 
@@ -494,8 +494,8 @@ def _check_cover(
 # ---------------------------------------------------------------------------------------------
 # Averages
 # ---------------------------------------------------------------------------------------------
-def _mean(rows: Ints, weights: Array, n: int) -> sp.csr_matrix:
-    """(n, points): weighted mean of the points of each row; rows without points are 0."""
+def means(rows: Ints, weights: Array, n: int) -> sp.csr_matrix:
+    """(n, points): weighted mean of the points of each row (points,); rows without points are 0."""
     total = np.bincount(rows, weights, minlength=n)
     order = np.argsort(rows, kind="stable")
     pointer = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
@@ -550,7 +550,7 @@ def average(
     areas: Array = np.bincount(index, w, minlength=n).astype(np.float64)
     columns = [v.dofmap.index_map.size_local for v in spaces]
     if second is None:
-        mean = _mean(index, w, n)
+        mean = means(index, w, n)
         shape = mean @ first.trace(spaces[0], index, s, columns[0])
         normal = mean @ normals
         return Averages(
@@ -603,14 +603,14 @@ def average(
     facet1, facet2, weights, s1, s2, x1, x2 = (
         z[some] for z in (facet1, facet2, weights, s1, s2, x1, x2)
     )
-    mean = _mean(row[facet1], weights, len(kept))
+    mean = means(row[facet1], weights, len(kept))
     shape2 = (mean @ second.trace(spaces[1], facet2, s2, columns[1])).tocsr()
     # side 1: the rule of the facet where it is covered, the pieces where it is in part
     full, rest = covered[index], ~covered[facet1]
     f = np.concatenate([index[full], facet1[rest]])
     at = np.concatenate([s[full], s1[rest]])
     weights1 = np.concatenate([w[full], weights[rest]])
-    mean1 = _mean(row[f], weights1, len(kept))
+    mean1 = means(row[f], weights1, len(kept))
     shape1 = (mean1 @ first.trace(spaces[0], f, at, columns[0])).tocsr()
     x_own, normal_own, _ = first.surface(f, at)
     normal = mean1 @ normal_own

@@ -14,27 +14,30 @@ values of interfaces are at the points where they are computed, beside their mea
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import basix
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 from dolfinx import fem, plot
 
 from dolfinx_frontend import surfaces
 from dolfinx_frontend.assembly import Substructure
 from dolfinx_frontend.chaos import ChaosResult
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.facets import means
+from dolfinx_frontend.history import check_step
 from dolfinx_frontend.materials import Material
 from dolfinx_frontend.pairing import FacetMap, Interface
 from dolfinx_frontend.sampling import SampleResult
 from dolfinx_frontend.saved import SavedResult
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import Result
-from dolfinx_frontend.tables import is_glue
+from dolfinx_frontend.tables import with_known_force
 from dolfinx_frontend.vtk import (
     CELLS,
     Blocks,
@@ -42,8 +45,7 @@ from dolfinx_frontend.vtk import (
     Values,
     check_target,
     vertices,
-    write_index,
-    write_series,
+    write_blocks,
 )
 
 __all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
@@ -151,13 +153,6 @@ def _times(result: AnyResult) -> Array | None:
     return result.times if isinstance(result, SavedResult) else result.plan.times
 
 
-def _check_step(times: Array | None, step: int) -> int:
-    count = 1 if times is None else len(times)
-    if not -count <= step < count:
-        raise SceneError(f"fields: there is no step {step}, the history has {count}")
-    return step % count
-
-
 # --- parts -----------------------------------------------------------------------------------------
 def write_fields(
     fields: AnyResult | Mapping[str, fem.Function],
@@ -207,7 +202,7 @@ def write_fields(
     """
     times = None if isinstance(fields, Mapping) else _times(fields)
     target = check_target(path, times is not None)
-    step = _check_step(times, step)
+    step = check_step(times, step, "write_fields")
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     names, rank = _parts(fields)
@@ -223,10 +218,7 @@ def write_fields(
     def blocks(at: int) -> Blocks:
         return {name: partial(made[name], at) if name in made else None for name in names}
 
-    if target.suffix == ".pvd":
-        assert times is not None  # checked above
-        return write_series(target, times, blocks, rank)
-    return write_index(target, blocks(step), rank)
+    return write_blocks(target, times, step, blocks, rank)
 
 
 def _parts(fields: AnyResult | Mapping[str, fem.Function]) -> tuple[list[str], int]:
@@ -403,13 +395,8 @@ def write_interfaces(
     """
     times = _times(result)
     target = check_target(path, times is not None)
-    step = _check_step(times, step)
-    known = _known(result)
-    wanted = known if interfaces is None else interfaces
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
-    for name in chosen:
-        if name not in known:
-            raise unknown_name("interface with a known force", name, known, "write_interfaces")
+    step = check_step(times, step, "write_interfaces")
+    chosen = _with_known_force(result, interfaces, "write_interfaces")
     if not chosen:
         raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
     rank = 0
@@ -431,10 +418,7 @@ def write_interfaces(
             for group in groups
         }
 
-    if target.suffix == ".pvd":
-        assert times is not None  # checked above
-        return write_series(target, times, blocks, rank)
-    return write_index(target, blocks(step), rank)
+    return write_blocks(target, times, step, blocks, rank)
 
 
 def facet_fields(
@@ -445,13 +429,17 @@ def facet_fields(
     Returns
     -------
     facets
-        (k,), facets of the mesh of side 1.
+        (k,), facets of the mesh of side 1, ascending.
     fields
         Name -> (k,) or (k, 3).
+
+    Raises
+    ------
+    SceneError
+        An interface that is unknown or whose force is not known, no such step.
     """
-    if interface not in (known := _known(result)):
-        raise unknown_name("interface with a known force", interface, known, "facet_fields")
-    at = _check_step(_times(result), step)
+    _with_known_force(result, interface, "facet_fields")
+    at = check_step(_times(result), step, "facet_fields")
     side = result.problem.here(interface).sides[0]
     part = result.problem.substructures[side.substructure].part
     data = _InterfaceWriter.of(result, interface).facets(at).cell_data
@@ -460,14 +448,32 @@ def facet_fields(
     return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
 
 
-def _known(result: AnyResult) -> list[str]:
-    """Interfaces whose force is known."""
+def _with_known_force(
+    result: AnyResult, wanted: Sequence[str] | str | None, where: str
+) -> list[str]:
+    """The wanted interfaces (None: all), whose force is known."""
     if isinstance(result, SavedResult):
-        return [name for name, each in result.interfaces.items() if each.force is not None]
-    if isinstance(result, (ChaosResult, SampleResult)):
-        return list(result.plan.active)
-    problem, active = result.problem, result.plan.active
-    return [name for name, i in problem.interfaces.items() if name in active or not is_glue(i.law)]
+        known = [name for name, each in result.interfaces.items() if each.force is not None]
+    else:
+        known = with_known_force(result)
+    if wanted is None:
+        return known
+    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    for name in chosen:
+        if name not in known:
+            raise unknown_name("interface with a known force", name, known, where)
+    return chosen
+
+
+class _Surface(NamedTuple):
+    """The covered facets of side 1 of an interface, which are the same at all steps."""
+
+    x: Array  # (nodes, 3), facet by facet
+    cells: npt.NDArray[np.int64]  # (facets, nodes a facet)
+    type: int  # of VTK
+    trace: sp.csr_matrix  # (nodes, unknowns of a component of the displacement)
+    mean: sp.csr_matrix  # (facets, points), by area
+    area: Array  # (facets,)
 
 
 class _InterfaceWriter:
@@ -506,7 +512,7 @@ class _InterfaceWriter:
     @classmethod
     def of_saved(cls, result: SavedResult, name: str) -> _InterfaceWriter:
         each = result.interfaces[name]
-        return cls(each.points, each.weights, surfaces.of_saved(result, each) or {})
+        return cls(each.points, each.weights, surfaces.of_saved(result, name))
 
     def _data(self, step: int) -> dict[str, Values]:
         out: dict[str, Values] = {"area": (self._weights, "")}
@@ -527,50 +533,45 @@ class _InterfaceWriter:
             data["displacement"] = _vector(interface.sides[0].shape @ nodal)
         return vertices(self._points, data)
 
-    def facets(self, step: int) -> Grid:
-        """The surface of side 1."""
+    @cached_property
+    def _surface(self) -> _Surface:
         assert self._side is not None  # a loaded result has no surfaces
         part, interface = self._side
         face = FacetMap(part.part, interface.sides[0].face, f"interface {interface.name!r}")
-        covered = np.unique(interface.facets)
+        covered, row = np.unique(interface.facets, return_inverse=True)
         cell, order = face.facet_cell.name, min(face.order, 2)
         nodes = _facet_nodes(cell, order)
-        k = len(nodes)
-        index, s = np.repeat(covered, k), np.tile(nodes, (len(covered), 1))
+        index, s = np.repeat(covered, len(nodes)), np.tile(nodes, (len(covered), 1))
         x = np.zeros((len(index), 3))
         x[:, : part.dim] = face.push_forward(index, s)[0]
+        cells = np.arange(len(index), dtype=np.int64).reshape(-1, len(nodes))
+        trace = face.trace(part.space, index, s, len(part.dof_coordinates))
+        mean = means(row, self._weights, len(covered))
+        area: Array = np.bincount(row, self._weights).astype(np.float64)
+        return _Surface(x, cells, CELLS[cell, order], trace, mean, area)
+
+    def facets(self, step: int) -> Grid:
+        """The surface of side 1."""
+        surface = self._surface
         point_data: dict[str, Values] = {}
-        if self._displacement is not None:
-            columns = len(part.dof_coordinates)
-            nodal = self._displacement[step].reshape(columns, part.dim)
-            point_data["displacement"] = _vector(face.trace(part.space, index, s, columns) @ nodal)
-        cells = np.arange(len(index), dtype=np.int64).reshape(-1, k)
-        type_ = CELLS[cell, order]
-        return Grid(x, cells, type_, point_data, self._on_facets(step, interface.facets, covered))
+        if self._side is not None and self._displacement is not None:
+            nodal = self._displacement[step].reshape(-1, self._side[0].dim)
+            point_data["displacement"] = _vector(surface.trace @ nodal)
+        return Grid(surface.x, surface.cells, surface.type, point_data, self._on_facets(step))
 
-    def _on_facets(
-        self, step: int, facets: npt.NDArray[np.int64], covered: npt.NDArray[np.int64]
-    ) -> dict[str, Values]:
-        """Values of the facets: what is there, or the means of their points."""
-        data = self._data(step)
-        if len(covered) == len(facets):
-            order = np.argsort(facets)
-            return {name: (values[order], labels) for name, (values, labels) in data.items()}
-        row = np.searchsorted(covered, facets)
-        area = np.bincount(row, self._weights)
-        out: dict[str, Values] = {"area": (area, "")}
-
-        def mean(values: Array) -> Array:
-            columns = values.reshape(len(values), -1).T
-            each = [np.bincount(row, self._weights * column) / area for column in columns]
-            return np.stack(each, axis=1).reshape(len(area), *values.shape[1:])
-
-        for name, (values, labels) in data.items():
-            if name == "state":
-                out["open share"] = (mean((values == surfaces.OPEN).astype(np.float64)), "")
-                out["slip share"] = (mean((values == surfaces.SLIPS).astype(np.float64)), "")
+    def _on_facets(self, step: int) -> dict[str, Values]:
+        """Values of the facets: the means of their points; of one point what is there."""
+        mean = self._surface.mean
+        single = mean.shape[0] == mean.shape[1]
+        out: dict[str, Values] = {"area": (self._surface.area, "")}
+        for name, (values, labels) in self._data(step).items():
+            if name == "state" and not single:
+                out["open share"] = (mean @ (values == surfaces.OPEN), "")
+                out["slip share"] = (mean @ (values == surfaces.SLIPS), "")
+            elif name == "state":
+                out[name] = ((mean @ values).astype(np.int64), "")
             elif name != "area":
-                out[name] = (mean(np.asarray(values, dtype=np.float64)), labels)
+                out[name] = (mean @ values, labels)
         return out
 
 

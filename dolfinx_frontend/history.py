@@ -17,7 +17,7 @@ import numpy.typing as npt
 from dolfinx_frontend.describe import short
 from dolfinx_frontend.errors import SceneError
 
-__all__ = ["Amplitude", "Combination", "Varying", "amplitudes_of", "check_times"]
+__all__ = ["Amplitude", "Combination", "Varying", "amplitudes_of", "check_step", "check_times"]
 
 Array = npt.NDArray[np.float64]
 
@@ -180,3 +180,17 @@ def check_times(times: npt.ArrayLike) -> Array:
             f"times increase, but {data[where]:g} is followed by {data[where + 1]:g}"
         )
     return data
+
+
+def check_step(times: Array | None, step: int, where: str) -> int:
+    """A step of a history counted from its beginning; without a history (None) there is one, 0 or -1.
+
+    Raises
+    ------
+    SceneError
+        No such step.
+    """
+    count = 1 if times is None else len(times)
+    if not -count <= step < count:
+        raise SceneError(f"{where}: there is no step {step}, the history has {count}")
+    return step % count

@@ -26,8 +26,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.compat import cell_nodes, coordinate_map
-
 if TYPE_CHECKING:
     from dolfinx import fem
 
@@ -121,6 +119,8 @@ def _skin(
     import basix
     import basix.ufl
     from dolfinx import mesh as dmesh
+
+    from dolfinx_frontend.compat import cell_nodes, coordinate_map
 
     topology = mesh.topology
     dim = topology.dim
@@ -549,6 +549,8 @@ def _plane_assembly(
 
 def _vertex_nodes(part: Part) -> Index:
     """Geometry node of every vertex."""
+    from dolfinx_frontend.compat import cell_nodes
+
     topology = part.mesh.topology
     topology.create_connectivity(topology.dim, 0)
     vertices = topology.connectivity(topology.dim, 0)

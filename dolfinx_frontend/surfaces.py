@@ -6,7 +6,7 @@ area on side 1; opening and slip are the normal and the tangential part of the j
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dolfinx_frontend.chaos import ChaosResult
     from dolfinx_frontend.plan import Plan
     from dolfinx_frontend.sampling import SampleResult
-    from dolfinx_frontend.saved import SavedInterface, SavedResult
+    from dolfinx_frontend.saved import SavedResult
     from dolfinx_frontend.solve import Result
     from dolfinx_frontend.stochastic import RandomLaws
 
@@ -31,6 +31,7 @@ __all__ = [
     "OPEN",
     "SLIPS",
     "ContactValues",
+    "chunks",
     "contact_states",
     "contact_values",
     "law_frames",
@@ -261,10 +262,29 @@ def _of_modes(fields: dict[str, Array]) -> dict[str, Array]:
     return out
 
 
-def _parts(count: int, numbers: int) -> Iterable[slice]:
+def chunks(count: int, numbers: int) -> Iterable[slice]:
     """Slices of `count` samples of so many numbers each, whose fields fit into memory."""
     chunk = max(1, int(BYTES / (32.0 * max(numbers, 1))))
     return (slice(k, min(k + chunk, count)) for k in range(0, count, chunk))
+
+
+def _of_sampled(
+    normals: Array,
+    frames: Array,
+    times: Array | None,
+    weights: Array,
+    at: Callable[[slice], tuple[Array, Array, ContactValues | None]],
+) -> dict[str, Array]:
+    """Mean and standard deviation over samples with weights (N,), some samples at a time.
+
+    `at` gives force and jump (n, [T,] m, components) of a part of the samples, and the values of a contact.
+    """
+    moments = _Moments()
+    for part in chunks(len(weights), frames.size * (1 if times is None else len(times))):
+        force, jump, contact = at(part)
+        fields = point_fields(normals, frames, _steps(force, times, 1), _steps(jump, times, 1), contact)
+        moments.add(fields, weights[part])
+    return moments.fields()
 
 
 def of_chaos(result: ChaosResult, name: str) -> dict[str, Array]:
@@ -280,52 +300,45 @@ def of_chaos(result: ChaosResult, name: str) -> dict[str, Array]:
         force, jump = (np.moveaxis(_steps(block, times), -1, 0) for block in blocks)
         return _of_modes(point_fields(interface.normals, frames, force, jump, None))
     germs = result.moment_germs()
-    moments = _Moments()
-    for part in _parts(len(germs), frames.size * (1 if times is None else len(times))):
-        force, jump = (_steps(v, times, 1) for v in result.at(germs[part]).both(name))
+
+    def at(part: slice) -> tuple[Array, Array, ContactValues | None]:
         contact = sampled_contact_values(result.random, result.plan, name, germs[part])
-        fields = point_fields(interface.normals, frames, force, jump, contact)
-        moments.add(fields, np.ones(len(force)))
-    return moments.fields()
+        return *result.at(germs[part]).both(name), contact
+
+    return _of_sampled(interface.normals, frames, times, np.ones(len(germs)), at)
 
 
 def of_samples(result: SampleResult, name: str) -> dict[str, Array]:
     """Mean and standard deviation of the fields of an active interface over the samples."""
-    interface, times = result.problem.interfaces[name], result.plan.times
-    frames = law_frames(interface)
-    blocks = (result.force(name), result.jump(name))
-    moments = _Moments()
-    weights = result.probabilities
-    for part in _parts(len(weights), frames.size * (1 if times is None else len(times))):
-        force, jump = (_steps(block[part], times, 1) for block in blocks)
+    interface = result.problem.interfaces[name]
+    force, jump = result.force(name), result.jump(name)
+
+    def at(part: slice) -> tuple[Array, Array, ContactValues | None]:
         contact = sampled_contact_values(result.random, result.plan, name, result.germs[part])
-        fields = point_fields(interface.normals, frames, force, jump, contact)
-        moments.add(fields, weights[part])
-    return moments.fields()
+        return force[part], jump[part], contact
+
+    frames = law_frames(interface)
+    return _of_sampled(interface.normals, frames, result.plan.times, result.probabilities, at)
 
 
-def of_saved(result: SavedResult, interface: SavedInterface) -> dict[str, Array] | None:
-    """Fields of an interface read from a file; None: it has no force in it.
+def of_saved(result: SavedResult, name: str) -> dict[str, Array]:
+    """Fields of an interface read from a file.
 
     Of samples and chaos mean and standard deviation (of a law that is not linear those of its modes), without
     states and gaps.
     """
-    force, jump = interface.force, interface.jump
-    if force is None or jump is None:
-        return None
+    interface, force, jump = result.interfaces[name], result.force(name), result.jump(name)
     normals, frames = interface.frames[:, 0], interface.law_frames
     if result.kind == "samples":
-        force, jump = _steps(force, result.times, 1), _steps(jump, result.times, 1)
-        count = len(force)
-        weights = np.full(count, 1.0 / count) if result.weights is None else result.weights
-        moments = _Moments()
-        moments.add(point_fields(normals, frames, force, jump, None), weights)
-        return moments.fields()
+        weights = np.ones(len(force)) if result.weights is None else result.weights
+        return _of_sampled(
+            normals, frames, result.times, weights, lambda part: (force[part], jump[part], None)
+        )
     if result.chaos is not None:
         chaos = result.chaos
         modes = []
         for what, values in (("force", force), ("jump", jump)):
-            block = chaos.fields[f"{what}:{interface.name}"].coefficients.T
+            block = chaos.fields[f"{what}:{name}"].coefficients.T
             modes.append(_steps(block.reshape(len(block), *values.shape), result.times, 1))
         return _of_modes(point_fields(normals, frames, modes[0], modes[1], None))
     force, jump = _steps(force, result.times), _steps(jump, result.times)

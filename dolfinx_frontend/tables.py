@@ -22,18 +22,20 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly import Problem, Substructure, resolve
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.history import check_step
 from dolfinx_frontend.laws import Contact, Displacement, Elastic, Law, Perfect, Preload, Symmetry
 from dolfinx_frontend.pairing import Interface
 from dolfinx_frontend.quantities import Kind
 from dolfinx_frontend.stochastic import RandomLaws
 from dolfinx_frontend.surfaces import (
-    BYTES,
+    chunks,
     contact_states,
     contact_values,
     law_frames,
     sampled_contact_values,
     vectors,
 )
+from dolfinx_frontend.uncertain import StochasticResult
 
 if TYPE_CHECKING:
     from dolfinx_frontend.chaos import ChaosResult
@@ -47,10 +49,13 @@ __all__ = [
     "Table",
     "bolts",
     "is_glue",
+    "known_forces",
+    "nodal_reaction",
     "read",
     "read_chaos",
     "read_samples",
     "summarise",
+    "with_known_force",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -344,14 +349,24 @@ class Readings:
         return replace(self, interfaces={n: self.interfaces[n] for n in names})
 
 
+def with_known_force(result: Result | SampleResult) -> list[str]:
+    """Interfaces whose force is known at their points.
+
+    Those that are active; of a deterministic answer also springs and loads that were assembled across, whose
+    force follows from the displacements.
+    """
+    interfaces, active = result.problem.interfaces, result.plan.active
+    if isinstance(result, StochasticResult):
+        return list(active)
+    return [name for name, each in interfaces.items() if name in active or not is_glue(each.law)]
+
+
 def known_forces(result: Result) -> dict[str, Array]:
-    """Force per area (T, m, components) of every interface whose force is an unknown; collective."""
+    """Force per area (T, m, components) of every interface whose force is known; collective."""
     forces: dict[str, Array] = {}
-    for name, interface in result.problem.interfaces.items():
-        if name in result.plan.active or not is_glue(interface.law):
-            read = partial(result.force, name)
-            force = result.problem.everywhere(name, read)
-            forces[name] = force[None] if result.plan.times is None else force
+    for name in with_known_force(result):
+        force = result.problem.everywhere(name, partial(result.force, name))
+        forces[name] = force[None] if result.plan.times is None else force
     return forces
 
 
@@ -425,9 +440,8 @@ def _in_chunks(
     at: Callable[[slice], tuple[Array, tuple[Array, Array] | None]],
 ) -> dict[str, Array]:
     """Numbers of an interface, some samples at a time."""
-    size = 8.0 * interface.num_points * interface.dim * steps
-    chunk = max(1, int(BYTES / (4.0 * size)))
-    parts = [measure(interface, *at(slice(k, min(k + chunk, count)))) for k in range(0, count, chunk)]
+    numbers = interface.num_points * interface.dim * steps
+    parts = [measure(interface, *at(part)) for part in chunks(count, numbers)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -684,10 +698,8 @@ def summarise(
     """
     _check_quantiles(quantiles)
     times = readings.times
-    count = 1 if times is None else len(times)
-    if step is not None and not -count <= step < count:
-        raise SceneError(f"table: there is no step {step}, the history has {count}")
-    chosen = range(count) if step is None else [step % count]
+    every = range(1 if times is None else len(times))
+    chosen = every if step is None else [check_step(times, step, "table")]
     labels = ["interface"]
     labels += ["time"] if times is not None else []
     labels += ["statistic"] if readings.kind is not None else []

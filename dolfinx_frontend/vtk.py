@@ -19,7 +19,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["CELLS", "Blocks", "Grid", "check_target", "file_name", "vertices", "write_index", "write_series"]
+__all__ = ["CELLS", "Blocks", "Grid", "check_target", "vertices", "write_blocks"]
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -141,12 +141,12 @@ def check_target(path: str | Path, series: bool) -> Path:
     return target
 
 
-def file_name(number: int, name: str) -> str:
+def _file_name(number: int, name: str) -> str:
     """A name for a file, without what folders do not like."""
     return f"{number}_{re.sub(r'[^A-Za-z0-9_-]+', '_', name)}.vtu"
 
 
-def write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
+def _write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
     """Grids in a folder beside their index, a ``.vtm`` file, which the first rank writes."""
     folder = target.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
@@ -161,7 +161,7 @@ def write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
                 inside = lines(block, indent + "  ")
                 out += [f"{indent}<Block {head}>", *inside, f"{indent}</Block>"]
                 continue
-            file = folder / file_name(number, name)
+            file = folder / _file_name(number, name)
             number += 1
             if block is not None:
                 block().write(file)
@@ -176,7 +176,16 @@ def write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
     return target
 
 
-def write_series(
+def write_blocks(
+    target: Path, times: Array | None, step: int, blocks: Callable[[int], Blocks], rank: int = 0
+) -> Path:
+    """What the ending of a checked target asks for: all times of a history, or one step."""
+    if target.suffix == ".pvd" and times is not None:
+        return _write_series(target, times, blocks, rank)
+    return _write_index(target, blocks(step), rank)
+
+
+def _write_series(
     target: Path, times: Sequence[float] | Array, blocks: Callable[[int], Blocks], rank: int = 0
 ) -> Path:
     """One index a time step in a folder beside the collection, a ``.pvd`` file."""
@@ -184,7 +193,7 @@ def write_series(
     folder.mkdir(parents=True, exist_ok=True)
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
     for step, time in enumerate(times):
-        index = write_index(folder / f"step_{step:04d}.vtm", blocks(step), rank)
+        index = _write_index(folder / f"step_{step:04d}.vtm", blocks(step), rank)
         lines.append(f'    <DataSet timestep="{float(time)!r}" file="{folder.name}/{index.name}"/>')
     if rank == 0:
         target.write_text("\n".join([*lines, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")

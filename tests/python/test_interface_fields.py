@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from dolfinx import fem
+from dolfinx.mesh import compute_midpoints
+from matplotlib import colormaps
 
 from dolfinx_frontend import (
     Amplitude,
@@ -119,6 +121,19 @@ def test_facets_have_the_means_of_their_points(history: Any, tmp_path: Path) -> 
     for x, u in zip(surface.points, surface.point_data["displacement"], strict=True):
         at = int(np.argmin(np.linalg.norm(nodes - x, axis=1)))
         assert u == pytest.approx(history.displacements["low"][-1].reshape(-1, 3)[at], rel=1e-10)
+
+
+def test_the_surface_is_made_once_for_all_steps(history: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    made = []
+
+    class Counted(fields.FacetMap):
+        def __init__(self, *given: Any) -> None:
+            made.append(given)
+            super().__init__(*given)
+
+    monkeypatch.setattr(fields, "FacetMap", Counted)
+    fields.write_interfaces(history, tmp_path / "a.pvd", interfaces=["joint", "springs"])
+    assert len(made) == 2
 
 
 def test_parts_over_a_history(history: Any, tmp_path: Path) -> None:
@@ -304,6 +319,39 @@ def test_a_loaded_result_has_the_same_points(history: Any, random: Any, tmp_path
 
 
 # --- pictures --------------------------------------------------------------------------------------
+@pytest.mark.parametrize("space", ["points", "facets"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_every_facet_has_its_own_colour(d: int, space: str, tmp_path: Path, monkeypatch: Any) -> None:
+    """A shear stiffness that grows with x: the facet at x, wherever it is in the mesh, is coloured by x."""
+    scene = blocks(Elastic(normal=lambda x: 10.0 + x[:, 0], tangential=1.0), space, nu=0.0, d=d)
+    scene.fix(f"top:{'zy'[3 - d]}1", -1.0, components=d - 1, name="press")
+    result = solve(assemble(scene))
+    numbers, found = fields.facet_fields(result, "joint")
+    part = result.problem.substructures["low"].part
+    middles = compute_midpoints(part.mesh, d - 1, numbers.astype(np.int32))[:, :d]
+    interface, force = result.problem.interfaces["joint"], result.force("joint")[:, 0]
+    owner = np.argmin(np.linalg.norm(interface.points - middles[:, None], axis=2), axis=0)  # equal rectangles
+    share = interface.weights * (owner == np.arange(len(numbers))[:, None])
+    p = found["pressure"]
+    assert p == pytest.approx(-share @ force / share.sum(axis=1), rel=1e-12)
+    assert np.corrcoef(p, middles[:, 0])[0, 1] > 0.9
+    seen: list[Any] = []
+    monkeypatch.setattr(plotting, "_draw_solid", lambda figure, axes, solid, *rest: seen.append(solid))
+    monkeypatch.setattr(plotting, "_save", lambda figure, path: seen.append(figure))
+    plotting.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
+    wanted = colormaps["viridis"]((p - p.min()) / np.ptp(p))[:, :3]
+    if d == 2:
+        lines = seen[0].axes[0].collections[-1]
+        assert np.mean(lines.get_segments(), axis=1) == pytest.approx(middles)
+        assert lines.get_colors()[:, :3] == pytest.approx(wanted)
+        return
+    drawn = np.flatnonzero(np.ptp(seen[0].colours, axis=1) > 0.1)  # the others are grey
+    centres = seen[0].points[seen[0].triangles[drawn]].mean(axis=1)
+    owner = np.argmin(np.linalg.norm(centres - middles[:, None], axis=2), axis=0)
+    assert np.all(np.bincount(owner) == 8)  # triangles a facet
+    assert seen[0].colours[drawn] == pytest.approx(wanted[owner])
+
+
 @pytest.mark.parametrize("renderer", ["vtk", "matplotlib"])
 def test_picture_of_the_pressure(history: Any, renderer: str, tmp_path: Path) -> None:
     """The colours of the lowest and of the highest facet, and no others at these places, are in it."""
