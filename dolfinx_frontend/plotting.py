@@ -91,6 +91,11 @@ class _Skin:
     border: npt.NDArray[np.bool_]
     values: Array | None
 
+    def solid(self, points: Array, colours: Array) -> _Solid:
+        """The skin with its points moved, in colours of triangles or points."""
+        thin, thick = self.segments[~self.border], self.segments[self.border]
+        return _Solid(points, self.triangles, colours, thin, thick)
+
 
 def _lattice(corners: int) -> tuple[Array, Index, list[tuple[int, int, list[int]]]]:
     """Midpoint subdivision of a triangle or quadrilateral.
@@ -249,6 +254,11 @@ def _joined(solids: Sequence[_Solid]) -> _Solid:
     )
 
 
+def _up(view: Sequence[float] | Array) -> tuple[float, float, float]:
+    """What is up in a picture: z, and y where one looks along z."""
+    return (0.0, 0.0, 1.0) if np.hypot(view[0], view[1]) > 1e-6 * abs(view[2]) else (0.0, 1.0, 0.0)
+
+
 def _vtk_images(solid: _Solid, views: Sequence[Sequence[float]], width: int) -> list[Array]:
     """One picture of the solid per direction it is seen from, by VTK in another process."""
     command = [sys.executable, "-P", str(Path(__file__).resolve())]
@@ -309,7 +319,7 @@ def _draw_with_vtk(data: str, out: str) -> None:
                 actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, -8.0)
         plotter.enable_parallel_projection()
         plotter.enable_anti_aliasing("ssaa")
-        plotter.view_vector(view, viewup=(0, 0, 1))
+        plotter.view_vector(view, viewup=_up(view))
         plotter.reset_camera()
         images.append(plotter.screenshot(None, return_img=True))
         plotter.close()
@@ -330,7 +340,7 @@ def _draw_with_matplotlib(axes: Any, solid: _Solid, view: Sequence[float]) -> No
     from matplotlib.collections import PolyCollection
 
     forward = np.asarray(view, dtype=float) / np.linalg.norm(view)
-    right = np.cross([0.0, 0.0, 1.0], forward)
+    right = np.cross(_up(view), forward)
     right /= np.linalg.norm(right)
     flat = solid.points @ np.column_stack([right, np.cross(forward, right)])
     depth = solid.points @ forward
@@ -483,16 +493,7 @@ def assembly_figure(
             for face, tag in part.names.items()
         }
         by_patch = np.stack([colour[tags[int(f)]] for f in facets])
-        points = skin.points + [0.0, 0.0, shifts[name]]
-        solids.append(
-            _Solid(
-                points,
-                skin.triangles,
-                by_patch[skin.patch],
-                skin.segments[~skin.border],
-                skin.segments[skin.border],
-            )
-        )
+        solids.append(skin.solid(skin.points + [0.0, 0.0, shifts[name]], by_patch[skin.patch]))
     figure = _figure(7.5, 6.5)
     axes = figure.subplots(1, 2)
     if title:
@@ -538,9 +539,7 @@ def _plane_assembly(
             ends = part.mesh.geometry.x[_vertex_nodes(part)[np.asarray(vertices)], :2]
             axis.add_collection(LineCollection(list(ends), colors="black", lw=3.6))
             axis.add_collection(LineCollection(list(ends), colors=colour, lw=2.4))
-    axis.set_aspect("equal")
-    axis.set_xlabel("x")
-    axis.set_ylabel("y")
+    _plane(axis)
     if title:
         axis.set_title(title)
     _kind_legend(figure, [kind_of.get(f, "free") for f in _all_faces(assembly)])
@@ -627,25 +626,11 @@ def deformed_figure(
             axis.tripcolor(
                 points[:, 0], points[:, 1], skin.triangles, field, norm=norm, shading="gouraud"
             )
-            for segment in points[skin.segments[skin.border]]:
-                axis.plot(segment[:, 0], segment[:, 1], color="black", lw=0.8)
+            _outline(axis, skin, points)
         else:
-            rgb = colours(norm(field))[:, :3]
-            solids.append(
-                _Solid(
-                    points,
-                    skin.triangles,
-                    rgb,
-                    skin.segments[~skin.border],
-                    skin.segments[skin.border],
-                )
-            )
+            solids.append(skin.solid(points, colours(norm(field))[:, :3]))
     if solids:
         _draw_solid(figure, [axis], _joined(solids), [view], renderer)
-    else:
-        axis.set_aspect("equal")
-        axis.set_xlabel("x")
-        axis.set_ylabel("y")
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
     return _save(figure, path)
 
@@ -747,34 +732,34 @@ def interface_figure(
         if described.dim == 2:
             flat = np.ones(len(points))
             axis.tripcolor(*points[:, :2].T, skin.triangles, flat, cmap="Greys", vmin=0.0, vmax=5.0)
-            for segment in points[skin.segments[skin.border]]:
-                axis.plot(segment[:, 0], segment[:, 1], color="black", lw=0.8)
+            _outline(axis, skin, points)
             continue
         rgb = np.tile(_rgb(KIND_COLOURS["free"]), (len(facets), 1)) * 0.5 + 0.5
         if name == own.name:
-            order = np.argsort(numbers)
-            where = np.searchsorted(numbers, facets, sorter=order)
-            at = order[np.minimum(where, len(numbers) - 1)]
-            mine = numbers[at] == facets
-            rgb[mine] = colours(norm(values[at[mine]]))[:, :3]
-        solids.append(
-            _Solid(
-                points,
-                skin.triangles,
-                rgb[skin.patch],
-                skin.segments[~skin.border],
-                skin.segments[skin.border],
-            )
-        )
+            _, mine, at = np.intersect1d(facets, numbers, return_indices=True)
+            rgb[mine] = colours(norm(values[at]))[:, :3]
+        solids.append(skin.solid(points, rgb[skin.patch]))
     if solids:
         _draw_solid(figure, [axis], _joined(solids), [_onto(normal) if view is None else view], renderer)
     else:
         _facet_lines(axis, own, side.face, numbers, values, functions[own.name], scale, norm, colours)
-        axis.set_aspect("equal")
-        axis.set_xlabel("x")
-        axis.set_ylabel("y")
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
     return _save(figure, path)
+
+
+def _plane(axis: Any) -> None:
+    axis.set_aspect("equal")
+    axis.set_xlabel("x")
+    axis.set_ylabel("y")
+
+
+def _outline(axis: Any, skin: _Skin, points: Array) -> None:
+    """The edges of a flat part whose points have moved."""
+    from matplotlib.collections import LineCollection
+
+    edges = points[skin.segments[skin.border], :2]
+    axis.add_collection(LineCollection(list(edges), colors="black", lw=0.8))
+    _plane(axis)
 
 
 def _displaced(result: Any, name: str, step: int) -> Any:

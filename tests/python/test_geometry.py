@@ -426,6 +426,17 @@ def test_figures_of_assemblies(tmp_path, vessel, rings) -> None:
         assert is_picture(one) and is_picture(two)
 
 
+@pytest.mark.parametrize("view", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0)])
+def test_a_solid_is_seen_from_above(view, vessel) -> None:
+    """Along z, where z is no direction in the picture: x and y keep their lengths."""
+    skin, _ = plotting._skin(vessel.parts["head"].mesh)
+    figure = plotting._figure(4.0, 4.0)
+    axis = figure.add_subplot()
+    plotting._draw_with_matplotlib(axis, skin.solid(skin.points, np.ones((len(skin.triangles), 3))), view)
+    size = np.ptp(skin.points, axis=0)
+    assert np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1) == pytest.approx(size[:2])
+
+
 def test_figures_by_vtk(tmp_path, vessel) -> None:
     pytest.importorskip("pyvista")
     if shutil.which("xvfb-run") is None:
