@@ -14,6 +14,7 @@ import math
 import os
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -333,6 +334,14 @@ def _one_dimensional(parameter: RandomParameter) -> Tree:
     }
 
 
+def software() -> str:
+    """What writes a file."""
+    try:
+        return f"latin-core {metadata.version('latin-core')}"
+    except metadata.PackageNotFoundError:
+        return "latin-core"
+
+
 def _tree(
     space: RandomSpace, basis: ChaosBasis, fields: Mapping[str, Field], meta: Mapping[str, Any]
 ) -> Tree:
@@ -370,11 +379,7 @@ def _tree(
             "shape": np.array(shape, dtype=np.int64),
             "coefficients": block,
         }
-    try:
-        software = f"latin-core {metadata.version('latin-core')}"
-    except metadata.PackageNotFoundError:
-        software = "latin-core"
-    described = {"order": int(table.sum(axis=1).max()), "software": software, **meta}
+    described = {"order": int(table.sum(axis=1).max()), "software": software(), **meta}
     try:
         text = json.dumps(described, allow_nan=False, sort_keys=True)
     except (TypeError, ValueError) as error:
@@ -595,6 +600,31 @@ def from_tree(path: Path, tree: Tree) -> ChaosFile:
     return _read(path, tree)
 
 
+@contextmanager
+def replaced(target: Path) -> Iterator[Path]:
+    """A new file beside the target, which takes its place when the context ends without an error.
+
+    All or nothing: an existing file stays until the new one is complete on the disk.
+
+    Raises
+    ------
+    ChaosFileError
+        It cannot be written.
+    """
+    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise ChaosFileError(
+            f"{target} cannot be written ({error}): choose a folder that exists, is writable and has room"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def save_chaos(
     path: str | Path,
     space: RandomSpace,
@@ -624,19 +654,8 @@ def save_chaos(
     target = Path(path)
     suffix = _suffix(target)
     tree = _tree(space, basis, fields, meta or {})
-    temporary = target.with_name(f".{uuid.uuid4().hex}{suffix}")
-    try:
+    with replaced(target) as temporary:
         _WRITERS[suffix](temporary, tree, _checksum(tree))
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise ChaosFileError(
-            f"{target} cannot be written ({error}): choose a folder that exists, is writable and "
-            "has room"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 # ---------------------------------------------------------------------------------------------

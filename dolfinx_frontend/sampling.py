@@ -30,7 +30,7 @@ from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import RandomSpace
 from dolfinx_frontend.running import Interrupt, report_points
 from dolfinx_frontend.stochastic import RandomLaws
-from dolfinx_frontend.sweep import fingerprint, in_time, warn_unconverged, worst_status
+from dolfinx_frontend.sweep import PointResults, fingerprint, warn_unconverged
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class SampleFields:
 
 
 @dataclass
-class SampleResult(StochasticResult):
+class SampleResult(PointResults, StochasticResult):
     """Answers at points of the germs.
 
     Attributes
@@ -102,35 +102,14 @@ class SampleResult(StochasticResult):
     _errors: Errors | None = field(default=None, repr=False)
 
     @property
-    def iterations(self) -> npt.NDArray[np.int64]:
-        """(N,) global stages of every point."""
-        return self.points.iterations
-
-    @property
-    def error(self) -> Array:
-        """(N,) estimated relative error of every point."""
-        return self.points.error
+    def shape(self) -> tuple[int, ...]:
+        """(N,)."""
+        return (len(self.germs),)
 
     @property
     def space(self) -> RandomSpace:
         """The germs."""
         return self.random.space
-
-    @property
-    def finished(self) -> npt.NDArray[np.bool_]:
-        """(N,) which points were solved; at the others fields are NaN."""
-        reached: npt.NDArray[np.bool_] = self.points.iterations >= 0
-        return reached
-
-    @property
-    def complete(self) -> bool:
-        """Whether all points were solved: Ctrl-C ends a sampling with those that are."""
-        return bool(self.finished.all())
-
-    @property
-    def status(self) -> str:
-        """``"interrupted"``, otherwise the worst of the points."""
-        return worst_status(self.points)
 
     def check_complete(self) -> None:
         """Refuse statistics of an interrupted sampling.
@@ -150,22 +129,7 @@ class SampleResult(StochasticResult):
     @property
     def converged(self) -> bool:
         """Whether all points reached the tolerance."""
-        return bool((self.points.status == "converged").all())
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (N, [T,] m, components), local frame."""
-        return self._field(self.points.forces, interface)
-
-    def jump(self, interface: str) -> Array:
-        """Jump of an active interface, (N, [T,] m, components), local frame."""
-        return self._field(self.points.jumps, interface)
-
-    def _field(self, store: dict[str, Array], interface: str) -> Array:
-        if interface not in store:
-            raise unknown_name("active interface", interface, store, "samples")
-        return in_time(
-            self.plan, store[interface], (len(self.germs),), self.problem.interfaces[interface]
-        )
+        return self.status == "converged"
 
     @property
     def probabilities(self) -> Array:

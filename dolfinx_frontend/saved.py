@@ -7,11 +7,8 @@ the nodes, the numbers of the tables, the plan as text and, for a chaos, all tha
 from __future__ import annotations
 
 import json
-import os
-import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -212,13 +209,9 @@ def _common(result: Result | SampleResult, plan: Plan, readings: tables.Readings
     """What is stored of every result, without its fields."""
     problem = result.problem
     problem.on_one_rank("save")
-    try:
-        software = f"latin-core {metadata.version('latin-core')}"
-    except metadata.PackageNotFoundError:
-        software = "latin-core"
     read = _readings_tree(readings)
     tree: Tree = {
-        "software": software,
+        "software": chaos_file.software(),
         "plan": str(plan),
         "problem": repr(problem),
         "missing": json.dumps(readings.missing),
@@ -255,11 +248,10 @@ def save_result(path: str | Path, result: Result, readings: tables.Readings, fie
     tree |= {"kind": kind, "status": result.status, "iterations": int(result.iterations)}
     tree["error"] = float(result.error)
     if fields:
-        for name in readings.interfaces:
-            if name in result.plan.active or not tables.is_glue(result.problem.interfaces[name].law):
-                tree["interfaces"][name] |= {"force": result.force(name), "jump": result.jump(name)}
-                if not random:
-                    tree["interfaces"][name] |= _contact_tree(result.problem.interfaces[name], result.plan)
+        for name in tables.with_known_force(result):
+            tree["interfaces"][name] |= {"force": result.force(name), "jump": result.jump(name)}
+            if not random:
+                tree["interfaces"][name] |= _contact_tree(result.problem.interfaces[name], result.plan)
         for name, s in result.problem.substructures.items():
             values = result.displacements[name]
             tree["substructures"][name]["displacement"] = values.reshape(*values.shape[:-1], -1, s.dim)
@@ -287,8 +279,7 @@ def save_samples(
     """Write samples, see :meth:`dolfinx_frontend.SampleResult.save`."""
     target = _target(path)
     tree = _common(result, result.plan, readings)
-    worst = [s for s in result.points.status if s != "converged"]
-    tree |= {"kind": "samples", "status": str(worst[0]) if worst else "converged"}
+    tree |= {"kind": "samples", "status": result.status}
     tree |= {"iterations": int(result.iterations.sum()), "error": float(np.max(result.error))}
     tree |= {"sampling": result.kind, "germs": result.germs}
     if result.weights is not None:
@@ -308,21 +299,11 @@ def _target(path: str | Path) -> Path:
 
 
 def _write(target: Path, tree: Tree) -> None:
-    """All or nothing: an existing file stays until the new one is complete."""
-    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")
     try:
-        chaos_file.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except ChaosFileError as error:  # no h5py
+        with chaos_file.replaced(target) as temporary:
+            chaos_file.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+    except ChaosFileError as error:  # no h5py, or the file cannot be written
         raise ResultFileError(str(error)) from error
-    except OSError as error:
-        raise ResultFileError(
-            f"{target} cannot be written ({error}): choose a folder that exists, is writable and has room"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 # --- reading ---------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,11 +38,74 @@ __all__ = ["PointFields", "SweepResult", "sweep"]
 Array = npt.NDArray[np.float64]
 Key = str | tuple[str, ...]
 
+STATUSES = ("converged", "max_iterations", "stagnated", "diverged", "interrupted")
+"""How an iteration ends, from the best to the worst."""
+
 _log = logging.getLogger(__name__)
 
 
+class PointResults(ABC):
+    """Answers at many points, of which Ctrl-C may have left some out; arrays have the points' shape first."""
+
+    problem: Problem
+    plan: Plan
+    points: SweepPoints
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the points."""
+
+    @property
+    def iterations(self) -> npt.NDArray[np.int64]:
+        """Global stages of every point, -1 where it was not reached."""
+        return self.points.iterations.reshape(self.shape)
+
+    @property
+    def error(self) -> Array:
+        """Estimated relative error of every point, NaN where it was not reached."""
+        return self.points.error.reshape(self.shape)
+
+    @property
+    def finished(self) -> npt.NDArray[np.bool_]:
+        """Which points were solved; at the others fields are NaN."""
+        reached: npt.NDArray[np.bool_] = self.iterations >= 0
+        return reached
+
+    @property
+    def complete(self) -> bool:
+        """Whether all points were solved: Ctrl-C leaves those that are."""
+        return bool(self.finished.all())
+
+    @property
+    def status(self) -> str:
+        """The worst of the points, as :attr:`Result.status`; ``"interrupted"`` if one was not reached."""
+        return max((str(s) or "interrupted" for s in self.points.status), key=STATUSES.index)
+
+    def _field(self, store: dict[str, Array], interface: str) -> Array:
+        if interface in self.plan.active:
+            self.problem.here(interface)
+        if interface not in store:
+            raise unknown_name("active interface", interface, store, type(self).__name__)
+        return in_time(self.plan, store[interface], self.shape, self.problem.interfaces[interface])
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1 of an active interface, (points..., [T,] m, components), local frame."""
+        return self._field(self.points.forces, interface)
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1 of an active interface, (points..., [T,] m, components), local frame."""
+        return self._field(self.points.jumps, interface)
+
+    def gathered(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump of an active interface on all ranks; collective."""
+        return self.problem.everywhere(
+            interface, lambda: (self.force(interface), self.jump(interface))
+        )
+
+
 @dataclass
-class SweepResult:
+class SweepResult(PointResults):
     """Answers over the grid; every array has the grid's shape first, then the time steps of a history.
 
     Attributes
@@ -67,57 +131,10 @@ class SweepResult:
         return tuple(len(values) for values in self.axes.values())
 
     @property
-    def iterations(self) -> npt.NDArray[np.int64]:
-        """Global stages of every point."""
-        return self.points.iterations.reshape(self.shape)
-
-    @property
-    def error(self) -> Array:
-        """Estimated relative error of every point."""
-        return self.points.error.reshape(self.shape)
-
-    @property
     def converged(self) -> npt.NDArray[np.bool_]:
         """Which points reached the tolerance."""
         status: npt.NDArray[np.bool_] = self.points.status == "converged"
         return status.reshape(self.shape)
-
-    @property
-    def finished(self) -> npt.NDArray[np.bool_]:
-        """Which points were solved; at the others fields are NaN."""
-        reached: npt.NDArray[np.bool_] = self.points.iterations >= 0
-        return reached.reshape(self.shape)
-
-    @property
-    def complete(self) -> bool:
-        """Whether all points were solved: Ctrl-C ends a sweep with those that are."""
-        return bool(self.finished.all())
-
-    @property
-    def status(self) -> str:
-        """``"interrupted"``, otherwise the worst of the points."""
-        return worst_status(self.points)
-
-    def _field(self, store: dict[str, Array], interface: str) -> Array:
-        if interface in self.plan.active:
-            self.problem.here(interface)
-        if interface not in store:
-            raise unknown_name("active interface", interface, store, "sweep")
-        return in_time(self.plan, store[interface], self.shape, self.problem.interfaces[interface])
-
-    def gathered(self, interface: str) -> tuple[Array, Array]:
-        """Force and jump of an active interface on all ranks; collective."""
-        return self.problem.everywhere(
-            interface, lambda: (self.force(interface), self.jump(interface))
-        )
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (grid..., [T,] m, components), local."""
-        return self._field(self.points.forces, interface)
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 of an active interface, (grid..., [T,] m, components), local frame."""
-        return self._field(self.points.jumps, interface)
 
     def output(self, name: str) -> Array:
         """What a function of `outputs` returned, (grid..., its own shape)."""
@@ -139,7 +156,7 @@ class SweepResult:
 
     def __repr__(self) -> str:
         done = f"{int(self.finished.sum())} solved" + ("" if self.complete else " (INTERRUPTED)")
-        total = int(self.points.iterations[self.points.iterations >= 0].sum())
+        total = int(self.iterations[self.finished].sum())
         return (
             f"SweepResult({' x '.join(str(n) for n in self.shape)} points, {done}, "
             f"{int(self.converged.sum())} converged, {total} iterations, "
@@ -395,14 +412,6 @@ class PointFields:
             raise unknown_name("active interface", interface, self._fields, "sweep")
         block = self._fields[interface][which].T[None]
         return in_time(self.plan, block, (), self.problem.interfaces[interface])
-
-
-def worst_status(points: SweepPoints) -> str:
-    """``"interrupted"`` if a point was not reached, otherwise the worst status of all."""
-    if (points.iterations < 0).any():
-        return "interrupted"
-    found = set(points.status.tolist())
-    return next((s for s in ("diverged", "stagnated", "max_iterations") if s in found), "converged")
 
 
 def warn_unconverged(what: str, point: int, summary: Summary) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -189,6 +190,22 @@ def test_points_that_do_not_converge_are_told(problem, caplog):
         result = sweep(problem, {"layer.normal": [10.0, 20.0]}, options=options, progress=False)
     assert not result.converged.any()
     assert "sweep point 0 ended as max_iterations after 2 iterations" in caplog.text
+
+
+def test_the_status_is_that_of_the_worst_point(whole):
+    """In the order of the kernel's outcomes, whichever point comes first; an unknown one is no success."""
+    count = whole.points.status.size
+    assert whole.status == "converged" and whole.finished.shape == whole.converged.shape == whole.shape
+
+    def among(*found):
+        status = np.array([*found, *["converged"] * (count - len(found))])
+        return replace(whole, points=replace(whole.points, status=status)).status
+
+    assert among("max_iterations") == "max_iterations"
+    assert among("max_iterations", "diverged", "stagnated") == "diverged"
+    assert among("diverged", "") == "interrupted"  # a point that was not reached
+    with pytest.raises(ValueError, match="not in"):
+        among("unknown")
 
 
 # ---------------------------------------------------------------------------------------------

@@ -358,8 +358,10 @@ def test_chaos_and_samples_are_read_again(tmp_path: Path) -> None:
     mean = chaos.mean("left").x.array
     np.testing.assert_allclose(found.displacements["left"].ravel(), mean)
     samples = monte_carlo(problem, 5)
+    samples.points.status[1:4] = ["max_iterations", "diverged", "stagnated"]
     samples.save(tmp_path / "samples.h5")
     found = load(tmp_path / "samples.h5")
+    assert found.status == samples.status == "diverged" and not found.converged
     assert str(found.table(quantiles=[0.3])) == str(samples.table(quantiles=[0.3]))
     np.testing.assert_array_equal(found.force("joint"), samples.force("joint"))
     np.testing.assert_array_equal(found.germs, samples.germs)
