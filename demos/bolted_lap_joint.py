@@ -216,7 +216,6 @@ def stored(problem: Problem, result: HistoryResult) -> Array:
 class Loop:
     """Forces (N) and energies (N mm) of the whole joint at each time of the cycle, lengths in mm."""
 
-    scene: Scene
     result: HistoryResult
     moved: Array
     load: Array
@@ -251,8 +250,7 @@ class Loop:
 
 def hysteresis(joint: LapJoint, steps: int, rtol: float = 1e-5) -> Loop:
     """The cycle, with `steps` time steps a quarter."""
-    scene = build_scene(joint, CYCLE * (REACH, 0.0, 0.0))
-    problem = assemble(scene)
+    problem = assemble(build_scene(joint, CYCLE * (REACH, 0.0, 0.0)))
     times = np.linspace(1.0, 6.0, 5 * steps + 1)
     began = perf_counter()
     result = solve(problem, times=times, options=SETTINGS.with_(rtol=rtol))
@@ -261,7 +259,6 @@ def hysteresis(joint: LapJoint, steps: int, rtol: float = 1e-5) -> Loop:
         n: -HALVES * result.force(n)[..., 0] @ problem.interfaces[n].weights for n in CONTACTS
     }
     return Loop(
-        scene,
         result,
         np.array([REACH * CYCLE(t) for t in times]),
         load(problem, result),
@@ -518,8 +515,7 @@ def main(given: Sequence[str] | None = None) -> None:
 
     paths = []
     for name, step in (("tightened", 0), ("pulled", loop.first), ("pushed", 3 * loop.first)):
-        shown = {part: result.displacement(part, step) for part in result.problem.substructures}
-        paths.append(fields.write_fields(shown, output / f"{name}.vtm", loop.scene))
+        paths.append(fields.write_fields(result, output / f"{name}.vtm", step=step))
     paths.append(fields.write_interfaces(result, output / "interfaces.pvd"))
     if not options.no_figures:
         paths += [

@@ -832,9 +832,7 @@ def contact_story(options: argparse.Namespace, say: Callable[[str], None]) -> No
     say(f"writing to {output}")
     joint = result.problem.interfaces["joint"]
     shown = min(range(len(states)), key=lambda k: abs(states[k].pressure - PRESSURE))
-    moved = {name: result.displacement(name, shown) for name in result.problem.substructures}
-    materials = dict.fromkeys(moved, STEEL)
-    print(f"  {fields.write_fields(moved, output / 'contact.vtm', materials).name} (for ParaView)")
+    print(f"  {fields.write_fields(result, output / 'contact.vtm', step=shown).name} (for ParaView)")
     if not options.no_figures:
         for path in contact_figures(vessel, joint, states, output):
             print(f"  {path.name}")
@@ -1004,7 +1002,7 @@ def main(given: Sequence[str] | None = None) -> None:
         report_answers(uncertain, stresses, sobol_indices(uncertain.chaos))
 
     say(f"writing to {output}")
-    print(f"  {fields.write_fields(best, output / 'vessel.vtm', scene).name} (for ParaView)")
+    print(f"  {fields.write_fields(best, output / 'vessel.vtm').name} (for ParaView)")
     if not options.no_figures:
         for path in figures(vessel, problem, best, surfaces, xi, output):
             print(f"  {path.name}")

@@ -424,8 +424,7 @@ all bolts alike: spread         {spread:9.1e} of the preload
 one bolt tighter, bolt forces   {turned:9.1e} of the preload
 one bolt tighter, gasket        {shape_error:9.1e} of the mean pressure""")
 
-    path = fields.write_fields(result, given.output / "flange.vtm", step.scene(assembly))
-    paths = [path]
+    paths = [fields.write_fields(result, given.output / "flange.vtm")]
     if not given.no_figures:
         paths.append(tightening_figure(sequence, result, steps, given.output / "tightening.png"))
         paths.append(leak_figure(least, preloads, given.output / "leak.png"))

@@ -462,7 +462,6 @@ class Rubbing:
     shear: Array
     slip: Array  # (steps, strip), mm, of the cylinder against the block
     result: HistoryResult
-    scene: Scene
 
     def stick(self, step: int) -> tuple[float, float]:
         """c/a of what has stuck since the last turning point: measured, and in closed form."""
@@ -511,9 +510,7 @@ def rub(hertz: Hertz, across: float, space: Space = "facets", rtol: float = 1e-5
     along, order = strip(problem, mirrored=False)
     force, jump = result.force("contact")[:, order], result.jump("contact")[:, order]
     # n is up, t1 is n turned by +90 degrees: -x
-    return Rubbing(
-        hertz, h, problem.size, along, -force[..., 0], -force[..., 1], -jump[..., 1], result, scene
-    )
+    return Rubbing(hertz, h, problem.size, along, -force[..., 0], -force[..., 1], -jump[..., 1], result)
 
 
 # %% Report
@@ -757,11 +754,10 @@ def main(given: Sequence[str] | None = None) -> None:
     report_friction(runs)
 
     say(f"writing to {output}")
-    written = [fields.write_fields(answers[0].result, output / "hertz.vtm", answers[0].scene)]
+    written = [fields.write_fields(answers[0].result, output / "hertz.vtm")]
     last = runs[-1]
     for step, name in NAMES.items():
-        shown = {part: last.result.displacement(part, step) for part in ("cylinder", "block")}
-        written.append(fields.write_fields(shown, output / f"friction_{name}.vtm", last.scene))
+        written.append(fields.write_fields(last.result, output / f"friction_{name}.vtm", step=step))
     if not options.no_figures:
         written += [
             draw_pressure(answers, output / "hertz_pressure.png"),
