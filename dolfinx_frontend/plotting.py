@@ -679,7 +679,7 @@ def interface_figure(
     Raises
     ------
     SceneError
-        An interface or quantity that there is not.
+        An interface, quantity or part to hide that there is not.
     RenderError
         ``renderer="vtk"`` and VTK is missing or has no display.
     """
@@ -700,6 +700,9 @@ def interface_figure(
     normal = np.zeros(3)
     normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
     own = problem.substructures[side.substructure]
+    for name in hide or ():
+        if name not in problem.substructures:
+            raise unknown_name("part", name, problem.substructures, "hide")
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
     elif hide is None:

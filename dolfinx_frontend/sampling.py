@@ -384,6 +384,10 @@ def sample_on(
             f"sampling: points of {points.shape[1]} germs, the problem has "
             f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
         )
+    if weights is not None and weights.shape != (len(points),):
+        raise SceneError(f"sampling: weights of shape {weights.shape} for {len(points)} points; one each")
+    if not np.all(np.isfinite(points)):
+        raise SceneError("sampling: points of the germs are finite numbers")
     parameters = _swept(random, plan, points)
     header = None
     if checkpoint is not None:

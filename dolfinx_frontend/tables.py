@@ -157,11 +157,11 @@ def measure(
         Column -> (...,).
     """
     weights = interface.weights
-    vectors = _vectors(interface, force)
+    vector = _vectors(interface, force)
     values = {"area": np.full(force.shape[:-2], weights.sum())}
-    values |= _resultants(interface.points, _centre(interface), weights[:, None] * vectors)
-    normal = np.einsum("...pd,pd->...p", vectors, interface.normals)
-    along = vectors - normal[..., None] * interface.normals
+    values |= _resultants(interface.points, _centre(interface), weights[:, None] * vector)
+    normal = np.einsum("...pd,pd->...p", vector, interface.normals)
+    along = vector - normal[..., None] * interface.normals
     shear = np.sqrt(np.sum(along**2, axis=-1))
     values["normal"] = normal @ weights
     values["shear"] = np.linalg.norm(np.einsum("...pd,p->...d", along, weights), axis=-1)

@@ -376,6 +376,8 @@ def test_picture_in_the_plane_and_mistakes(tmp_path: Path) -> None:
         plotting.interface_figure(result, "joint", tmp_path / "b.png", quantity="presure")
     with pytest.raises(SceneError, match="guide"):
         plotting.interface_figure(result, "guide", tmp_path / "b.png")
+    with pytest.raises(SceneError, match=r"hide: unknown part 'tip'.*'low', 'top'"):
+        plotting.interface_figure(result, "joint", tmp_path / "b.png", hide=["tip"])
 
 
 def test_no_vtk_is_said(history: Any, tmp_path: Path, monkeypatch: Any) -> None:

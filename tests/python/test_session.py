@@ -232,6 +232,17 @@ def test_statistics_of_an_interrupted_sampling_are_refused(problem: Any, monkeyp
             refused()
 
 
+def test_points_and_weights_of_a_sampling_are_checked(problem: Any) -> None:
+    germs = np.linspace(-1.0, 1.0, 4)[:, None]
+    with pytest.raises(SceneError, match=r"weights of shape \(3,\) for 4 points; one each"):
+        sample(problem, germs, np.ones(3))
+    with pytest.raises(SceneError, match="points of 2 germs, the problem has 1: k"):
+        sample(problem, np.tile(germs, 2))
+    germs[2] = np.nan
+    with pytest.raises(SceneError, match="points of the germs are finite numbers"):
+        sample(problem, germs)
+
+
 def test_an_interrupted_check_of_a_chaos_is_no_check(problem: Any, monkeypatch: Any, caplog: Any) -> None:
     iterations = solve(problem, chaos=2, options=Options(rtol=1e-8)).iterations
     with monkeypatch.context() as patch:
