@@ -488,10 +488,7 @@ def assembly_figure(
     for name, part in assembly.parts.items():
         tags = {int(f): int(t) for f, t in zip(part.facet_tags.indices, part.facet_tags.values)}
         skin, facets = _skin(part.mesh, tags)
-        colour = {
-            tag: _rgb(KIND_COLOURS.get(kind_of.get(f"{name}:{face}", "free"), "#888888"))
-            for face, tag in part.names.items()
-        }
+        colour = {t: _rgb(_face_colour(kind_of, f"{name}:{face}")) for face, t in part.names.items()}
         by_patch = np.stack([colour[tags[int(f)]] for f in facets])
         solids.append(skin.solid(skin.points + [0.0, 0.0, shifts[name]], by_patch[skin.patch]))
     figure = _figure(7.5, 6.5)
@@ -501,17 +498,18 @@ def assembly_figure(
     _draw_solid(figure, axes, _joined(solids), [(-0.45, -1.0, 0.45), (-0.7, 0.8, -0.4)], renderer)
     for axis, label in zip(axes, ("from above", "other side, from below")):
         axis.set_title(label, fontsize=10)
-    _kind_legend(figure, [kind_of.get(f, "free") for f in _all_faces(assembly)])
+    _kind_legend(figure, assembly, kind_of)
     return _save(figure, path)
 
 
-def _all_faces(assembly: Assembly) -> list[str]:
-    return [f"{name}:{face}" for name, part in assembly.parts.items() for face in part.names]
+def _face_colour(kind_of: Mapping[str, str], face: str) -> str:
+    return KIND_COLOURS.get(kind_of.get(face, "free"), "#888888")
 
 
-def _kind_legend(figure: Any, kinds: Sequence[str]) -> None:
+def _kind_legend(figure: Any, assembly: Assembly, kind_of: Mapping[str, str]) -> None:
     from matplotlib.patches import Patch
 
+    kinds = {kind_of.get(f"{n}:{face}", "free") for n, part in assembly.parts.items() for face in part.names}
     handles = [
         Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=kind)
         for kind, colour in KIND_COLOURS.items()
@@ -534,7 +532,7 @@ def _plane_assembly(
         axis.add_collection(LineCollection(list(flat[skin.segments]), colors="#999999", lw=0.4))
         part.mesh.topology.create_connectivity(1, 0)
         for face in part.names:
-            colour = KIND_COLOURS.get(kind_of.get(f"{name}:{face}", "free"), "#888888")
+            colour = _face_colour(kind_of, f"{name}:{face}")
             vertices = [part.mesh.topology.connectivity(1, 0).links(f) for f in part.facets(face)]
             ends = part.mesh.geometry.x[_vertex_nodes(part)[np.asarray(vertices)], :2]
             axis.add_collection(LineCollection(list(ends), colors="black", lw=3.6))
@@ -542,7 +540,7 @@ def _plane_assembly(
     _plane(axis)
     if title:
         axis.set_title(title)
-    _kind_legend(figure, [kind_of.get(f, "free") for f in _all_faces(assembly)])
+    _kind_legend(figure, assembly, kind_of)
     return _save(figure, path)
 
 

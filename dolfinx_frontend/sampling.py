@@ -30,6 +30,7 @@ from dolfinx_frontend.quantities import Quantity
 from dolfinx_frontend.random import RandomSpace
 from dolfinx_frontend.running import Interrupt, report_points
 from dolfinx_frontend.stochastic import RandomLaws
+from dolfinx_frontend.surfaces import Moments
 from dolfinx_frontend.sweep import PointResults, fingerprint, warn_unconverged
 from dolfinx_frontend.uncertain import StochasticResult, one_number_a_sample, timed
 
@@ -164,35 +165,18 @@ class SampleResult(PointResults, StochasticResult):
         if substructure not in self.problem.substructures:
             raise unknown_name("substructure", substructure, self.problem.substructures, "samples")
         if self._moments is None:
-            self._moments = self._all_moments()
+            moments = Moments()
+            for part, fields in self.displacements():
+                samples = {name: np.moveaxis(values, -1, 0) for name, values in fields.items()}
+                moments.add(samples, self.probabilities[part])
+            self._moments = moments.found()
         return self._moments[substructure]
-
-    def _all_moments(self) -> dict[str, tuple[Array, Array]]:
-        first: dict[str, Array] = {}
-        second: dict[str, Array] = {}
-        shift: dict[str, Array] = {}
-        for part, fields in self.displacements():
-            weights = self.probabilities[part]
-            for name, values in fields.items():
-                # deviations from the first point: no cancellation where the spread is small
-                base = shift.setdefault(name, values[..., 0].copy())
-                away = values - base[..., None]
-                first[name] = first.get(name, 0.0) + away @ weights
-                second[name] = second.get(name, 0.0) + away**2 @ weights
-        out = {}
-        for name, base in shift.items():
-            mean = first[name]
-            variance = second[name] - mean**2
-            out[name] = (base + mean, np.sqrt(np.maximum(variance, 0.0)))
-        return out
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
-        samples = self.force(interface)
-        weights = self.probabilities
-        mean: Array = np.asarray(np.tensordot(weights, samples, 1), dtype=np.float64)
-        variance = np.tensordot(weights, (samples - mean) ** 2, 1)
-        return mean, np.sqrt(np.maximum(variance, 0.0))
+        moments = Moments()
+        moments.add({interface: self.force(interface)}, self.probabilities)
+        return moments.found()[interface]
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients ([T,] n, P + 1) of the unknowns, projected with the weights."""

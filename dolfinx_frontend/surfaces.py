@@ -6,7 +6,7 @@ area on side 1; opening and slip are the normal and the tangential part of the j
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ __all__ = [
     "OPEN",
     "SLIPS",
     "ContactValues",
+    "Moments",
     "chunks",
     "contact_states",
     "contact_values",
@@ -218,7 +219,7 @@ def of_result(result: Result, name: str) -> dict[str, Array]:
     return point_fields(interface.normals, law_frames(interface), force, jump, contact)
 
 
-class _Moments:
+class Moments:
     """Mean and standard deviation of samples that come some at a time, about the first of them."""
 
     def __init__(self) -> None:
@@ -226,13 +227,8 @@ class _Moments:
         self._sums: dict[str, tuple[Array, Array]] = {}
         self._total = 0.0
 
-    def add(self, fields: dict[str, Array], weights: Array) -> None:
-        """Fields (n, ...) with weights (n,)."""
-        fields = dict(fields)
-        state = fields.pop("state", None)
-        if state is not None:
-            fields["open probability"] = (state == OPEN).astype(np.float64)
-            fields["slip probability"] = (state == SLIPS).astype(np.float64)
+    def add(self, fields: Mapping[str, Array], weights: Array) -> None:
+        """Fields (n, ...) by name, with weights (n,)."""
         self._total += float(weights.sum())
         for name, values in fields.items():
             origin = self._origin.setdefault(name, values[0].copy())
@@ -241,15 +237,13 @@ class _Moments:
             before = self._sums.get(name, (0.0, 0.0))
             self._sums[name] = (before[0] + first, before[1] + second)
 
-    def fields(self) -> dict[str, Array]:
-        """Name -> mean, and name with "std" -> deviation."""
+    def found(self) -> dict[str, tuple[Array, Array]]:
+        """Name -> mean and standard deviation, (...) each."""
         out = {}
         for name, (first, second) in self._sums.items():
             mean = first / self._total
-            out[name] = self._origin[name] + mean
-            if not name.endswith("probability"):
-                variance = second / self._total - mean**2
-                out[f"{name} std"] = np.sqrt(np.maximum(variance, 0.0))
+            variance = second / self._total - mean**2
+            out[name] = (self._origin[name] + mean, np.sqrt(np.maximum(variance, 0.0)))
         return out
 
 
@@ -275,16 +269,25 @@ def _of_sampled(
     weights: Array,
     at: Callable[[slice], tuple[Array, Array, ContactValues | None]],
 ) -> dict[str, Array]:
-    """Mean and standard deviation over samples with weights (N,), some samples at a time.
+    """Mean and standard deviation over samples with weights (N,), of states the probabilities.
 
     `at` gives force and jump (n, [T,] m, components) of a part of the samples, and the values of a contact.
     """
-    moments = _Moments()
+    moments = Moments()
     for part in chunks(len(weights), frames.size * (1 if times is None else len(times))):
         force, jump, contact = at(part)
         fields = point_fields(normals, frames, _steps(force, times, 1), _steps(jump, times, 1), contact)
+        state = fields.pop("state", None)
+        if state is not None:
+            fields["open probability"] = (state == OPEN).astype(np.float64)
+            fields["slip probability"] = (state == SLIPS).astype(np.float64)
         moments.add(fields, weights[part])
-    return moments.fields()
+    out = {}
+    for name, (mean, deviation) in moments.found().items():
+        out[name] = mean
+        if not name.endswith("probability"):
+            out[f"{name} std"] = deviation
+    return out
 
 
 def of_chaos(result: ChaosResult, name: str) -> dict[str, Array]:
