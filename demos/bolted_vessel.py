@@ -892,7 +892,7 @@ def wrapped(text: object, width: int = 100) -> str:
 
 
 class Steps:
-    """Says what is being done, and how long the last step took."""
+    """Says what is being done, after the seconds since the start."""
 
     def __init__(self) -> None:
         self._start = perf_counter()
