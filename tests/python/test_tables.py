@@ -416,6 +416,19 @@ def test_other_files_are_refused(
         solve(problem).save(tmp_path / "result.txt")
     with pytest.raises(saved.ResultFileError, match="cannot be written .* choose a folder"):
         solve(problem).save(tmp_path / "nowhere" / "result.h5")
+    kept = tmp_path / "kept" / "result.h5"
+    kept.parent.mkdir()
+    kept.write_bytes(b"before")
+
+    def full(temporary: Path, *_: Any) -> None:
+        temporary.write_bytes(b"half")
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(saved.chaos_file, "write_tree", full)
+        with pytest.raises(saved.ResultFileError, match="cannot be written .*No space left.*has room"):
+            solve(problem).save(kept)
+    assert [each.read_bytes() for each in kept.parent.iterdir()] == [b"before"]
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
         file["x"] = 1.0
     with pytest.raises(saved.ResultFileError, match="no saved result"):
