@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import statistics
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -99,6 +100,17 @@ def environment() -> dict[str, Any]:
     }
 
 
+def commit() -> str:
+    """The commit that is measured, and whether files that count were changed since."""
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+
+    counts = ("latin_core", "dolfinx_frontend", "demos", "tests/benchmarks")
+    dirty = "-dirty" if git("status", "--porcelain", *counts) else ""
+    return (git("rev-parse", "--short", "HEAD") or "unknown") + dirty
+
+
 def size(text: str) -> str | float:
     """A named size of a mesh, or the size of its cells."""
     try:
@@ -132,3 +144,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         print("  " + "  ".join(line).rstrip())
         if number == 0:
             print("  " + "-" * (sum(widths) + 2 * len(widths) - 2))
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """The same for a page."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(c).replace("|", "/") for c in line) + " |" for line in lines)
+
+
+def between_marks(path: Path, name: str, text: str) -> None:
+    """Put a text between ``<!-- name -->`` and ``<!-- end of name -->`` (``name: begin``, ``name: end``)."""
+    page = path.read_text(encoding="utf-8")
+    marks = rf"(<!-- {name}(?:: begin)? -->\n).*?(<!-- (?:end of {name}|{name}: end) -->)"
+    path.write_text(
+        re.sub(marks, lambda m: f"{m[1]}\n{text}\n\n{m[2]}", page, flags=re.DOTALL), encoding="utf-8"
+    )
