@@ -6,7 +6,6 @@ Times are compared within one run: same machine, same libraries, same number of 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import platform
@@ -18,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 import dolfinx
@@ -28,6 +26,10 @@ from petsc4py import PETSc
 from dolfinx_frontend import Problem, reference
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from tests.verification.scenes import demo as demo  # noqa: E402, F401
+
 T = TypeVar("T")
 
 
@@ -55,17 +57,6 @@ def unit(problem: Problem, repeats: int) -> reference.Unit:
     """The unit of cost; measured twice, because the first run of a solver initialises libraries."""
     measured = [reference.unit(problem, max(3, repeats)) for _ in range(2)]
     return min(measured, key=lambda each: each.seconds)
-
-
-def demo(name: str) -> ModuleType:
-    """A script of ``demos`` as a module, for its scene."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "demos" / f"{name}.py")
-    if spec is None or spec.loader is None:
-        raise FileNotFoundError(f"there is no demo named {name}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
 
 
 def _loaded(pattern: str) -> list[str]:

@@ -28,7 +28,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import subprocess
 import sys
 import tempfile
@@ -77,13 +76,9 @@ REASONS = {
 
 def with_springs(problem: Problem) -> Problem:
     """The same parts, springs in place of the contacts: what a linear solver would factorise."""
-    interfaces = {}
-    for name, interface in problem.interfaces.items():
-        law = interface.law.nominal
-        if isinstance(law, Contact):
-            law = Elastic(normal=1e4, tangential=1e4)
-        interfaces[name] = dataclasses.replace(interface, law=law)
-    return Problem(problem.substructures, interfaces)
+    laws = {name: i.law.nominal for name, i in problem.interfaces.items()}
+    springs = Elastic(normal=1e4, tangential=1e4)
+    return problem.with_laws({n: springs if isinstance(law, Contact) else law for n, law in laws.items()})
 
 
 def lap_part(size: str | float, n: int, repeats: int, sets: int) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -102,13 +102,8 @@ def lap(bolt: Any, name: str) -> Case:
     demo = common.demo("bolted_lap_joint")
     scene = demo.build_scene(lap_joint(12.0), demo.SHEAR * (0.05, 0.0, 0.0))
     cut = Elastic(normal=bolt, tangential=bolt, total=True, jump=demo.TIGHTEN * -demo.SHORTENING)
-    problem = assemble(scene)
-    interfaces = {
-        n: replace(i, law=cut) if n in demo.CUTS else i for n, i in problem.interfaces.items()
-    }
-    problem = Problem(problem.substructures, interfaces)
-    quantities = (Resultant("cut1"),)
-    return Case(name, problem, quantities, {"times": (1.0, 2.0)}, False, ACCURACIES[:3])
+    problem = assemble(scene).with_laws(dict.fromkeys(demo.CUTS, cut))
+    return Case(name, problem, (Resultant("cut1"),), {"times": (1.0, 2.0)}, False, ACCURACIES[:3])
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -367,15 +362,8 @@ def tables(record: dict[str, Any]) -> dict[str, tuple[tuple[str, ...], list[list
 
 def written(path: Path, record: dict[str, Any]) -> None:
     """Put the tables between their marks in a page."""
-    text = path.read_text(encoding="utf-8")
     for name, (header, rows) in tables(record).items():
-        lines = [header, ["---"] * len(header), *rows]
-        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
-        if begin in text and end in text:
-            before, rest = text.split(begin, 1)
-            text = f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end, 1)[1]}"
-    path.write_text(text, encoding="utf-8")
+        common.between_marks(path, name, common.markdown_table(header, rows))
     print(f"\nwritten to {path}")
 
 

@@ -421,8 +421,8 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         f"Made by `{record['command']}`; the numbers and figures on this page are those of one run.",
         "",
         f"Machine: {e['processor']}, {e['cpus']} cores, {e['threads']} thread(s), shared with other work "
-        f"(load {e['load']:.1f} at the end): times are medians, single runs from {LARGE // 1000} 000 unknowns "
-        "on, and vary by some tens of percent. "
+        f"(load {e['load']:.1f} at the end): times are medians, single runs from {LARGE // 1000} 000 "
+        "unknowns on, and vary by some tens of percent. "
         f"{', '.join(e['blas'])}, dolfinx {e['dolfinx']}, PETSc {e['petsc']}.",
         "",
         "A *unit* is one direct solution (analysis, factorisation, one solve) of the assembled structure "
