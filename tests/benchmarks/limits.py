@@ -42,7 +42,8 @@ E/L, or a joint between parts of contrast 1e8, leave 4 and 8 digits. An assemble
 as many by cancellation; the same interface kept (`solve(problem, active=["joint"])`) does not, since its
 force is an unknown there. Chains of n parts are n^2 softer than one of their links.
 
-Numbers of 32 bits in the iteration are not offered; those in a scene are taken as they are.
+Numbers of 32 bits in a scene are taken as they are. `Options(precision="single")` iterates in 32 bits, and
+corrects the answer in 64 until it is as good as asked.
 
 ## All cases
 
