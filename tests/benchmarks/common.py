@@ -53,6 +53,13 @@ def timed(call: Callable[[], T], repeats: int = 3, budget: float = 120.0) -> Tim
             return Timed(value, statistics.median(seconds), len(seconds))
 
 
+def settled(result: Any, rtol: float) -> dict[str, Any]:
+    """Status and error of a solution that others are compared with, down to a tolerance `rtol` of theirs."""
+    if not (result.converged or result.error <= 0.01 * rtol):
+        raise RuntimeError(f"a reference ended as {result.status} at an error of {result.error:.1e}")
+    return {"status": result.status, "error": result.error}
+
+
 def unit(problem: Problem, repeats: int) -> reference.Unit:
     """The unit of cost; measured twice, because the first run of a solver initialises libraries."""
     measured = [reference.unit(problem, max(3, repeats)) for _ in range(2)]

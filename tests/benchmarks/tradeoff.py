@@ -789,9 +789,9 @@ def table_methods(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]
             best = cheapest(good, level, methods=methods)
             cells.append("-" if best is None else f"{best['units']:.2f}")
         chosen = _chosen(scene, level, meshes=False)
-        least = cheapest(good, level)
+        least = min((float(r["units"]) for r in good if r["error"] <= level), default=None)
         cells += ["-", "-"] if chosen is None else [f"{chosen['units']:.2f}", f"{chosen['error']:.0e}"]
-        over = None if chosen is None or least is None else chosen["units"] / least["units"]
+        over = None if chosen is None or least is None else chosen["units"] / least
         cells.append("-" if over is None else f"{over:.1f}")
         rows.append([percent(level), *cells])
     return header, rows
