@@ -151,10 +151,10 @@ def gap(spread: float) -> Case:
     problem, exact = test_accuracy.rods(spread)
     quantity = Resultant("gap")
     exact = {quantity: exact}
-    return Case(f"rods, gap 0.008 +- {spread:.1g}", problem, (quantity,), {}, False, ACCURACIES[:3], exact)
+    return Case(f"rods, gap 0.008 +- {spread:.2g}", problem, (quantity,), {}, False, ACCURACIES[:3], exact)
 
 
-GAPS = {f"gap {s:.1g}": partial(gap, s) for s in np.geomspace(2e-4, 8e-3, 12)}
+GAPS = {f"gap {s:.2g}": partial(gap, s) for s in np.geomspace(2e-4, 8e-3, 12)}
 PROMISES: dict[str, dict[str, Callable[[], Case]]] = {"promise": CASES, "held out": HELD_OUT, "gap": GAPS}
 
 
