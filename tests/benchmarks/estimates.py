@@ -521,7 +521,7 @@ def main() -> None:
     for kind in ("algebraic", "truncation"):
         good, count = within(record[kind])
         print(f"{kind}: {good} of {count} estimates within a factor of three")
-    for name in PROMISES:
+    for name in filter(record.get, PROMISES):
         print(f"{name}: {sum(r['kept'] for r in record[name])} of {len(record[name])} kept")
     common.write_json(record, given.json)
     if given.markdown is not None:

@@ -7,7 +7,7 @@
   the parts; ``units`` are seconds over the time of one direct solution of the same mesh, ``error`` is true:
   energy norm, against the monolithic solution or SSFEM converged to 1e-11;
 * ``modes``: chaos of order 1 to 5 in five germs (6 to 252 modes) on the vessel;
-* ``parts``: a chain of N equal parts, all interfaces kept;
+* ``parts``: a chain of N equal parts, all interfaces kept; ``friction``: one whose every fourth joint rubs;
 * ``loop``: operations and bytes of the global stage per second, beside what a matrix product and a copy
   of a large array reach on the same machine.
 """
@@ -28,6 +28,7 @@ from time import perf_counter
 from typing import Any
 
 import common
+import contact
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -49,6 +50,7 @@ from dolfinx_frontend import (
     ssfem,
     sweep,
 )
+from tests.verification import test_macro
 
 
 # mm: about 6, 24, 62, 105, 185 and 510 thousand unknowns
@@ -280,20 +282,33 @@ def chain(parts: int) -> dict[str, Any]:
     scene.fix("p0:x0")
     scene.traction(f"p{parts - 1}:x1", (1.0, 0.5, 0.0), name="pull")
     problem = assemble(scene)
-    unit = common.unit(problem, 3)
     options = Options(rtol=1e-6, max_iterations=3000)
     active = [f"i{k}" for k in range(parts - 1)]
-    run = common.timed(lambda: solve(problem, active=active, options=options), 3, budget=60.0)
+    run, record = kept(parts, problem, problem, lambda: solve(problem, active=active, options=options))
     exact = reference.monolithic(problem)
-    return {
-        "parts": parts,
-        "dof": problem.size,
-        "iterations": run.value.iterations,
-        "seconds": run.seconds,
-        "units": run.seconds / unit.seconds,
-        "unit_s": unit.seconds,
-        "error": reference.energy_error(problem, run.value.displacements, exact),
-    }
+    return record | {"error": reference.energy_error(problem, run.displacements, exact)}
+
+
+def rubbing(parts: int) -> dict[str, Any]:
+    """A chain whose every fourth joint rubs and opens, every interface kept."""
+    problem = test_macro.rubbing(parts)
+    run, record = kept(
+        parts, problem, contact.with_springs(problem), lambda: test_macro.cut(problem, rtol=3e-7)
+    )
+    exact = solve(problem, options=Options(rtol=1e-10, max_iterations=2000))
+    common.settled(exact, 3e-7)
+    return record | {"error": reference.energy_difference(problem, run, exact)}
+
+
+def kept(
+    parts: int, problem: Problem, linear: Problem, call: Callable[[], Any]
+) -> tuple[Any, dict[str, Any]]:
+    """An answer with all interfaces kept, and its cost beside the assembled structure."""
+    unit = common.unit(linear, 3)
+    run = common.timed(call, 3, budget=60.0)
+    record = {"parts": parts, "dof": problem.size, "iterations": run.value.iterations}
+    record |= {"seconds": run.seconds, "units": run.seconds / unit.seconds, "unit_s": unit.seconds}
+    return run.value, record
 
 
 def machine() -> dict[str, float]:
@@ -484,22 +499,20 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         "A chain of equal boxes (8 quadratic hexahedra each), every elastic interface kept and iterated on.",
         "",
     ]
-    table = common.markdown_table(
-        ["parts", "unknowns", "iterations", "seconds", "units", "error"],
-        [
-            [
-                str(m["parts"]),
-                str(m["dof"]),
-                str(m["iterations"]),
-                f"{m['seconds']:.3g}",
-                f"{m['units']:.2f}",
-                number(m["error"]),
-            ]
-            for m in record["parts"]
-        ],
-    )
-    text += [table, "", *growth("parts", "the number of parts, over the last four")]
+
+    def chains(rows: list[dict[str, Any]]) -> list[str]:
+        cells = [
+            [m["parts"], m["dof"], m["iterations"]]
+            + [f"{m['seconds']:.3g}", f"{m['units']:.2f}", number(m["error"])]
+            for m in rows
+        ]
+        header = ["parts", "unknowns", "iterations", "seconds", "units", "error"]
+        return [common.markdown_table(header, cells), ""]
+
+    text += [*chains(record["parts"]), *growth("parts", "the number of parts, over the last four")]
     text += ["![Cost against the number of parts](figures/performance_parts.png)", ""]
+    text += ["Cubes whose every fourth joint rubs, opens at its edges and slips, the others glued:", ""]
+    text += chains(record["friction"])
     peak_rates = record["machine"]
     text += [
         "## The loop",
@@ -538,6 +551,7 @@ def main() -> None:
     parser.add_argument("--modes-size", default="paper")
     parser.add_argument("--orders", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--parts", nargs="+", type=int, default=list(CHAIN))
+    parser.add_argument("--friction", nargs="*", type=int, default=[8, 32, 64], help="parts of rubbing chains")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--order", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -560,6 +574,7 @@ def main() -> None:
         row = record["modes"][-1]
         print(f"  {row['modes']} modes {row['units']:.2f} units, {row['iterations']} iterations", flush=True)
     record["parts"] = [chain(n) for n in options.parts]
+    record["friction"] = [rubbing(n) for n in options.friction]
     record["loop"] = loop(options.modes_size)
     record["environment"] = common.environment()
     if options.markdown:
