@@ -551,7 +551,7 @@ def main() -> None:
     parser.add_argument("--modes-size", default="paper")
     parser.add_argument("--orders", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--parts", nargs="+", type=int, default=list(CHAIN))
-    parser.add_argument("--friction", nargs="*", type=int, default=[8, 32, 64], help="parts of those that rub")
+    parser.add_argument("--friction", nargs="*", type=int, default=[8, 32, 64], help="chains that rub")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--order", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
