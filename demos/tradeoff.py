@@ -13,7 +13,7 @@ Method
     Every method is run over its knobs: LATIN-PCE over tolerance, order, index set, depth of the acceleration
     and operator; monolithic SSFEM; tensor and sparse quadrature; Monte Carlo and quasi-Monte Carlo; then
     mesh size, degree and interface space. The true error of each run is known from a much tighter one. One
-    unit is a direct solution of the same mesh, measured in the same run.
+    unit is a direct solution of the scene's base mesh, measured in the same run.
 
 Answers
     A table for each scene, and a figure: error against cost, with the front that no setting beats. Read it

@@ -6,18 +6,17 @@ Times are compared within one run: same machine, same libraries, same number of 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import platform
 import re
 import statistics
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 import dolfinx
@@ -27,6 +26,10 @@ from petsc4py import PETSc
 from dolfinx_frontend import Problem, reference
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from tests.verification.scenes import demo as demo  # noqa: E402, F401
+
 T = TypeVar("T")
 
 
@@ -50,21 +53,17 @@ def timed(call: Callable[[], T], repeats: int = 3, budget: float = 120.0) -> Tim
             return Timed(value, statistics.median(seconds), len(seconds))
 
 
+def settled(result: Any, rtol: float) -> dict[str, Any]:
+    """Status and error of a solution that others are compared with, down to a tolerance `rtol` of theirs."""
+    if not (result.converged or result.error <= 0.01 * rtol):
+        raise RuntimeError(f"a reference ended as {result.status} at an error of {result.error:.1e}")
+    return {"status": result.status, "error": result.error}
+
+
 def unit(problem: Problem, repeats: int) -> reference.Unit:
     """The unit of cost; measured twice, because the first run of a solver initialises libraries."""
     measured = [reference.unit(problem, max(3, repeats)) for _ in range(2)]
     return min(measured, key=lambda each: each.seconds)
-
-
-def demo(name: str) -> ModuleType:
-    """A script of ``demos`` as a module, for its scene."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "demos" / f"{name}.py")
-    if spec is None or spec.loader is None:
-        raise FileNotFoundError(f"there is no demo named {name}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
 
 
 def _loaded(pattern: str) -> list[str]:
@@ -97,6 +96,17 @@ def environment() -> dict[str, Any]:
         "petsc": ".".join(str(n) for n in PETSc.Sys.getVersion()),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
     }
+
+
+def commit() -> str:
+    """The commit that is measured, and whether files that count were changed since."""
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+
+    counts = ("latin_core", "dolfinx_frontend", "demos", "tests/benchmarks")
+    dirty = "-dirty" if git("status", "--porcelain", *counts) else ""
+    return (git("rev-parse", "--short", "HEAD") or "unknown") + dirty
 
 
 def size(text: str) -> str | float:
@@ -132,3 +142,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         print("  " + "  ".join(line).rstrip())
         if number == 0:
             print("  " + "-" * (sum(widths) + 2 * len(widths) - 2))
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    """The same for a page."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(c).replace("|", "/") for c in line) + " |" for line in lines)
+
+
+def between_marks(path: Path, name: str, text: str) -> None:
+    """Put a text between ``<!-- name -->`` and ``<!-- end of name -->`` (``name: begin``, ``name: end``)."""
+    page = path.read_text(encoding="utf-8")
+    marks = rf"(<!-- {name}(?:: begin)? -->\n).*?(<!-- (?:end of {name}|{name}: end) -->)"
+    path.write_text(
+        re.sub(marks, lambda m: f"{m[1]}\n{text}\n\n{m[2]}", page, flags=re.DOTALL), encoding="utf-8"
+    )

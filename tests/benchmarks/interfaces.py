@@ -11,7 +11,6 @@ docs/interfaces.md are the output of ``./run bench interfaces --markdown``.
 from __future__ import annotations
 
 import argparse
-import sys
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -19,13 +18,11 @@ from typing import Any
 import common
 import numpy as np
 
-sys.path.insert(0, str(common.ROOT))
-
-from dolfinx_frontend.laws import Contact, Perfect  # noqa: E402
-from dolfinx_frontend.solve import solve  # noqa: E402
-from latin_core import Options  # noqa: E402
-from tests.python import test_facets as patch  # noqa: E402
-from tests.verification import nonmatching  # noqa: E402
+from dolfinx_frontend.laws import Contact, Perfect
+from dolfinx_frontend.solve import solve
+from latin_core import Options
+from tests.python import test_facets as patch
+from tests.verification import nonmatching
 
 SIZES = {2: {"blocks": (4, 8, 16, 32), "rings": (2, 4, 8, 16)}, 3: {"blocks": (2, 4, 6), "rings": (2, 4, 6)}}
 MEASURES = ("energy", "force", "resultant")
@@ -124,13 +121,10 @@ def overlaps(quick: bool) -> list[dict[str, Any]]:
 
 def _show(title: str, header: Sequence[str], rows: Sequence[Sequence[Any]], markdown: bool) -> None:
     print(f"\n{title}\n")
-    if not markdown:
+    if markdown:
+        print(common.markdown_table(header, rows))
+    else:
         common.table(header, rows)
-        return
-    print("| " + " | ".join(header) + " |")
-    print("|" + "---|" * len(header))
-    for row in rows:
-        print("| " + " | ".join(str(c) for c in row) + " |")
 
 
 def report(record: dict[str, Any], markdown: bool) -> None:

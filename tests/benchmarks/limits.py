@@ -19,9 +19,7 @@ from typing import Any
 
 import common
 
-sys.path.insert(0, str(common.ROOT))
-
-from tests.extremes.cases import CASES, EPS, RTOL, Case  # noqa: E402
+from tests.extremes.cases import CASES, EPS, RTOL, Case
 
 PAGE = """# Limits
 
@@ -44,7 +42,8 @@ E/L, or a joint between parts of contrast 1e8, leave 4 and 8 digits. An assemble
 as many by cancellation; the same interface kept (`solve(problem, active=["joint"])`) does not, since its
 force is an unknown there. Chains of n parts are n^2 softer than one of their links.
 
-Numbers of 32 bits in the iteration are not offered; those in a scene are taken as they are.
+Numbers of 32 bits in a scene are taken as they are. `Options(precision="single")` iterates in 32 bits, and
+corrects the answer in 64 until it is as good as asked.
 
 ## All cases
 
@@ -131,12 +130,6 @@ SUMMARY = ("extreme", "answers hold for", "digits left", "beyond")
 DETAILS = ("extreme", "value", "ends as", "error", "allowed", "iterations")
 
 
-def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |" for line in lines)
-
-
 def main() -> None:
     """Measure and report; the exit status is 1 if a case did not end as it should."""
     parser: argparse.ArgumentParser = common.parser("limits", __doc__)
@@ -149,8 +142,8 @@ def main() -> None:
     if options.markdown is not None:
         page = PAGE.format(
             rtol=RTOL,
-            summary=markdown(SUMMARY, summary(records)),
-            details=markdown(DETAILS, details(records)),
+            summary=common.markdown_table(SUMMARY, summary(records)),
+            details=common.markdown_table(DETAILS, details(records)),
         )
         options.markdown.write_text(page, encoding="utf-8")
         print(f"\nwritten to {options.markdown}")

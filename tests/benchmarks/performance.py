@@ -1,13 +1,13 @@
 """Cost against size, chaos modes and number of parts, as tables, figures and fitted exponents.
 
-``./run bench performance --json FILE --markdown docs/performance.md`` measures
+``./run bench performance --json FILE --keep FOLDER --markdown docs/performance.md`` measures
 
 * ``sizes``: the bolted vessel meshed finer and finer. Each size runs in processes of its own, one for
-  a method, so that peak memory is that of the method. Seconds begin with the matrices of the parts;
-  ``units`` are seconds over the time of one direct solution of the same mesh, ``error`` is true: energy
-  norm, against the monolithic solution or SSFEM converged to 1e-11;
+  a method, so that peak memory is that of the method (of its first run). Seconds begin with the matrices of
+  the parts; ``units`` are seconds over the time of one direct solution of the same mesh, ``error`` is true:
+  energy norm, against the monolithic solution or SSFEM converged to 1e-11;
 * ``modes``: chaos of order 1 to 5 in five germs (6 to 252 modes) on the vessel;
-* ``parts``: a chain of N equal parts, all interfaces kept;
+* ``parts``: a chain of N equal parts, all interfaces kept; ``friction``: one whose every fourth joint rubs;
 * ``loop``: operations and bytes of the global stage per second, beside what a matrix product and a copy
   of a large array reach on the same machine.
 """
@@ -15,17 +15,20 @@
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import common
+import contact
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -47,16 +50,17 @@ from dolfinx_frontend import (
     ssfem,
     sweep,
 )
+from tests.verification import test_macro
 
 
-# mm: about 6, 24, 62, 105, 185 and 400 thousand unknowns
-SIZES = ("coarse", "9.6", "6.2", "5", "4", "3")
+# mm: about 6, 24, 62, 105, 185 and 510 thousand unknowns
+SIZES = ("coarse", "9.6", "6.2", "5", "4", "2.75")
 METHODS = ("monolithic", "direct", "latin_pce", "ssfem_cg", "sweep", "monte_carlo")
 ORDER = 3
 PCE_RTOL = 1e-6  # estimates are up to three times too small: half of it where an error of 1e-6 is asked
 SWEEP_RTOL = 3e-5  # forces on the joint are then right to 1e-4
 CHAIN = (2, 4, 8, 16, 32, 64, 128)
-EXACT_UP_TO = 120_000  # unknowns up to which the chaos is compared with a converged SSFEM
+EXACT_UP_TO = 250_000  # unknowns up to which the chaos is compared with a converged SSFEM
 LARGE = 150_000  # unknowns from which a time is taken once
 HUGE = 300_000  # unknowns from which SSFEM (memory) and Monte Carlo (time) are left out
 
@@ -67,6 +71,8 @@ class Memory:
     def __init__(self) -> None:
         self.status = Path("/proc/self/status")
         if self.status.exists():
+            # what is free goes back (glibc), or it would be taken again unseen
+            getattr(ctypes.CDLL(None), "malloc_trim", int)(0)
             Path("/proc/self/clear_refs").write_text("5")  # forget the peak of meshing
         self.before = self._read("VmRSS")
 
@@ -80,6 +86,20 @@ class Memory:
         return self._read("VmHWM") - self.before
 
 
+def measured(record: dict[str, Any], call: Callable[[], Any], repeats: int) -> Any:
+    """What a call returns; median time and peak of the first run go into the record."""
+    memory = Memory()
+
+    def run() -> Any:
+        value = call()
+        record.setdefault("peak", memory.peak())
+        return value
+
+    timed = common.timed(run, repeats, budget=90.0)
+    record["seconds"] = timed.seconds
+    return timed.value
+
+
 def vessel_problem(size: str) -> tuple[Any, Problem]:
     """The demo's module and the vessel with two random stiffnesses."""
     demo = common.demo("bolted_vessel")
@@ -89,17 +109,9 @@ def vessel_problem(size: str) -> tuple[Any, Problem]:
 
 def deterministic(demo: Any, problem: Problem) -> Problem:
     """The same parts and matrices with the mean laws."""
-    laws = {
-        "joint": Elastic(normal=demo.JOINT, tangential=demo.JOINT),
-        "screw": problem.interfaces["screw"].law.with_(
-            normal=0.5 * demo.SCREW, tangential=0.5 * demo.SCREW
-        ),
-    }
-    interfaces = {
-        name: replace(i, law=laws[name]) if name in laws else i
-        for name, i in problem.interfaces.items()
-    }
-    return replace(problem, interfaces=interfaces)
+    half = 0.5 * demo.SCREW
+    screw = problem.interfaces["screw"].law.with_(normal=half, tangential=half)
+    return problem.with_laws({"joint": Elastic(normal=demo.JOINT, tangential=demo.JOINT), "screw": screw})
 
 
 def chaos_error(problem: Problem, result: ChaosResult, order: Chaos) -> float | None:
@@ -117,18 +129,15 @@ def one(method: str, size: str, repeats: int) -> dict[str, Any]:
     fixed = deterministic(demo, problem)
     order = Chaos(ORDER, check_points=0)
     repeats = repeats if problem.size < LARGE else 1
-    memory = Memory()
     record: dict[str, Any] = {"method": method, "size": size, "dof": problem.size}
 
-    def measure(call: Callable[[], Any]) -> Any:
-        run = common.timed(call, repeats, budget=90.0)
-        record["seconds"] = run.seconds
-        record["peak"] = memory.peak()
-        return run.value
-
+    measure = partial(measured, record, repeats=repeats)
     if method == "monolithic":
         unit = common.unit(fixed, repeats) if problem.size < LARGE else reference.unit(fixed, 1)
-        record |= {"seconds": unit.seconds, "solver": unit.solver, "peak": memory.peak()}
+        record |= {"seconds": unit.seconds, "solver": unit.solver}
+    elif method in ("cholmod", "mumps"):  # for the peak: a unit tries both, and more than once
+        systems = reference.Monolithic(fixed).systems(fixed.laws())
+        measure(lambda: [reference.Cholesky(A, method).solve(b, refine=False) for _, A, b in systems])
     elif method == "direct":
         result = measure(lambda: solve(fixed))
         exact = reference.monolithic(fixed)
@@ -157,16 +166,17 @@ def one(method: str, size: str, repeats: int) -> dict[str, Any]:
         record |= {"iterations": int(counts.sum()), "first": int(counts[0]), "points": counts.size}
         record["error"] = sweep_error(demo, fixed, grid, surface)
     elif method == "monte_carlo":
+        memory = Memory()
         for samples in (200, 1200):  # the difference is what a sample costs
             begin = perf_counter()
             options = Options(rtol=SWEEP_RTOL)
             drawn = monte_carlo(problem, samples, plan_options=options, progress=False)
-            seconds = perf_counter() - begin
-            record[f"seconds_{samples}"] = seconds
+            record[f"seconds_{samples}"] = perf_counter() - begin
+            record |= {"peak": memory.peak(), "iterations": int(drawn.iterations.sum()) / samples}
+            del drawn
         each = (record["seconds_1200"] - record["seconds_200"]) / 1000.0
         record["seconds"] = record["seconds_200"] + each * (10_000 - 200)
-        record |= {"sample_s": each, "iterations": int(drawn.iterations.sum()) / 1200.0}
-        record["peak"] = memory.peak()
+        record["sample_s"] = each
     return record
 
 
@@ -184,9 +194,10 @@ def sweep_error(demo: Any, problem: Problem, grid: Any, surface: Any) -> float:
 def in_process(arguments: list[str], kept: Path | None) -> dict[str, Any]:
     """Run this file in a process of its own, and read the record that it prints last.
 
-    Records are kept in a folder, and taken from there by a run that goes on.
+    Records are kept in a folder of the commit, and taken from there by a run of the same commit that goes on.
     """
-    file = None if kept is None else kept / ("_".join(arguments).replace("-", "") + ".json")
+    name = "_".join(arguments).replace("-", "") + ".json"
+    file = None if kept is None else kept / common.commit() / name
     if file is not None and file.exists():
         stored: dict[str, Any] = json.loads(file.read_text())
         return stored
@@ -210,6 +221,9 @@ def sizes_part(sizes: tuple[str, ...], repeats: int, kept: Path | None) -> list[
             if method in ("ssfem_cg", "monte_carlo") and row["monolithic"]["dof"] > HUGE:
                 continue
             row[method] = in_process(["--one", method, size, "--repeats", str(repeats)], kept)
+            if method == "monolithic":
+                alone = in_process(["--one", row[method]["solver"], size], kept)
+                row[method]["peak"] = alone["peak"]
             seconds = row[method]["seconds"]
             row[method]["units"] = seconds / row["monolithic"]["seconds"]
             print(
@@ -239,26 +253,15 @@ def modes(order: int, size: str) -> dict[str, Any]:
             jump=Normal("shortening", -demo.SHORTENING, cov=0.1),
         ),
     }
-    interfaces = {
-        name: replace(i, law=laws[name]) if name in laws else i
-        for name, i in problem.interfaces.items()
-    }
-    problem = replace(problem, interfaces=interfaces)
+    problem = problem.with_laws(laws)
     chaos = Chaos(order, check_points=0)
-    memory = Memory()
-    run = common.timed(
-        lambda: solve(problem, chaos=chaos, options=Options(rtol=PCE_RTOL)), 3, budget=60.0
-    )
-    result = run.value
-    record = {
-        "order": order,
+    record: dict[str, Any] = {"order": order, "dof": problem.size}
+    result = measured(record, lambda: solve(problem, chaos=chaos, options=Options(rtol=PCE_RTOL)), 3)
+    record |= {
         "modes": result.modes,
-        "dof": problem.size,
         "iterations": result.iterations,
-        "seconds": run.seconds,
-        "units": run.seconds / unit.seconds,
+        "units": record["seconds"] / unit.seconds,
         "error_estimate": result.error,
-        "peak": memory.peak(),
         "phases": result.spent(),
     }
     if order <= 2:
@@ -279,20 +282,33 @@ def chain(parts: int) -> dict[str, Any]:
     scene.fix("p0:x0")
     scene.traction(f"p{parts - 1}:x1", (1.0, 0.5, 0.0), name="pull")
     problem = assemble(scene)
-    unit = common.unit(problem, 3)
     options = Options(rtol=1e-6, max_iterations=3000)
     active = [f"i{k}" for k in range(parts - 1)]
-    run = common.timed(lambda: solve(problem, active=active, options=options), 3, budget=60.0)
+    run, record = kept(parts, problem, problem, lambda: solve(problem, active=active, options=options))
     exact = reference.monolithic(problem)
-    return {
-        "parts": parts,
-        "dof": problem.size,
-        "iterations": run.value.iterations,
-        "seconds": run.seconds,
-        "units": run.seconds / unit.seconds,
-        "unit_s": unit.seconds,
-        "error": reference.energy_error(problem, run.value.displacements, exact),
-    }
+    return record | {"error": reference.energy_error(problem, run.displacements, exact)}
+
+
+def rubbing(parts: int) -> dict[str, Any]:
+    """A chain whose every fourth joint rubs and opens, every interface kept."""
+    problem = test_macro.rubbing(parts)
+    run, record = kept(
+        parts, problem, contact.with_springs(problem), lambda: test_macro.cut(problem, rtol=3e-7)
+    )
+    exact = solve(problem, options=Options(rtol=1e-10, max_iterations=2000))
+    common.settled(exact, 3e-7)
+    return record | {"error": reference.energy_difference(problem, run, exact)}
+
+
+def kept(
+    parts: int, problem: Problem, linear: Problem, call: Callable[[], Any]
+) -> tuple[Any, dict[str, Any]]:
+    """An answer with all interfaces kept, and its cost beside the assembled structure."""
+    unit = common.unit(linear, 3)
+    run = common.timed(call, 3, budget=60.0)
+    record = {"parts": parts, "dof": problem.size, "iterations": run.value.iterations}
+    record |= {"seconds": run.seconds, "units": run.seconds / unit.seconds, "unit_s": unit.seconds}
+    return run.value, record
 
 
 def machine() -> dict[str, float]:
@@ -306,7 +322,7 @@ def machine() -> dict[str, float]:
 
 
 def loop(size: str) -> list[dict[str, Any]]:
-    """Rates of the global stage for one column and for ten, twenty-one, fifty-six."""
+    """Rates of the global stage for one column and for ten, twenty-one, fifty-five."""
     demo, problem = vessel_problem(size)
     rows = []
     for order in (0, 3, 5, 9):
@@ -406,13 +422,9 @@ def plots(record: dict[str, Any], folder: Path) -> dict[str, dict[str, float]]:
 def markdown(record: dict[str, Any], path: Path) -> None:
     """The page of the documentation."""
 
-    def lines(header: list[str], rows: list[list[str]]) -> list[str]:
-        return [
-            "| " + " | ".join(header) + " |",
-            "|" + "---|" * len(header),
-            *("| " + " | ".join(row) + " |" for row in rows),
-            "",
-        ]
+    def growth(section: str, of: str) -> list[str]:
+        found = ", ".join(f"{what} {slope:.2f}" for what, slope in record["exponents"][section].items())
+        return [f"Fitted exponents of the growth with {of}: {found}.", ""]
 
     def number(value: float | None, form: str = ".1e") -> str:
         return "-" if value is None else format(value, form)
@@ -421,19 +433,19 @@ def markdown(record: dict[str, Any], path: Path) -> None:
     text = [
         "# Performance, measured",
         "",
-        "Made by `./run bench performance --json FILE --markdown docs/performance.md`; the numbers and "
-        "figures on this page are those of one run.",
+        f"Made by `{record['command']}`; the numbers and figures on this page are those of one run.",
         "",
         f"Machine: {e['processor']}, {e['cpus']} cores, {e['threads']} thread(s), shared with other work "
-        f"(load {e['load']:.1f} at the end): times are medians and vary by some tens of percent. "
+        f"(load {e['load']:.1f} at the end): times are medians, single runs from {LARGE // 1000} 000 "
+        "unknowns on, and vary by some tens of percent. "
         f"{', '.join(e['blas'])}, dolfinx {e['dolfinx']}, PETSc {e['petsc']}.",
         "",
         "A *unit* is one direct solution (analysis, factorisation, one solve) of the assembled structure "
         "on the same mesh, by the faster of CHOLMOD and MUMPS. Seconds begin with the matrices of the "
         "parts. Errors are true ones: in the energy norm, all chaos coefficients together, against SSFEM "
         "converged to 1e-11; for the sweep the worst force on the joint (rms over the interface) of all "
-        "91 points. Peak memory is what a process takes beyond the matrices of the parts; below 150 000 "
-        "unknowns runs are repeated and two results may be alive at once.",
+        "91 points. Peak memory is what a process takes beyond the matrices of the parts, the direct "
+        "solution beyond the assembled matrix.",
         "",
         "## Against size",
         "",
@@ -458,10 +470,12 @@ def markdown(record: dict[str, Any], path: Path) -> None:
                     f"{m['peak'] / 1e6:.0f}",
                 ]
             )
-    text += lines(["unknowns", "", "seconds", "units", "iterations", "error", "peak, MB"], rows)
+    header = ["unknowns", "", "seconds", "units", "iterations", "error", "peak, MB"]
+    text += [common.markdown_table(header, rows), ""]
+    text += growth("sizes", "the unknowns, over the last four")
     text += ["![Cost against size](figures/performance_sizes.png)", ""]
     text += ["## Against modes", "", "Five germs on the vessel, orders 1 to 5.", ""]
-    text += lines(
+    table = common.markdown_table(
         ["order", "modes", "iterations", "seconds", "units", "estimated error", "true error", "peak, MB"],
         [
             [
@@ -477,6 +491,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
             for m in record["modes"]
         ],
     )
+    text += [table, "", *growth("modes", "the modes, over the last two orders")]
     text += ["![Cost against modes](figures/performance_modes.png)", ""]
     text += [
         "## Against the number of parts",
@@ -484,21 +499,20 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         "A chain of equal boxes (8 quadratic hexahedra each), every elastic interface kept and iterated on.",
         "",
     ]
-    text += lines(
-        ["parts", "unknowns", "iterations", "seconds", "units", "error"],
-        [
-            [
-                str(m["parts"]),
-                str(m["dof"]),
-                str(m["iterations"]),
-                f"{m['seconds']:.3g}",
-                f"{m['units']:.2f}",
-                number(m["error"]),
-            ]
-            for m in record["parts"]
-        ],
-    )
+
+    def chains(rows: list[dict[str, Any]]) -> list[str]:
+        cells = [
+            [m["parts"], m["dof"], m["iterations"]]
+            + [f"{m['seconds']:.3g}", f"{m['units']:.2f}", number(m["error"])]
+            for m in rows
+        ]
+        header = ["parts", "unknowns", "iterations", "seconds", "units", "error"]
+        return [common.markdown_table(header, cells), ""]
+
+    text += [*chains(record["parts"]), *growth("parts", "the number of parts, over the last four")]
     text += ["![Cost against the number of parts](figures/performance_parts.png)", ""]
+    text += ["Cubes whose every fourth joint rubs, opens at its edges and slips, the others glued:", ""]
+    text += chains(record["friction"])
     peak_rates = record["machine"]
     text += [
         "## The loop",
@@ -507,7 +521,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         f"{peak_rates['bytes'] / 1e9:.1f} GB/s. The global stage on the paper's mesh:",
         "",
     ]
-    text += lines(
+    table = common.markdown_table(
         ["columns", "a stage, ms", "GFlop/s", "of the product", "GB/s of factors", "of the copy",
          "share of the loop", "local stage"],
         [
@@ -524,6 +538,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
             for m in record["loop"]
         ],
     )
+    text += [table]
     path.write_text("\n".join(text).rstrip() + "\n", encoding="utf-8")
 
 
@@ -536,6 +551,7 @@ def main() -> None:
     parser.add_argument("--modes-size", default="paper")
     parser.add_argument("--orders", nargs="+", type=int, default=[1, 2, 3, 4, 5])
     parser.add_argument("--parts", nargs="+", type=int, default=list(CHAIN))
+    parser.add_argument("--friction", nargs="*", type=int, default=[8, 32, 64], help="chains that rub")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--order", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -547,6 +563,7 @@ def main() -> None:
         return
     record: dict[str, Any] = {
         "benchmark": "performance",
+        "command": "./run bench performance " + shlex.join(sys.argv[1:]),
         "machine": machine(),
         "sizes": sizes_part(tuple(options.sizes), options.repeats, options.keep),
     }
@@ -557,6 +574,7 @@ def main() -> None:
         row = record["modes"][-1]
         print(f"  {row['modes']} modes {row['units']:.2f} units, {row['iterations']} iterations", flush=True)
     record["parts"] = [chain(n) for n in options.parts]
+    record["friction"] = [rubbing(n) for n in options.friction]
     record["loop"] = loop(options.modes_size)
     record["environment"] = common.environment()
     if options.markdown:

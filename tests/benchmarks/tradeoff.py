@@ -232,13 +232,8 @@ def field_joint(mesh: Mesh) -> Problem:
         distribution="lognormal",
     )
     half = 0.5 * demo.SCREW
-    return _with_laws(
-        problem,
-        {
-            "joint": Elastic(normal=stiffness, tangential=stiffness),
-            "screw": problem.interfaces["screw"].law.with_(normal=half, tangential=half),
-        },
-    )
+    screw = problem.interfaces["screw"].law.with_(normal=half, tangential=half)
+    return problem.with_laws({"joint": Elastic(normal=stiffness, tangential=stiffness), "screw": screw})
 
 
 def lap_scene(mesh: Mesh) -> Any:
@@ -260,15 +255,7 @@ def lap(mesh: Mesh) -> Problem:
             laws[name] = interface.law.with_(friction=friction)
         elif name in demo.CUTS:
             laws[name] = interface.law.with_(normal=bolt, tangential=bolt)
-    return _with_laws(problem, laws)
-
-
-def _with_laws(problem: Problem, laws: Mapping[str, Any]) -> Problem:
-    interfaces = {
-        name: replace(i, law=laws[name]) if name in laws else i
-        for name, i in problem.interfaces.items()
-    }
-    return replace(problem, interfaces=interfaces)
+    return problem.with_laws(laws)
 
 
 def grid(method: Method, mesh: Mesh | None = None, **knobs: Sequence[Any]) -> Iterator[Setting]:
@@ -802,9 +789,9 @@ def table_methods(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]
             best = cheapest(good, level, methods=methods)
             cells.append("-" if best is None else f"{best['units']:.2f}")
         chosen = _chosen(scene, level, meshes=False)
-        least = cheapest(good, level)
+        least = min((float(r["units"]) for r in good if r["error"] <= level), default=None)
         cells += ["-", "-"] if chosen is None else [f"{chosen['units']:.2f}", f"{chosen['error']:.0e}"]
-        over = None if chosen is None or least is None else chosen["units"] / least["units"]
+        over = None if chosen is None or least is None else chosen["units"] / least
         cells.append("-" if over is None else f"{over:.1f}")
         rows.append([percent(level), *cells])
     return header, rows
@@ -870,8 +857,7 @@ def table_all(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     return header, rows
 
 
-BEGIN, END = "<!-- front: begin -->", "<!-- front: end -->"
-HEADING = "## Reading the front"
+EMPTY = "## Reading the front\n\n<!-- front: begin -->\n<!-- front: end -->\n"
 
 
 INTRODUCTION = """![Error against cost on three scenes](figures/tradeoff.png)
@@ -901,7 +887,6 @@ def section(record: Mapping[str, Any]) -> str:
     e = record["environment"]
     quick = " (`--quick`: coarse meshes, few settings)" if record["quick"] else ""
     text = [
-        BEGIN,
         f"Made by `./run bench tradeoff --json FILE --markdown docs/accuracy.md`{quick} on",
         f"{e['processor']}, {e['threads']} thread(s), load {e['load']:.1f} at the end.",
         "",
@@ -918,16 +903,16 @@ def section(record: Mapping[str, Any]) -> str:
             f"{same['how']}; it differs by {same['own_error']:.0e} from",
             f"{same['compared']}.",
             "",
-            *_lines(*table_same(scene)),
+            common.markdown_table(*table_same(scene)),
             "",
             "What each method needs at least (`-`: not reached by any setting that was tried); what",
             "`accuracy=` chose, its true error, and its cost over the least one:",
             "",
-            *_lines(*table_methods(scene)),
+            common.markdown_table(*table_methods(scene)),
             "",
             "One knob at a time:",
             "",
-            *_lines(*table_knobs(scene)),
+            common.markdown_table(*table_knobs(scene)),
             "",
         ]
         made = scene["references"].get("all")
@@ -937,35 +922,27 @@ def section(record: Mapping[str, Any]) -> str:
                 f"differs by {made['own_error']:.0e} from {made['compared']}; units and seconds with",
                 "assembly:",
                 "",
-                *_lines(*table_all(scene)),
+                common.markdown_table(*table_all(scene)),
                 "",
                 "Size, degree and interface space, each mesh by the tightest run on it:",
                 "",
-                *_lines(*table_meshes(scene)),
+                common.markdown_table(*table_meshes(scene)),
                 "",
             ]
-    return "\n".join([*text, END])
+    return "\n".join(text).rstrip()
 
 
 def _sentence(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return ["| " + " | ".join(line) + " |" for line in (header, ["---"] * len(header), *rows)]
-
-
 def write_page(record: Mapping[str, Any], page: Path) -> None:
     """Put the section into the page, which is made if it is not there; the figure goes beside it."""
     text = page.read_text(encoding="utf-8") if page.exists() else "# Accuracy\n"
-    made = section(record)
-    if BEGIN in text and END in text:
-        before, _, rest = text.partition(BEGIN)
-        text = before + made + rest.partition(END)[2]
-    else:
-        text = f"{text.rstrip()}\n\n{HEADING}\n\n{made}\n"
-    page.parent.mkdir(parents=True, exist_ok=True)
-    page.write_text(text, encoding="utf-8")
+    if "<!-- front: begin -->" not in text:
+        page.parent.mkdir(parents=True, exist_ok=True)
+        page.write_text(f"{text.rstrip()}\n\n{EMPTY}", encoding="utf-8")
+    common.between_marks(page, "front", section(record))
     print(f"written to {page} and {figure(record, page.parent / 'figures' / 'tradeoff.png')}")
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
@@ -17,10 +21,21 @@ from dolfinx_frontend.scene import Scene
 
 Array = npt.NDArray[np.float64]
 
+DEMOS = Path(__file__).resolve().parents[2] / "demos"
 SCREW = 2.5e4
 """Axial stiffness of the half screw that a sector holds, N/mm."""
 JOINT = 100.0
 """Stiffness of the joint, N/mm^3."""
+
+
+def demo(name: str) -> ModuleType:
+    """A script of ``demos`` as a module."""
+    spec = importlib.util.spec_from_file_location(f"{name}_demo", DEMOS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return module
 
 
 @dataclass(frozen=True)

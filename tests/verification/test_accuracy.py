@@ -69,11 +69,14 @@ def off(found: Moments, true: Moments) -> float:
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
 def test_algebraic_estimate(vessel, vessel_reference, rtol):
-    """All interfaces kept: the estimate is the error within three, in the energy norm."""
+    """All interfaces kept: the estimate is about the error within three, in the energy norm.
+
+    3.15 at 1e-6, as in docs/accuracy.md: the last step takes off more than those that the estimate goes by.
+    """
     result = solve(vessel, "accelerated", active="all", options=Options(rtol=rtol))
     true = energy_error(vessel, result.displacements, vessel_reference, springs=False)
-    assert result.converged and true / 3.0 < result.errors().relative("algebraic")
-    assert result.error < 5.0 * true
+    assert result.converged and 1.0 / 3.0 < result.error / true < 3.3
+    assert result.errors().relative("algebraic") == result.error
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])

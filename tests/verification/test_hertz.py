@@ -12,30 +12,15 @@ and c/a, with friction, 0.60, 0.14, 0.03 % for h/a = 0.12, 0.061, 0.031.
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import sys
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 from dolfinx_frontend import Contact, LinearElastic, Options, Scene, Traction, assemble, solve
+from tests.verification import scenes
 
-DEMO = Path(__file__).resolve().parents[2] / "demos" / "hertz.py"
-
-
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("hertz_demo", DEMO)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
-
-
-hertz = _load()
+hertz = scenes.demo("hertz")
 
 # constants C of the errors C (h/a)^rate
 WIDTH, HEIGHT, L2, STICK = 0.132, 0.055, 0.19, 0.41

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -151,17 +147,6 @@ FACTORS = [0.1, 1.0, 10.0]
 """Of the default search direction, E/L for contacts."""
 
 
-def demo(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        f"{name}_demo", Path(__file__).resolve().parents[2] / "demos" / f"{name}.py"
-    )
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up
-    spec.loader.exec_module(module)
-    return module
-
-
 def within(problem: Problem, limit: int, **settings: Any) -> None:
     """At most `limit` iterations to a true error of 1e-5 that is not above the estimate."""
     exact = solve(problem, options=Options(rtol=1e-11, max_iterations=1000), **settings)
@@ -181,14 +166,14 @@ def test_iterations_of_the_vessel_in_true_contact(friction: float | None, limit:
     pressures = np.array([0.0, 1.2, 2.4, 3.6])  # MPa; the last one opens the joint
     times = np.arange(len(pressures), dtype=float)
     vessel = geometry.bolted_vessel(size="coarse")
-    scene = demo("bolted_vessel").vessel_scene(
+    scene = scenes.demo("bolted_vessel").vessel_scene(
         vessel, joint=Contact(friction=friction), pressure=Amplitude(times, pressures) * 1.0
     )
     within(assemble(scene), limit, times=times)
 
 
 def test_iterations_of_the_lap_joint_over_its_history() -> None:
-    lap = demo("bolted_lap_joint")
+    lap = scenes.demo("bolted_lap_joint")
     problem = assemble(lap.build_scene(lap_joint("coarse"), lap.CYCLE * (lap.REACH, 0.0, 0.0)))
     within(problem, 80, times=np.linspace(1.0, 6.0, 21))
 
@@ -196,7 +181,7 @@ def test_iterations_of_the_lap_joint_over_its_history() -> None:
 @pytest.mark.parametrize("load", ["NAFEMS", "SMALL"])
 def test_iterations_of_a_contact_far_smaller_than_its_bodies(load: str) -> None:
     """Hertz, with the default search direction: a/L = 0.06 and 0.006."""
-    hertz = demo("hertz")
+    hertz = scenes.demo("hertz")
     within(assemble(hertz.press(getattr(hertz, load), 8.0).scene), 60)
 
 

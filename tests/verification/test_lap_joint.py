@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -23,8 +20,8 @@ from dolfinx_frontend import (
     solve,
 )
 from dolfinx_frontend.lap_joint import LapJoint, lap_joint
+from tests.verification import scenes
 
-ROOT = Path(__file__).resolve().parents[2]
 TIGHT = 1e-6  # tolerance of the iteration; sums over interfaces are held to 100 times that
 
 
@@ -99,12 +96,7 @@ def test_below_the_bound_nothing_slips():
 # ---------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def demo() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("bolted_lap_joint", ROOT / "demos" / "bolted_lap_joint.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return scenes.demo("bolted_lap_joint")
 
 
 @pytest.fixture(scope="module")
