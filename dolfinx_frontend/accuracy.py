@@ -63,6 +63,8 @@ RULES = (3, 5, 7, 9, 12, 16, 20)
 looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
 SUREST = 0.5
 """Changes of rules are not taken to fall faster than so: with kinks they are no series."""
+FORGOTTEN = 0.5
+"""What a change still counts, one rule later: with a kink, changes are small by chance."""
 FEW_GERMS = 3
 """So many germs are integrated by tensor rules where laws are not linear."""
 
@@ -783,8 +785,8 @@ def _by_rules(
         value = moments(samples, quantity)
         if before is not None:
             changes.append(_change(before, value, rtol))
-            # kinks make changes that are small by chance: earlier ones count, too, and the fall of all
-            change = max(c * UNKNOWN**k for k, c in enumerate(reversed(changes)))
+            # earlier changes count, too, and the fall of all
+            change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
             fall = SUREST
             if len(changes) > 1 and changes[0] > 0.0:
                 mean = (changes[-1] / changes[0]) ** (1.0 / (len(changes) - 1))

@@ -318,6 +318,15 @@ def sweep(
     core = bridge.build(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
+    header = None
+    if checkpoint is not None:
+        header = {
+            "fingerprint": fingerprint(problem, plan, parameters),
+            "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
+            "rtol": plan.options.rtol,
+            "criterion": plan.options.criterion,
+            "kept": [keep_fields, *(outputs or {})],
+        }
     started = perf_counter()
     first = 0.0
     iterations = 0
@@ -339,13 +348,7 @@ def sweep(
             [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
             checkpoint,
-            {
-                "fingerprint": fingerprint(problem, plan, parameters),
-                "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
-                "rtol": plan.options.rtol,
-                "criterion": plan.options.criterion,
-                "kept": [keep_fields, *(outputs or {})],
-            },
+            header,
             point_done,
             interrupt.watch(callback),
             keep_states,

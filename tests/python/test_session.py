@@ -9,7 +9,6 @@ import select
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -93,17 +92,14 @@ result = solve(problem(), active="all", direction=FAR, options=ENDLESS, callback
 print(result.status, result.converged, result.force("layer").shape)
 print(result.table("layer").value("area", "layer"))
 time.sleep(TWICE)
-print("again", flush=True)
-solve(problem(), active="all", direction=FAR, options=ENDLESS)
-print("ready", flush=True)
-solve(problem(), active="all", direction=FAR, options=ENDLESS)
+for _ in range(2):
+    once.append(True)
+    solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
 print("not reached")
 """)
-    wait_for(process, "ready")
-    process.send_signal(signal.SIGINT)
-    wait_for(process, "again")
-    time.sleep(1.0)  # into the second solve
-    process.send_signal(signal.SIGINT)
+    for _ in range(2):
+        wait_for(process, "ready")
+        process.send_signal(signal.SIGINT)
     wait_for(process, "ready")
     process.send_signal(signal.SIGINT)  # soon after: the loop ends
     out, err = end(process)

@@ -34,7 +34,8 @@ class Options:
     newton
         Most interface unknowns (points times components) for which Newton steps on the dense flexibility
         of the interfaces are mixed into the accelerated iteration; only where a law is not linear and
-        every body is condensed. A step counts three global stages. 0: never.
+        every body is condensed. A step on one of T columns counts 1/T of an iteration, besides the global
+        stages that follow it. 0: never.
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
@@ -70,7 +71,7 @@ class Options:
     stagnation_window: int = 100
     newton: int = 1500
     snapshots: int = 15
-    together: int = 32
+    together: int = 8
     macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
     directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"

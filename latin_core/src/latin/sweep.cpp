@@ -189,7 +189,8 @@ class Sweep {
   }
 
   /// @param wanted the state is start material even if others reproduce it: those near by did not
-  void solve_alone(Index point, bool wanted = false) {
+  /// @param tried  iterations of the point before, which gave no answer
+  void solve_alone(Index point, bool wanted = false, Index tried = 0) {
     problem_.communicator().together([&] { set_parameters({&point, 1}); });
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
@@ -206,9 +207,11 @@ class Sweep {
         summary.iterations = again.iterations;
       }
     }
+    const bool at_once = summary.status == Status::converged && summary.iterations <= 1;
+    summary.iterations += tried;
     problem_.communicator().together([&] { point_callback_(point, summary, state); });
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
-    const bool reproduced = summary.status == Status::converged && summary.iterations <= 1 && full;
+    const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;
     if (summary.status == Status::converged && (wanted || !reproduced)) {
       known_.push_back(std::move(state));
@@ -265,7 +268,7 @@ class Sweep {
     }
     const Index answered = sets - static_cast<Index>(missed.size());
     for (const Index point : missed) {
-      solve_alone(point, true);
+      solve_alone(point, true, 1);
     }
     streak_ = 2 * answered > sets ? std::min(2 * sets, 2 * most_together_) : 0;
   }
