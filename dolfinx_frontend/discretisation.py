@@ -24,6 +24,7 @@ import numpy.typing as npt
 from dolfinx_frontend import bridge, tables
 from dolfinx_frontend.assembly import Problem, Substructure, stiffnesses
 from dolfinx_frontend.errors import SceneError, unknown_name
+from dolfinx_frontend.history import check_step
 from dolfinx_frontend.interest import Resultant
 from dolfinx_frontend.laws import (
     Displacement,
@@ -208,9 +209,7 @@ def _at(result: Result, field: Array, step: int) -> Array:
     times = result.plan.times
     if times is None:
         return field
-    if not -len(times) <= step < len(times):
-        raise SceneError(f"step {step} of a history of {len(times)} time steps")
-    return np.asarray(field[step])
+    return np.asarray(field[check_step(times, step, "discretisation error")])
 
 
 # --- the quantity ----------------------------------------------------------------------------------

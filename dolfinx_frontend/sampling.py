@@ -165,17 +165,19 @@ class SampleResult(PointResults, StochasticResult):
         if substructure not in self.problem.substructures:
             raise unknown_name("substructure", substructure, self.problem.substructures, "samples")
         if self._moments is None:
+            self.check_complete()
             moments = Moments()
             for part, fields in self.displacements():
                 samples = {name: np.moveaxis(values, -1, 0) for name, values in fields.items()}
-                moments.add(samples, self.probabilities[part])
+                moments.add(samples, None if self.weights is None else self.weights[part])
             self._moments = moments.found()
         return self._moments[substructure]
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
+        self.check_complete()
         moments = Moments()
-        moments.add({interface: self.force(interface)}, self.probabilities)
+        moments.add({interface: self.force(interface)}, self.weights)
         return moments.found()[interface]
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:

@@ -226,9 +226,13 @@ class Moments:
         self._origin: dict[str, Array] = {}
         self._sums: dict[str, tuple[Array, Array]] = {}
         self._total = 0.0
+        self._lost = 0.0
 
-    def add(self, fields: Mapping[str, Array], weights: Array) -> None:
-        """Fields (n, ...) by name, with weights (n,)."""
+    def add(self, fields: Mapping[str, Array], weights: Array | None) -> None:
+        """Fields (n, ...) by name, with weights (n,); None: of a random sample, with an unbiased variance."""
+        if weights is None:
+            weights = np.ones(len(next(iter(fields.values()))))
+            self._lost = 1.0
         self._total += float(weights.sum())
         for name, values in fields.items():
             origin = self._origin.setdefault(name, values[0].copy())
@@ -240,9 +244,10 @@ class Moments:
     def found(self) -> dict[str, tuple[Array, Array]]:
         """Name -> mean and standard deviation, (...) each."""
         out = {}
+        free = max(self._total - self._lost, 0.5 * self._total)  # of one sample the deviation is 0
         for name, (first, second) in self._sums.items():
             mean = first / self._total
-            variance = second / self._total - mean**2
+            variance = (second - self._total * mean**2) / free
             out[name] = (self._origin[name] + mean, np.sqrt(np.maximum(variance, 0.0)))
         return out
 
@@ -266,22 +271,23 @@ def _of_sampled(
     normals: Array,
     frames: Array,
     times: Array | None,
-    weights: Array,
+    count: int,
+    weights: Array | None,
     at: Callable[[slice], tuple[Array, Array, ContactValues | None]],
 ) -> dict[str, Array]:
-    """Mean and standard deviation over samples with weights (N,), of states the probabilities.
+    """Mean and standard deviation over `count` samples (see :class:`Moments`), of states the probabilities.
 
     `at` gives force and jump (n, [T,] m, components) of a part of the samples, and the values of a contact.
     """
     moments = Moments()
-    for part in chunks(len(weights), frames.size * (1 if times is None else len(times))):
+    for part in chunks(count, frames.size * (1 if times is None else len(times))):
         force, jump, contact = at(part)
         fields = point_fields(normals, frames, _steps(force, times, 1), _steps(jump, times, 1), contact)
         state = fields.pop("state", None)
         if state is not None:
             fields["open probability"] = (state == OPEN).astype(np.float64)
             fields["slip probability"] = (state == SLIPS).astype(np.float64)
-        moments.add(fields, weights[part])
+        moments.add(fields, None if weights is None else weights[part])
     out = {}
     for name, (mean, deviation) in moments.found().items():
         out[name] = mean
@@ -308,11 +314,12 @@ def of_chaos(result: ChaosResult, name: str) -> dict[str, Array]:
         contact = sampled_contact_values(result.random, result.plan, name, germs[part])
         return *result.at(germs[part]).both(name), contact
 
-    return _of_sampled(interface.normals, frames, times, np.ones(len(germs)), at)
+    return _of_sampled(interface.normals, frames, times, len(germs), np.ones(len(germs)), at)
 
 
 def of_samples(result: SampleResult, name: str) -> dict[str, Array]:
     """Mean and standard deviation of the fields of an active interface over the samples."""
+    result.check_complete()
     interface = result.problem.interfaces[name]
     force, jump = result.force(name), result.jump(name)
 
@@ -321,7 +328,8 @@ def of_samples(result: SampleResult, name: str) -> dict[str, Array]:
         return force[part], jump[part], contact
 
     frames = law_frames(interface)
-    return _of_sampled(interface.normals, frames, result.plan.times, result.probabilities, at)
+    times, count = result.plan.times, len(result.germs)
+    return _of_sampled(interface.normals, frames, times, count, result.weights, at)
 
 
 def of_saved(result: SavedResult, name: str) -> dict[str, Array]:
@@ -333,9 +341,9 @@ def of_saved(result: SavedResult, name: str) -> dict[str, Array]:
     interface, force, jump = result.interfaces[name], result.force(name), result.jump(name)
     normals, frames = interface.frames[:, 0], interface.law_frames
     if result.kind == "samples":
-        weights = np.ones(len(force)) if result.weights is None else result.weights
+        times, weights = result.times, result.weights
         return _of_sampled(
-            normals, frames, result.times, weights, lambda part: (force[part], jump[part], None)
+            normals, frames, times, len(force), weights, lambda part: (force[part], jump[part], None)
         )
     if result.chaos is not None:
         chaos = result.chaos

@@ -342,7 +342,7 @@ def test_histories(kind):
             found = estimate(rough, quantity, step)
             assert found.value == pytest.approx(quantity.value(rough)[step])
             believed(found.quantity, quantity.value(fine)[step] - found.value)
-    with pytest.raises(SceneError, match="step 3 of a history of 3"):
+    with pytest.raises(SceneError, match="there is no step 3, the history has 3"):
         estimate(rough, step=3)
 
 
