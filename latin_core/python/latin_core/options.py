@@ -41,7 +41,8 @@ class Options:
         nearest one as it is.
     together
         Points of a sweep (samples of a sampling) that are tried side by side, as columns of one global
-        stage, once their first iterates are answers already; 1: one after the other.
+        stage, once their first iterates are answers already; 1: one after the other. Of more than some
+        8 the work no longer stays in a processor's cache.
     macro
         Coarse problem that balances the forces between the parts at every iteration: ``"linear"`` (their
         moments, too), ``"resultants"``, ``"none"``, or ``"automatic"``: linear where the accelerated
