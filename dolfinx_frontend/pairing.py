@@ -211,18 +211,14 @@ class Interface:
         """(m, d), unit normals out of side 1."""
         return self.frames[:, 0, :]
 
-    @cached_property
-    def rotation(self) -> sp.csr_matrix:
-        """(d*m, d*m), global components -> components in the local frames."""
-        m, d = self.points.shape
-        blocks = (self.frames, np.arange(m), np.arange(m + 1))
-        return sp.bsr_matrix(blocks, shape=(d * m, d * m)).tocsr()
-
     def local_trace(self, side: int) -> sp.csr_matrix:
         """T of side 0 or 1 in the local frame of side 1, (d*m, n)."""
         d = self.dim
-        expanded = sp.kron(self.sides[side].shape, sp.identity(d), format="csr")
-        return (self.rotation @ expanded).tocsr()
+        shape = self.sides[side].shape.tocsr()
+        point = np.repeat(np.arange(shape.shape[0]), np.diff(shape.indptr))
+        blocks = shape.data[:, None, None] * self.frames[point]
+        size = (d * shape.shape[0], d * shape.shape[1])
+        return sp.bsr_matrix((blocks, shape.indices, shape.indptr), shape=size).tocsr()
 
 
 @dataclass(frozen=True)

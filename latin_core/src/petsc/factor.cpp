@@ -205,6 +205,7 @@ class CholmodFactor final : public Factor {
     // degrees count the trailing neighbours, which fill in, too: a third fewer operations on the vessel
     const Compressed graph = compress(lower, size_);
     std::vector<int> last;
+    last.reserve(graph.members.size());
     for (const std::vector<int>& members : graph.members) {
       last.push_back(members.front() < interior ? 0 : 1);
     }
