@@ -34,8 +34,8 @@ class Options:
     newton
         Most interface unknowns (points times components) for which Newton steps on the dense flexibility
         of the interfaces are mixed into the accelerated iteration; only where a law is not linear and
-        every body is condensed. A step on one of T columns counts 1/T of an iteration, besides the global
-        stages that follow it. 0: never.
+        every body is condensed. The work of a step counts as iterations: on one of T columns 1/T of its
+        stages. 0: never.
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <deque>
@@ -164,6 +165,38 @@ void multiply_symmetric(const Matrix& a, const Matrix& x, MatrixRef out) {
   }
 }
 
+/// Rows of out = a x for `width` columns at once: sums that do not wait for each other.
+template <int width>
+void multiply_columns(const SparseRows& a, const ConstMatrixRef& x, MatrixRef& out, Index column) {
+  const double* from = x.data() + column * x.outerStride();
+  for (int row = 0; row < a.outerSize(); ++row) {
+    std::array<double, width> sums{};
+    for (SparseRows::InnerIterator it(a, row); it; ++it) {
+      const double* entry = from + it.col();
+      for (std::size_t i = 0; i < width; ++i) {
+        sums[i] += it.value() * entry[static_cast<Index>(i) * x.outerStride()];
+      }
+    }
+    for (std::size_t i = 0; i < width; ++i) {
+      out(row, column + static_cast<Index>(i)) = sums[i];
+    }
+  }
+}
+
+/// out = a x. (Eigen takes one column after the other, each sum waiting for its last term.)
+void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out) {
+  Index column = 0;
+  for (; column + 8 <= x.cols(); column += 8) {
+    multiply_columns<8>(a, x, out, column);
+  }
+  for (; column + 2 <= x.cols(); column += 2) {
+    multiply_columns<2>(a, x, out, column);
+  }
+  for (; column < x.cols(); ++column) {
+    multiply_columns<1>(a, x, out, column);
+  }
+}
+
 void check_shapes(const BodyDescription& body) {
   for (const Member& member : body.members) {
     if (member.stiffness == nullptr) {
@@ -240,6 +273,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     direction_.segment(row, side.trace.rows()) = side.direction;
     row += side.trace.rows();
   }
+  active_loads_ = active_traces_.transpose() * weights_.asDiagonal();
 
   // loads, offsets and springs; offsets act through everything elastic: Z^T K u0
   const Index loads = members.empty() ? 0 : members.front().load.cols();
@@ -406,12 +440,11 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
     weighted_ = weights_.asDiagonal() * data;
     multiply_symmetric(compliance_, weighted_, traces);
   } else if (condensed()) {
-    weighted_ = weights_.asDiagonal() * data;
     unknowns_.resize(active_, data.cols());
-    unknowns_.noalias() = active_traces_.transpose() * weighted_;
+    multiply_sparse(active_loads_, data, unknowns_);
     condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns_);
     condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_);
-    traces.noalias() = active_traces_ * unknowns_;
+    multiply_sparse(active_traces_, unknowns_, traces);
   } else {
     traces = traces_ * factor_->solve(traces_.transpose() * (weights_.asDiagonal() * data));
   }
@@ -425,9 +458,8 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces) const {
   if (condensed_single_.size() == 0) {
     condensed_single_ = condensed_.cast<float>();
   }
-  weighted_ = weights_.asDiagonal() * data;
   unknowns_.resize(active_, data.cols());
-  unknowns_.noalias() = active_traces_.transpose() * weighted_;
+  multiply_sparse(active_loads_, data, unknowns_);
   // scaled, because changes of the data may be far below what single precision can hold
   const double scale = unknowns_.cwiseAbs().maxCoeff();
   if (!(scale > 0.0)) {
@@ -438,7 +470,7 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces) const {
   condensed_single_.triangularView<Eigen::Lower>().solveInPlace(unknowns_single_);
   condensed_single_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_single_);
   unknowns_ = scale * unknowns_single_.cast<double>();
-  traces.noalias() = active_traces_ * unknowns_;
+  multiply_sparse(active_traces_, unknowns_, traces);
 }
 
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {

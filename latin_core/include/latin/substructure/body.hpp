@@ -134,6 +134,7 @@ class Body {
   std::vector<Matrix> offsets_;
   SparseRows traces_;         ///< T Z, (rows, size)
   SparseRows active_traces_;  ///< its last `active_` columns
+  SparseRows active_loads_;   ///< Z^T T^T W in these unknowns, (active, rows)
   Vector weights_;
   Vector direction_;
   std::unique_ptr<petsc::Factor> factor_;
