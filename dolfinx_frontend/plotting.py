@@ -1201,6 +1201,12 @@ def _draw_front(
     front = everything[pareto_front(*everything.T)]
     axis.set_xscale("log")
     axis.set_yscale("log")
+    stars = np.asarray(panel.marked, dtype=float).reshape(-1, 2).copy()
+    if len(stars):
+        stars[:, 1] = np.maximum(stars[:, 1], panel.floor)
+        (shown[marked_label],) = axis.plot(
+            *stars.T, "*", ms=12, mfc="#f0e442", mec="black", mew=0.9, ls="none", zorder=5
+        )
     if len(front):
         # what a cost buys: the error of the best setting that costs as much or less
         x = np.append(front[:, 0], max(axis.get_xlim()[1], front[-1, 0]))
@@ -1209,12 +1215,6 @@ def _draw_front(
         )
         axis.set_xlim(right=x[-1])
         shown["front of all"] = line
-    stars = np.asarray(panel.marked, dtype=float).reshape(-1, 2).copy()
-    if len(stars):
-        stars[:, 1] = np.maximum(stars[:, 1], panel.floor)
-        (shown[marked_label],) = axis.plot(
-            *stars.T, "*", ms=12, mfc="#f0e442", mec="black", mew=0.9, ls="none", zorder=5
-        )
     if panel.floor > 0.0:
         low = axis.get_ylim()[0]
         if low < panel.floor:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from dolfinx_frontend import plotting
 
@@ -220,3 +221,12 @@ def test_page_and_figure(bench: ModuleType, tmp_path: Path) -> None:
 def test_empty_panel_is_drawn(tmp_path: Path) -> None:
     panel = plotting.FrontPanel("none", "cost (units)", "error", {"a": np.empty((0, 2))})
     assert plotting.front_figure([[panel]], tmp_path / "none.png").exists()
+
+
+def test_what_was_chosen_is_in_the_picture() -> None:
+    grid = {"a": np.array([[1.0, 1.0], [2.0, 0.1]])}
+    panel = plotting.FrontPanel("far", "cost (units)", "error", grid, marked=np.array([[50.0, 0.01]]))
+    axis = Figure().subplots()
+    plotting._draw_front(axis, panel, {"a": {"marker": "o", "color": "black"}}, "chosen", {})
+    low, high = axis.get_xlim()
+    assert low <= 1.0 and high >= 50.0
