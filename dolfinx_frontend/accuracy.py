@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
+from dolfinx_frontend import surfaces
 from dolfinx_frontend.chaos import NOISE, ChaosResult, IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.cost import shown
 from dolfinx_frontend.errors import SceneError, unknown_name
@@ -219,9 +220,10 @@ def moments(result: Result | SampleResult, quantity: Resultant) -> Moments:
     """The quantity in a result, of a history at its end: mean and standard deviation if it is random."""
     if isinstance(result, SampleResult):
         values = _samples(result, result, quantity)
-        mean = float(np.average(values, weights=result.weights))
-        variance = float(np.average((values - mean) ** 2, weights=result.weights))
-        return Moments(mean, float(np.sqrt(max(variance, 0.0))))  # sparse rules have negative weights
+        sums = surfaces.Moments()
+        sums.add({"": values}, result.weights)
+        mean, std = sums.found()[""]
+        return Moments(float(mean), float(std))
     if not isinstance(result, ChaosResult):
         return Moments(float(np.ravel(quantity.value(result))[-1]), None)
     if quantity.interface in result.collocations:

@@ -3,8 +3,8 @@
 The model has two measured constants: a sparse Cholesky factor of a three-dimensional part with n
 unknowns holds about 15 n^(4/3) numbers (10 for walls of one or two cells, 22 for a cube), one of a
 two-dimensional part about 6 n log2 n; it takes about 1.3 / n times the square of that in operations.
-So it is right within a factor of two, which is enough to choose between dense and sparse, few and many
-columns.
+So numbers are right within a factor of two and operations, for walls ordered on their nodes, up to 2.5
+times too many, which is enough to choose between dense and sparse, few and many columns.
 """
 
 from __future__ import annotations
