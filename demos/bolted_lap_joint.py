@@ -60,13 +60,13 @@ from dolfinx_frontend import (
     Scene,
     SweepResult,
     assemble,
-    fields,
-    plotting,
     solve,
     sweep,
 )
-from dolfinx_frontend.geometry import Part
-from dolfinx_frontend.lap_joint import LapJoint, lap_joint
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.geometry.lap_joint import LapJoint, lap_joint
+from dolfinx_frontend.geometry.parts import Part
+from dolfinx_frontend.io import fields
 
 Array = npt.NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def build_scene(
     Parameters
     ----------
     joint
-        From :func:`dolfinx_frontend.lap_joint.lap_joint`.
+        From :func:`dolfinx_frontend.geometry.lap_joint.lap_joint`.
     moved
         Displacement of the gripped end, a vector or one that changes in time.
     friction, bolt, shortening

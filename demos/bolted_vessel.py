@@ -84,21 +84,21 @@ from dolfinx_frontend import (
     SweepResult,
     Symmetry,
     assemble,
-    fields,
     geometry,
     make_plan,
     monte_carlo,
-    plotting,
     reference,
     solve,
-    ssfem,
     sweep,
     tensor_quadrature,
 )
-from dolfinx_frontend.plan import Method
-from dolfinx_frontend.quantities import SobolEstimate, sobol_of
-from dolfinx_frontend.scene import Space
-from dolfinx_frontend.uncertain import Samples
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.io import fields
+from dolfinx_frontend.plan.plan import Method
+from dolfinx_frontend.reference import ssfem
+from dolfinx_frontend.results.uncertain import Samples
+from dolfinx_frontend.scene.scene import Space
+from dolfinx_frontend.uncertainty.quantities import SobolEstimate, sobol_of
 
 Array = npt.NDArray[np.float64]
 
@@ -135,7 +135,7 @@ def vessel_scene(
     Parameters
     ----------
     vessel
-        From :func:`dolfinx_frontend.geometry.bolted_vessel`.
+        From :func:`dolfinx_frontend.geometry.parts.bolted_vessel`.
     half_screw
         Stiffness of the half screw in the sector, N/mm: a number or a random parameter.
     joint
@@ -167,7 +167,7 @@ def vessel_scene(
 
 
 def build_scene(size: str | float = "paper") -> tuple[geometry.BoltedVessel, Scene]:
-    """Geometry and scene; `size` as in :func:`dolfinx_frontend.geometry.bolted_vessel`."""
+    """Geometry and scene; `size` as in :func:`dolfinx_frontend.geometry.parts.bolted_vessel`."""
     vessel = geometry.bolted_vessel(size=size)
     return vessel, vessel_scene(vessel)
 

@@ -9,16 +9,7 @@ runs the whole script: it describes the same scene and makes the meshes of its o
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_frontend import (
-    Contact,
-    Elastic,
-    LinearElastic,
-    Options,
-    Scene,
-    assemble,
-    geometry,
-    solve,
-)
+from dolfinx_frontend import Contact, Elastic, LinearElastic, Options, Scene, assemble, geometry, solve
 
 PARTS, E, length = 8, 200e3, 10.0  # MPa, mm
 pressure = 20.0  # MPa

@@ -57,14 +57,14 @@ from dolfinx_frontend import (
     SampleResult,
     Scene,
     assemble,
-    fields,
-    plotting,
     quasi_monte_carlo,
-    sampling,
     solve,
 )
-from dolfinx_frontend.geometry import Assembly, Connection
-from dolfinx_frontend.step import Cut, StepAssembly
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.geometry.parts import Assembly, Connection
+from dolfinx_frontend.geometry.step import Cut, StepAssembly
+from dolfinx_frontend.io import fields
+from dolfinx_frontend.solvers import sampling
 
 Array = npt.NDArray[np.float64]
 

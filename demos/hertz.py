@@ -88,11 +88,11 @@ from dolfinx_frontend import (
     Result,
     Scene,
     assemble,
-    fields,
     geometry,
     solve,
 )
-from dolfinx_frontend.scene import Space
+from dolfinx_frontend.io import fields
+from dolfinx_frontend.scene.scene import Space
 
 Array = npt.NDArray[np.float64]
 

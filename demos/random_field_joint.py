@@ -22,7 +22,9 @@ from time import perf_counter
 
 import numpy as np
 
-from dolfinx_frontend import Chaos, Options, RandomField, assemble, geometry, plotting, solve, ssfem
+from dolfinx_frontend import Chaos, Options, RandomField, assemble, geometry, solve
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.reference import ssfem
 
 ROOT = Path(__file__).resolve().parents[1]
 spec = importlib.util.spec_from_file_location("bolted_vessel", ROOT / "demos" / "bolted_vessel.py")

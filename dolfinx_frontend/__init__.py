@@ -5,33 +5,27 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here.
 """
 
-from dolfinx_frontend import _release  # first: refuses a dolfinx that is too old
-from dolfinx_frontend import (
-    chaos_file,
-    discretisation,
-    fields,
-    geometry,
-    lap_joint,
-    plotting,
-    reference,
-    sampling,
-    ssfem,
-    step,
-    tables,
-)
-from dolfinx_frontend.accuracy import Errors
-from dolfinx_frontend.assembly import Problem, Substructure, assemble
-from dolfinx_frontend.chaos import (
-    ChaosResult,
-    IndefiniteError,
-    NearlyIndefiniteWarning,
-    TruncationError,
-    TruncationWarning,
-)
-from dolfinx_frontend.errors import SceneError, SceneWarning
-from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.interest import Resultant
-from dolfinx_frontend.laws import (
+from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
+from dolfinx_frontend import geometry, reference
+from dolfinx_frontend.assembly.assemble import Problem, Substructure, assemble
+from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.progress import progress
+from dolfinx_frontend.estimate import mesh_error as discretisation
+from dolfinx_frontend.estimate.adaptive import Errors
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.geometry import lap_joint, step
+from dolfinx_frontend.io import chaos_file, fields
+from dolfinx_frontend.io.saved import ResultFileError, SavedResult, load
+from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.reference import ssfem
+from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.tables import Table
+from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import (
     Contact,
     Debonding,
     Displacement,
@@ -44,12 +38,27 @@ from dolfinx_frontend.laws import (
     Traction,
     UserLaw,
 )
-from dolfinx_frontend.materials import LinearElastic, Material, OrthotropicElastic
-from dolfinx_frontend.pairing import Interface
-from dolfinx_frontend.plan import Direction, Plan, make_plan
-from dolfinx_frontend.progress import progress
-from dolfinx_frontend.quantities import Estimate, Quantity
-from dolfinx_frontend.random import (
+from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers import sampling
+from dolfinx_frontend.solvers.chaos import (
+    ChaosResult,
+    IndefiniteError,
+    NearlyIndefiniteWarning,
+    TruncationError,
+    TruncationWarning,
+)
+from dolfinx_frontend.solvers.sampling import (
+    SampleResult,
+    monte_carlo,
+    quasi_monte_carlo,
+    sparse_quadrature,
+    tensor_quadrature,
+)
+from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
+from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
+from dolfinx_frontend.uncertainty.random import (
     Beta,
     Chaos,
     Correlated,
@@ -62,20 +71,6 @@ from dolfinx_frontend.random import (
     TruncatedNormal,
     Uniform,
 )
-from dolfinx_frontend.sampling import (
-    SampleResult,
-    monte_carlo,
-    quasi_monte_carlo,
-    sparse_quadrature,
-    tensor_quadrature,
-)
-from dolfinx_frontend.saved import ResultFileError, SavedResult, load
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import HistoryResult, Result, solve
-from dolfinx_frontend.stochastic import RandomLaws
-from dolfinx_frontend.sweep import SweepResult, sweep
-from dolfinx_frontend.tables import Table
-from dolfinx_frontend.uncertain import StochasticResult
 from latin_core import Options
 
 __all__ = [

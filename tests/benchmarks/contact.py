@@ -51,11 +51,11 @@ from dolfinx_frontend import (
     Problem,
     Scene,
     assemble,
-    compat,
     geometry,
     solve,
 )
-from dolfinx_frontend.lap_joint import lap_joint
+from dolfinx_frontend.common import compat
+from dolfinx_frontend.geometry.lap_joint import lap_joint
 
 Array = npt.NDArray[np.float64]
 

@@ -46,15 +46,15 @@ from dolfinx_frontend import (
     Scene,
     Uniform,
     assemble,
-    bridge,
     geometry,
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.accuracy import Moments, moments
-from dolfinx_frontend.discretisation import estimate as of_meshes
-from dolfinx_frontend.lap_joint import lap_joint
-from dolfinx_frontend.plan import Direction, Plan
+from dolfinx_frontend.estimate.adaptive import Moments, moments
+from dolfinx_frontend.estimate.mesh_error import estimate as of_meshes
+from dolfinx_frontend.geometry.lap_joint import lap_joint
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.plan.plan import Direction, Plan
 from tests.verification import test_accuracy, test_discretisation
 
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)

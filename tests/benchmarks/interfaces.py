@@ -18,8 +18,8 @@ from typing import Any
 import common
 import numpy as np
 
-from dolfinx_frontend.laws import Contact, Perfect
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.scene.laws import Contact, Perfect
+from dolfinx_frontend.solvers.solve import solve
 from latin_core import Options
 from tests.python import test_facets as patch
 from tests.verification import nonmatching

@@ -23,18 +23,9 @@ from typing import Any
 import common
 import numpy as np
 
-from dolfinx_frontend import (
-    Amplitude,
-    Contact,
-    Options,
-    Problem,
-    assemble,
-    reference,
-    geometry,
-    solve,
-)
-from dolfinx_frontend.lap_joint import lap_joint
-from dolfinx_frontend.plan import Direction
+from dolfinx_frontend import Amplitude, Contact, Options, Problem, assemble, geometry, reference, solve
+from dolfinx_frontend.geometry.lap_joint import lap_joint
+from dolfinx_frontend.plan.plan import Direction
 
 RTOL = 1e-5
 TIGHT = Options(rtol=1e-11, max_iterations=20000, stagnation_window=400)

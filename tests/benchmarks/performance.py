@@ -47,9 +47,9 @@ from dolfinx_frontend import (
     monte_carlo,
     reference,
     solve,
-    ssfem,
     sweep,
 )
+from dolfinx_frontend.reference import ssfem
 from tests.verification import test_macro
 
 

@@ -32,7 +32,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from dolfinx_frontend import Chaos, Elastic, LinearElastic, LogNormal, Options, Scene, assemble, solve
-from dolfinx_frontend.geometry import Part
+from dolfinx_frontend.geometry.parts import Part
 
 PARTS = 16
 RANKS = (1, 2)

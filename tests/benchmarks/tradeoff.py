@@ -60,16 +60,16 @@ from dolfinx_frontend import (
     assemble,
     geometry,
     monte_carlo,
-    plotting,
     quasi_monte_carlo,
     reference,
     solve,
     sparse_quadrature,
-    ssfem,
     tensor_quadrature,
 )
-from dolfinx_frontend.accuracy import moments
-from dolfinx_frontend.lap_joint import lap_joint
+from dolfinx_frontend.estimate.adaptive import moments
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.geometry.lap_joint import lap_joint
+from dolfinx_frontend.reference import ssfem
 
 Array = npt.NDArray[np.float64]
 Method = Literal["latin", "single", "latin2004", "ssfem", "tensor", "sparse", "mc", "qmc"]

@@ -42,15 +42,15 @@ from dolfinx_frontend import (
     SampleResult,
     SweepResult,
     assemble,
-    bridge,
     make_plan,
     monte_carlo,
     reference,
     solve,
-    ssfem,
     sweep,
     tensor_quadrature,
 )
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.reference import ssfem
 from latin_core import State, SweptParameter, snake_order
 from latin_core import sweep as kernel_sweep
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_frontend.chaos_file import ChaosFile, ChaosFileError, Field, load_chaos, save_chaos
-from dolfinx_frontend.random import Chaos, LogNormal, RandomSpace, Uniform
+from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Field, load_chaos, save_chaos
+from dolfinx_frontend.uncertainty.random import Chaos, LogNormal, RandomSpace, Uniform
 from latin_core.checkpoint import Checkpoint, CheckpointError
 
 HEADER = {"run": "fuzz", "points": 4}

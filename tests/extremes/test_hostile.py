@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, Phase, given, settings  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
 import dolfinx_frontend as api  # noqa: E402
-from dolfinx_frontend.errors import SceneError  # noqa: E402
+from dolfinx_frontend.common.errors import SceneError  # noqa: E402
 from latin_core import NumericalError, Options, _core  # noqa: E402
 from tests.extremes import cases  # noqa: E402
 

@@ -10,8 +10,8 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
-from dolfinx_frontend.compat import create_mesh
-from dolfinx_frontend.geometry import Part
+from dolfinx_frontend.common.compat import create_mesh
+from dolfinx_frontend.geometry.parts import Part
 
 Array = npt.NDArray[np.float64]
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

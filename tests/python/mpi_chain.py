@@ -28,13 +28,13 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
-    fields,
     make_plan,
     solve,
     sweep,
 )
-from dolfinx_frontend.reference import monolithic
-from dolfinx_frontend.sampling import sample
+from dolfinx_frontend.io import fields
+from dolfinx_frontend.reference.monolithic import monolithic
+from dolfinx_frontend.solvers.sampling import sample
 
 PARTS = 5
 WORLD = MPI.COMM_WORLD

@@ -12,10 +12,13 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import assemble, resolve
-from dolfinx_frontend.errors import SceneError, SceneWarning
-from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import (
+from dolfinx_frontend.assembly.assemble import assemble, resolve
+from dolfinx_frontend.assembly.rigid import check_rigid_bodies
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.plan.reduction import reduce
+from dolfinx_frontend.reference.monolithic import Cholesky, monolithic
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import (
     Displacement,
     Elastic,
     Law,
@@ -25,13 +28,10 @@ from dolfinx_frontend.laws import (
     Traction,
     evaluate,
 )
-from dolfinx_frontend.materials import LinearElastic, OrthotropicElastic
-from dolfinx_frontend.random import LogNormal
-from dolfinx_frontend.reduction import reduce
-from dolfinx_frontend.reference import Cholesky, monolithic
-from dolfinx_frontend.rigid import check_rigid_bodies
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.uncertainty.random import LogNormal
 
 STEEL = LinearElastic(2e5, 0.3)
 UNIT = geometry.box((1.0, 1.0), (2, 2))

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from dolfinx_frontend import chaos_file
-from dolfinx_frontend.chaos_file import ChaosFileError, Field, load_chaos, save_chaos, to_openturns
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.random import (
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.io import chaos_file
+from dolfinx_frontend.io.chaos_file import ChaosFileError, Field, load_chaos, save_chaos, to_openturns
+from dolfinx_frontend.uncertainty.random import (
     Beta,
     Chaos,
     Correlated,

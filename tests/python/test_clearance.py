@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.geometry import Part
-from dolfinx_frontend.laws import Contact
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.pairing import FacetMap
-from dolfinx_frontend.scene import Scene, Space
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.pairing import FacetMap
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.parts import Part
+from dolfinx_frontend.scene.laws import Contact
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene, Space
+from dolfinx_frontend.solvers.solve import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block
 
@@ -43,7 +43,7 @@ def rings(cell: str, order: int, counts: tuple[int, int], space: Space, depth: f
     return assemble(scene)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.errors.SceneWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.common.errors.SceneWarning")
 @pytest.mark.parametrize("space", ["points", "facets"])
 @pytest.mark.parametrize("counts", [(6, 4), (4, 6), (12, 8)])
 @pytest.mark.parametrize("order", [1, 2])
@@ -60,7 +60,7 @@ def test_chords_that_cross_are_no_interpenetration(
     solve(problem, options=ONE)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.errors.SceneWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.common.errors.SceneWarning")
 @pytest.mark.parametrize("space", ["points", "facets"])
 @pytest.mark.parametrize(("order", "counts"), [(1, (18, 12)), (2, (6, 4))])
 @pytest.mark.parametrize("cell", CELLS)

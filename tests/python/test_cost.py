@@ -6,12 +6,12 @@ import pytest
 from latin_core import Options
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.cost import predict, shown
-from dolfinx_frontend.laws import Elastic
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.plan.cost import predict, shown
+from dolfinx_frontend.scene.laws import Elastic
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import solve
 
 
 def pair(cells: int, dim: int) -> Problem:

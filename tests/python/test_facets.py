@@ -11,17 +11,17 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import assemble
-from dolfinx_frontend.errors import SceneError, SceneWarning
-from dolfinx_frontend.facets import average, clip, polygons
-from dolfinx_frontend.laws import Contact, Elastic, Perfect, Pressure
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.pairing import FacetMap, csr, make_interface
-from dolfinx_frontend.plan import make_plan
-from dolfinx_frontend.reduction import reduce
-from dolfinx_frontend.reference import monolithic
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.averages import average, clip, polygons
+from dolfinx_frontend.assembly.pairing import FacetMap, csr, make_interface
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.plan.plan import make_plan
+from dolfinx_frontend.plan.reduction import reduce
+from dolfinx_frontend.reference.monolithic import monolithic
+from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Pressure
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block, face_mass, polynomial, wavy
 

@@ -17,11 +17,11 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
-    fields,
     geometry,
     solve,
 )
-from dolfinx_frontend.materials import strain
+from dolfinx_frontend.io import fields
+from dolfinx_frontend.scene.materials import strain
 
 pyvista = pytest.importorskip("pyvista")
 

@@ -11,12 +11,11 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import assemble, jumps, stiffnesses
-from dolfinx_frontend.laws import Displacement, Elastic, Perfect, Pressure, Symmetry
-from dolfinx_frontend.materials import LinearElastic, OrthotropicElastic
-from dolfinx_frontend.pairing import csr, frames, make_interface
-from dolfinx_frontend.reduction import body_load, body_matrix, displacements, reduce
-from dolfinx_frontend.reference import (
+from dolfinx_frontend.assembly.assemble import assemble, jumps, stiffnesses
+from dolfinx_frontend.assembly.pairing import csr, frames, make_interface
+from dolfinx_frontend.assembly.rigid import check_rigid_bodies
+from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
+from dolfinx_frontend.reference.monolithic import (
     Cholesky,
     Monolithic,
     energy_error,
@@ -24,8 +23,9 @@ from dolfinx_frontend.reference import (
     solvers,
     unit,
 )
-from dolfinx_frontend.rigid import check_rigid_bodies
-from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Pressure, Symmetry
+from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
+from dolfinx_frontend.scene.scene import Scene
 from tests.python.helpers import DIMENSION, block, face_mass, lame, polynomial, wavy
 
 EPS = np.finfo(float).eps

@@ -12,9 +12,10 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend import geometry, plotting
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.geometry import FREE, Part
+from dolfinx_frontend import geometry
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.geometry.parts import FREE, Part
 
 ROUND = 1e-12  # relative, for sums over a few thousand facets
 

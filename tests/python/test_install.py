@@ -15,7 +15,7 @@ from types import ModuleType
 
 import pytest
 
-from dolfinx_frontend import _release
+from dolfinx_frontend.common import release as _release
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -98,7 +98,7 @@ def test_newer_release_warns(monkeypatch: pytest.MonkeyPatch, version: str) -> N
 def imported_with(version: str) -> subprocess.CompletedProcess[str]:
     """Import the frontend twice under a dolfinx that says it is `version`."""
     script = f"import dolfinx; dolfinx.__version__ = {version!r}\n"
-    script += "import dolfinx_frontend, dolfinx_frontend.solve\nfrom dolfinx_frontend import *"
+    script += "import dolfinx_frontend, dolfinx_frontend.solvers.solve\nfrom dolfinx_frontend import *"
     return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
 
 

@@ -21,13 +21,13 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
-    fields,
     geometry,
     load,
-    plotting,
     quasi_monte_carlo,
     solve,
 )
+from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.io import fields
 
 pyvista = pytest.importorskip("pyvista")
 meshio = pytest.importorskip("meshio")

@@ -16,14 +16,14 @@ from petsc4py import PETSc as _PETSc
 
 import latin_core
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.bridge import build
-from dolfinx_frontend.laws import Elastic
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.pairing import csr
-from dolfinx_frontend.plan import make_plan
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.pairing import csr
+from dolfinx_frontend.kernel.bridge import build
+from dolfinx_frontend.plan.plan import make_plan
+from dolfinx_frontend.scene.laws import Elastic
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import solve
 from latin_core import InputError, Options, State, _core
 
 PETSc: Any = _PETSc

@@ -48,9 +48,9 @@ from dolfinx_frontend import (
     load,
     make_plan,
     solve,
-    stochastic,
     sweep,
 )
+from dolfinx_frontend.plan import random_laws as stochastic
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MANY = np.linspace(0.0, 1.0, 500)
@@ -153,7 +153,7 @@ def test_representations_help(things: list[Any]) -> None:
         assert len(text) <= LONGEST and text.count("\n") <= LINES, text
         own = type(thing).__name__
         words = {"Table": "interface", "Quantity": "samples", "Varying": "Amplitude"}
-        parameter = type(thing).__module__ == "dolfinx_frontend.random"
+        parameter = type(thing).__module__ == "dolfinx_frontend.uncertainty.random"
         assert words.get(own, own) in text or parameter, text
 
 
@@ -204,8 +204,8 @@ def test_completion_finds_every_module_and_name() -> None:
     assert set(dolfinx_frontend.__all__) <= set(names)
     assert sorted(dolfinx_frontend.__all__) == dolfinx_frontend.__all__
     for module in modules():
-        package, _, name = module.partition(".")
-        assert not name or name in dir(importlib.import_module(package)), module
+        package, _, name = module.rpartition(".")
+        assert not package or name in dir(importlib.import_module(package)), module
 
 
 def test_types_are_shipped() -> None:

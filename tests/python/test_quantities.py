@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.quantities import Estimate, Quantity, sobol_of
-from dolfinx_frontend.random import (
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity, sobol_of
+from dolfinx_frontend.uncertainty.random import (
     Chaos,
     Correlated,
     FromSamples,

@@ -27,11 +27,11 @@ from dolfinx_frontend import (
     assemble,
     geometry,
     progress,
-    running,
     solve,
     sweep,
 )
-from dolfinx_frontend.sampling import sample
+from dolfinx_frontend.kernel import running
+from dolfinx_frontend.solvers.sampling import sample
 
 MAIN = """
 import sys, time
@@ -138,7 +138,7 @@ def run():
     return monte_carlo(problem(random=True), 200, plan_options=slow, checkpoint=path, progress=False)
 
 import logging
-logging.getLogger("dolfinx_frontend.sweep").disabled = True  # of points that do not converge
+logging.getLogger("dolfinx_frontend.solvers.sweep").disabled = True  # of points that do not converge
 import threading, pathlib
 class Tell(logging.Handler):
     def emit(self, record):
@@ -264,7 +264,7 @@ def test_sweep_ends_when_a_callback_says_so(problem: Any) -> None:
 # --- progress bars ---------------------------------------------------------------------------------
 BARS = """
 import dolfinx_frontend.progress
-sys.modules["dolfinx_frontend.progress"]._DELAY = 0.0
+sys.modules["dolfinx_frontend.common.progress"]._DELAY = 0.0
 if len(sys.argv) > 1:
     print(progress(False))
 p = problem()
@@ -326,10 +326,10 @@ def test_phases_are_logged(caplog: Any) -> None:
     result = solve(problem, active=["springs"])
     sweep(problem, {"springs.normal": [1.0, 2.0]})
     messages = {r.name: r.getMessage() for r in caplog.records}
-    assert f"assembled {problem.size} unknowns" in messages["dolfinx_frontend.assembly"]
-    assert "plan: accelerated" in messages["dolfinx_frontend.plan"]
-    assert "factorised 1 bodies with" in messages["dolfinx_frontend.bridge"]
-    said = [r.getMessage() for r in caplog.records if r.name == "dolfinx_frontend.running"]
+    assert f"assembled {problem.size} unknowns" in messages["dolfinx_frontend.assembly.assemble"]
+    assert "plan: accelerated" in messages["dolfinx_frontend.plan.plan"]
+    assert "factorised 1 bodies with" in messages["dolfinx_frontend.kernel.bridge"]
+    said = [r.getMessage() for r in caplog.records if r.name == "dolfinx_frontend.kernel.running"]
     assert said[0].startswith(f"converged after {result.iterations} iterations")
     assert said[-1].startswith("sweep: 2 of 2 points")
     assert all(r.levelno == logging.INFO for r in caplog.records)

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from dolfinx import fem
 
-from dolfinx_frontend import geometry, running
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Elastic, Law, Perfect
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.plan import Direction, make_plan
-from dolfinx_frontend.reference import energy_error, monolithic
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import phase_seconds, solve
+from dolfinx_frontend import geometry
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel import running
+from dolfinx_frontend.plan.plan import Direction, make_plan
+from dolfinx_frontend.reference.monolithic import energy_error, monolithic
+from dolfinx_frontend.scene.laws import Elastic, Law, Perfect
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import phase_seconds, solve
 from latin_core import InputError, NumericalError, Options, available_backends
 
 TIGHT = Options(rtol=1e-10)

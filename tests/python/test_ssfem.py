@@ -18,18 +18,20 @@ from petsc4py import PETSc
 from scipy import integrate, linalg, stats
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import (
-    Displacement,
-    Elastic,
-    Perfect,
-    Pressure,
-    Symmetry,
-    Traction,
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.reference.monolithic import Monolithic, energy_error, monolithic
+from dolfinx_frontend.reference.ssfem import (
+    SSFEMSolution,
+    _System,
+    energy_error_modes,
+    smallest_eigenvalue,
+    ssfem,
 )
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.random import (
+from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Pressure, Symmetry, Traction
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.uncertainty.random import (
     Chaos,
     Correlated,
     Gamma,
@@ -38,15 +40,6 @@ from dolfinx_frontend.random import (
     RandomField,
     TruncatedNormal,
     Uniform,
-)
-from dolfinx_frontend.reference import Monolithic, energy_error, monolithic
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.ssfem import (
-    SSFEMSolution,
-    _System,
-    energy_error_modes,
-    smallest_eigenvalue,
-    ssfem,
 )
 from tests.python.helpers import block, lame
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend import Contact, Elastic, LinearElastic, Perfect, Preload, Scene, assemble, solve
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.geometry import gmsh_session
-from dolfinx_frontend.step import Cut, StepAssembly
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.parts import gmsh_session
+from dolfinx_frontend.geometry.step import Cut, StepAssembly
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from dolfinx_frontend import random as rnd
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.random import (
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.uncertainty import random as rnd
+from dolfinx_frontend.uncertainty.random import (
     Beta,
     Chaos,
     Correlated,

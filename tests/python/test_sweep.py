@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Contact, Elastic
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.plan import make_plan
-from dolfinx_frontend.reference import Monolithic
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
-from dolfinx_frontend.sweep import SweepResult, sweep
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.plan.plan import make_plan
+from dolfinx_frontend.reference.monolithic import Monolithic
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import Contact, Elastic
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solvers.sweep import SweepResult, sweep
 from latin_core import CheckpointError, Options, snake_order
 
 TIGHT = Options(rtol=1e-10)

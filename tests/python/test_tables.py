@@ -30,11 +30,11 @@ from dolfinx_frontend import (
     geometry,
     load,
     monte_carlo,
-    saved,
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.laws import Law
+from dolfinx_frontend.io import saved
+from dolfinx_frontend.scene.laws import Law
 
 E, LENGTH, WIDTH = 200e3, 20.0, 10.0  # MPa, mm
 AREA = WIDTH**2

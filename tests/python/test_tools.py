@@ -106,8 +106,8 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
         ),
         (
             "latin_core/python/latin_core/run.py",
-            "import dolfinx_frontend.scene\n",
-            "1: the kernel must not import dolfinx_frontend.scene",
+            "import dolfinx_frontend.scene.scene\n",
+            "1: the kernel must not import dolfinx_frontend.scene.scene",
         ),
         (
             "dolfinx_frontend/solve.py",

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from dolfinx_frontend import plotting
+from dolfinx_frontend.figures import plotting
 
 ROOT = Path(__file__).resolve().parents[2]
 

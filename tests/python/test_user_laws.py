@@ -18,19 +18,19 @@ import pytest
 from latin_core import InputError, Options
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Contact, Debonding, Elastic, Law, Preload, UserLaw
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.plan import Direction
-from dolfinx_frontend.random import LogNormal, RandomField
-from dolfinx_frontend.sampling import monte_carlo
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
-from dolfinx_frontend.sweep import sweep
-from dolfinx_frontend.translate import law_fields
-from dolfinx_frontend.user_laws import batched
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel.user_laws import batched
+from dolfinx_frontend.plan.plan import Direction
+from dolfinx_frontend.plan.translate import law_fields
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import Contact, Debonding, Elastic, Law, Preload, UserLaw
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.sampling import monte_carlo
+from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.uncertainty.random import LogNormal, RandomField
 
 Array = npt.NDArray[np.float64]
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "laws.md"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem
-from dolfinx_frontend.reference import ReferenceSolution, monolithic
+from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.reference.monolithic import ReferenceSolution, monolithic
 from tests.verification import scenes
 
 

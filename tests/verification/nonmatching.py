@@ -17,9 +17,9 @@ from dolfinx import fem
 from latin_core import Options
 
 from dolfinx_frontend import Result, Scene, assemble, solve
-from dolfinx_frontend.laws import Contact, Elastic, Law, Perfect
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.scene import Space
+from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Space
 from tests.python.helpers import DIMENSION, block, lame
 
 Array = npt.NDArray[np.float64]

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.laws import Elastic, Law, Perfect, Pressure, Symmetry
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.scene import Scene
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.scene.laws import Elastic, Law, Perfect, Pressure, Symmetry
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 

@@ -9,18 +9,18 @@ from latin_core import Options
 from scipy import stats
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.accuracy import Moments, moments
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.chaos import ChaosResult
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.interest import Resultant
-from dolfinx_frontend.laws import Contact, Elastic
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.random import Chaos, LogNormal, Normal, RandomField
-from dolfinx_frontend.reference import energy_error
-from dolfinx_frontend.sampling import SampleResult
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.adaptive import Moments, moments
+from dolfinx_frontend.reference.monolithic import energy_error
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.scene.laws import Contact, Elastic
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.chaos import ChaosResult
+from dolfinx_frontend.solvers.sampling import SampleResult
+from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.uncertainty.random import Chaos, LogNormal, Normal, RandomField
 
 OPENING = Resultant("layer", "jump")
 BOTH = [OPENING, Resultant("layer", "jump", 2)]

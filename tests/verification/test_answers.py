@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.laws import Elastic, Perfect
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.plan import Direction
-from dolfinx_frontend.reference import ReferenceSolution, energy_error, monolithic
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import Result, solve
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.plan.plan import Direction
+from dolfinx_frontend.reference.monolithic import ReferenceSolution, energy_error, monolithic
+from dolfinx_frontend.scene.laws import Elastic, Perfect
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.solve import Result, solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block, wavy
 from tests.verification import scenes

@@ -9,13 +9,23 @@ import pytest
 from latin_core import CheckpointError, Options, stochastic
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.chaos import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.laws import Elastic, Perfect
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.plan import Direction
-from dolfinx_frontend.random import (
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.io.chaos_file import load_chaos
+from dolfinx_frontend.plan.plan import Direction
+from dolfinx_frontend.reference.ssfem import energy_error_modes, ssfem
+from dolfinx_frontend.scene.laws import Elastic, Perfect
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.chaos import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
+from dolfinx_frontend.solvers.sampling import (
+    monte_carlo,
+    quasi_monte_carlo,
+    sparse_quadrature,
+    tensor_quadrature,
+)
+from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.uncertainty.random import (
     Chaos,
     Correlated,
     Gamma,
@@ -25,16 +35,6 @@ from dolfinx_frontend.random import (
     TruncatedNormal,
     Uniform,
 )
-from dolfinx_frontend.chaos_file import load_chaos
-from dolfinx_frontend.sampling import (
-    monte_carlo,
-    quasi_monte_carlo,
-    sparse_quadrature,
-    tensor_quadrature,
-)
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
-from dolfinx_frontend.ssfem import energy_error_modes, ssfem
 
 TIGHT = Options(rtol=1e-10)
 
@@ -332,7 +332,7 @@ def test_random_parameters_without_effect_are_dropped_and_said(two_blocks: Probl
     result = solve_chaos(problem, 2)
     assert result.space.germ_names == ("k",)
     free = Elastic(normal=0.0, tangential=0.0, jump=Normal("D", 0.1, std=0.01))
-    from dolfinx_frontend.stochastic import RandomLaws
+    from dolfinx_frontend.plan.random_laws import RandomLaws
 
     dropped = RandomLaws.of(two_blocks.with_laws({"layer": free})).dropped
     assert dropped and "layer.jump" in dropped[0]

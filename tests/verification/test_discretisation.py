@@ -10,17 +10,17 @@ import pytest
 import ufl
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.discretisation import DiscretisationError, estimate
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.interest import Resultant
-from dolfinx_frontend.laws import Contact, Elastic, Perfect, Preload
-from dolfinx_frontend.materials import LinearElastic, OrthotropicElastic, strain
-from dolfinx_frontend.random import LogNormal
-from dolfinx_frontend.sampling import monte_carlo
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import Result, solve
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, estimate
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Preload
+from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic, strain
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.sampling import monte_carlo
+from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.uncertainty.random import LogNormal
 from tests.python.helpers import DIMENSION, block, wavy
 from tests.verification import scenes
 

@@ -7,14 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, bridge, geometry
-from dolfinx_frontend.assembly import Problem
-from dolfinx_frontend.lap_joint import lap_joint
-from dolfinx_frontend.pairing import csr
-from dolfinx_frontend.plan import Direction
-from dolfinx_frontend.reference import ReferenceSolution, energy_difference, energy_error, monolithic
-from dolfinx_frontend.solve import Result, solve
-from dolfinx_frontend.sweep import SweepResult, sweep
+from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, geometry
+from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.pairing import csr
+from dolfinx_frontend.geometry.lap_joint import lap_joint
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.plan.plan import Direction
+from dolfinx_frontend.reference.monolithic import (
+    ReferenceSolution,
+    energy_difference,
+    energy_error,
+    monolithic,
+)
+from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.solvers.sweep import SweepResult, sweep
 from latin_core import Options
 from tests.verification import scenes
 

@@ -12,8 +12,8 @@ import warnings
 import numpy as np
 import pytest
 
-from dolfinx_frontend.errors import SceneWarning
-from dolfinx_frontend.scene import Space
+from dolfinx_frontend.common.errors import SceneWarning
+from dolfinx_frontend.scene.scene import Space
 from tests.verification.nonmatching import Errors, blocks, overlapping, rings
 
 

@@ -15,15 +15,19 @@ from latin_core import InputError, Options
 from scipy import stats
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly import Problem, assemble
-from dolfinx_frontend.chaos import ChaosResult, TruncationWarning
-from dolfinx_frontend.collocation import MOST_TENSOR, collocation
-from dolfinx_frontend.errors import SceneError
-from dolfinx_frontend.history import Amplitude
-from dolfinx_frontend.laws import Contact, Elastic
-from dolfinx_frontend.materials import LinearElastic
-from dolfinx_frontend.quantities import Quantity
-from dolfinx_frontend.random import (
+from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import Contact, Elastic
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.solvers.chaos import ChaosResult, TruncationWarning
+from dolfinx_frontend.solvers.collocation import MOST_TENSOR, collocation
+from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.uncertainty.quantities import Quantity
+from dolfinx_frontend.uncertainty.random import (
     Chaos,
     FromSamples,
     LogNormal,
@@ -32,10 +36,6 @@ from dolfinx_frontend.random import (
     TruncatedNormal,
     Uniform,
 )
-from dolfinx_frontend.sampling import sample
-from dolfinx_frontend.scene import Scene
-from dolfinx_frontend.solve import solve
-from dolfinx_frontend.stochastic import RandomLaws
 
 Array = npt.NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def in_norm(problem: Problem, name: str, values: Array) -> float:
     return float(np.sqrt(np.einsum("p,pc->", weights, values**2)))
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("kind", ["stiffness and preload", "gap and preload"])
 def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
@@ -122,7 +122,7 @@ def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
     assert ("NOT TRUSTED" in repr(result)) != result.trusted
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 def test_chance_that_the_joint_opens() -> None:
     # TARGETS 2.6: P = Phi((Q / (K D) - 1) / d1), whatever the stiffness of the joint
     bolt = bolt_law(Normal("K", BOLT, cov=0.1))
@@ -163,7 +163,7 @@ def test_a_joint_that_never_opens_has_the_galerkin_solution() -> None:
             assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 @pytest.mark.parametrize(
     ("joint", "screw", "trusted"),
     [
@@ -259,7 +259,7 @@ def test_a_gap_that_varies_from_place_to_place(vessel: Problem) -> None:
         assert in_norm(problem, "joint", each) < 0.01 * in_norm(problem, "joint", whole)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 def test_only_germs_that_reach_an_interface_are_paid_for() -> None:
     scene = Scene()
     joint = Contact(stiffness=JOINT / AREA)

@@ -1,0 +1,1 @@
+"""From a scene to matrices: parts, paired interfaces, what holds them, and their ranks."""

@@ -1,0 +1,1 @@
+"""What everything uses: errors, texts, progress, differences between releases of dolfinx."""

@@ -1,0 +1,455 @@
+"""Estimated error of the meshes of an assembly: in energy, and in one number of interest.
+
+In energy: recovered gradients, see :mod:`dolfinx_frontend.estimate.recovery`. In a total force or a mean jump
+q of an interface (dual-weighted recovery): with z, the answer of the same structure to the load whose work is
+q, q(u) - q(u_h) = a(u - u_h, z - z_h), and both errors are recovered (Oden and Prudhomme 2001). For the force
+of an interface z is the answer to a unit jump imposed on it, for a mean jump to a unit force spread over it:
+one more column of the factorised kernel of the result. Of laws that are not linear z is the answer to a small
+change, from the solution on: points that touch go on touching.
+
+What is not seen: the shape of curved faces that straight cells round off, the error of the law itself
+between the points of an interface, and the algebraic error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.assembly.assemble import Problem, Substructure, stiffnesses
+from dolfinx_frontend.assembly.pairing import Interface, frames
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.estimate.recovery import recovery
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Preload, Pressure, Symmetry, Traction
+from dolfinx_frontend.solvers.solve import Result
+
+
+__all__ = ["DiscretisationError", "estimate"]
+
+Array = npt.NDArray[np.float64]
+
+LINEAR = (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)
+SMALL = 1e-3
+"""Change from which a law that is not linear tells its tangent, as a share of the largest displacement."""
+TANGENT_RTOL = 1e-7
+"""Tolerance of the two answers whose difference that is."""
+
+
+@dataclass(frozen=True)
+class DiscretisationError:
+    """Estimated error of the meshes.
+
+    Attributes
+    ----------
+    energy
+        Relative error in the energy norm of the parts: sqrt(a(u - u_h) / a(u_h)), a(v) = sum of v^T K v.
+    parts
+        Substructure -> its share of that; their squares add up to the square of `energy`.
+    quantity
+        Size of the error of the quantity of interest, in its unit; None: none was named. The larger of
+        |correction| and the root of the sum of squares of its shares by cell: where these cancel, what is
+        left is no estimate any more.
+    value
+        The quantity in the result.
+    correction
+        The same error with its sign: value + correction is the better value.
+    bound
+        sqrt(a(e_u) a(e_z)), which no error exceeds: what is left of it is cancellation, on which to count is
+        a risk where stresses are singular.
+    shares
+        Substructure -> its share of `correction`.
+    seconds
+        Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
+    """
+
+    energy: float
+    parts: dict[str, float]
+    quantity: float | None = None
+    value: float | None = None
+    correction: float | None = None
+    bound: float | None = None
+    shares: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict, compare=False)
+
+    def relative(self) -> float:
+        """Error of the quantity of interest as a share of its value.
+
+        Raises
+        ------
+        SceneError
+            No quantity was named.
+        """
+        if self.quantity is None or self.value is None:
+            raise SceneError("no quantity of interest: estimate(result, Resultant('interface'))")
+        if self.value == 0.0:
+            return 0.0 if self.quantity == 0.0 else float("inf")
+        return self.quantity / abs(self.value)
+
+    def __str__(self) -> str:
+        worst = max(self.parts, key=lambda name: self.parts[name])
+        text = f"discretisation: {self.energy:.2g} in energy, most of it in {worst}"
+        if self.quantity is None:
+            return text
+        return f"{text}; quantity of interest {self.value:.6g} +- {self.quantity:.2g}"
+
+
+def estimate(
+    result: Result, quantity: Resultant | str | None = None, step: int = -1
+) -> DiscretisationError:
+    """Estimate the error of the meshes in a result; collective on several ranks.
+
+    The quantity costs one more solution with the factors of the result; of a chaos, and of laws that are not
+    linear, two. The kernel of the result is left as it was.
+
+    Parameters
+    ----------
+    result
+        Of :func:`dolfinx_frontend.solve`. Of a chaos: the error of the mean field, with a dual problem at the
+        mean of the parameters.
+    quantity
+        A total force or a mean jump of an interface; a name means its total normal force.
+    step
+        Of a load history. Laws with memory: the dual problem is that of a change from the beginning on.
+
+    Raises
+    ------
+    SceneError
+        A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
+        converge.
+    """
+    if not isinstance(result, Result):
+        raise SceneError(
+            f"{type(result).__name__} has no displacement fields to recover: take the result of "
+            "solve(problem), e.g. at the mean of the parameters"
+        )
+    if isinstance(quantity, str):
+        quantity = Resultant(quantity)
+    problem = result.problem
+    fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
+    began = perf_counter()
+    dual: _Dual | None = None
+    value = None
+    if quantity is not None:
+        dual = _Dual.of(result, quantity, step, fields)
+        value = _value(result, quantity, step, fields)
+    z = {} if dual is None else dual.solve()
+    solved = perf_counter()
+    with agreement(problem.comm):
+        found = {
+            name: _Errors.of(part, fields[name], z.get(name))
+            for name, part in problem.own.substructures.items()
+        }
+    if problem.comm is not None:
+        found = {n: each for some in problem.comm.allgather(found) for n, each in some.items()}
+    found = {name: found[name] for name in problem.parts}
+    whole = float(np.sqrt(sum(each.norm for each in found.values())))
+    parts = {n: float(np.sqrt(each.error)) / whole if whole else 0.0 for n, each in found.items()}
+    seconds = {"dual": solved - began, "recovery": perf_counter() - solved}
+    total = sum(found.values(), start=_Errors())
+    energy = float(np.sqrt(total.error)) / whole if whole else 0.0
+    if quantity is None:
+        return DiscretisationError(energy, parts, seconds=seconds)
+    return DiscretisationError(
+        energy,
+        parts,
+        max(abs(total.product), float(np.sqrt(total.squares))),
+        value,
+        total.product,
+        float(np.sqrt(total.error * total.of_dual)),
+        {name: each.product for name, each in found.items()},
+        seconds,
+    )
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Sums over the cells of a part: a(u), a(e_u), a(e_z), a(e_u, e_z), and of the squares of its cells."""
+
+    norm: float = 0.0
+    error: float = 0.0
+    of_dual: float = 0.0
+    product: float = 0.0
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, part: Substructure, u: Array, z: Array | None) -> _Errors:
+        by_cell = recovery(part).energies([u] if z is None else [u, z])
+        norm, error = float(u @ (part.matrix @ u)), float(by_cell[0, 0].sum())
+        if z is None:
+            return cls(norm, error)
+        product = by_cell[0, 1]
+        return cls(
+            norm, error, float(by_cell[1, 1].sum()), float(product.sum()), float(product @ product)
+        )
+
+    def __add__(self, other: _Errors) -> _Errors:
+        return _Errors(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+
+def _at(result: Result, field: Array, step: int) -> Array:
+    """A field of a result at a time step, if it has steps."""
+    times = result.plan.times
+    if times is None:
+        return field
+    return np.asarray(field[check_step(times, step, "discretisation error")])
+
+
+# --- the quantity ----------------------------------------------------------------------------------
+def _axes(interface: Interface, normals: Array) -> Array:
+    """Directions (components, points, d) of the components of an interface's force."""
+    law = interface.law
+    if isinstance(law, Displacement):
+        axes = np.eye(interface.dim)[list(law.axes(interface.dim))]
+        return np.repeat(axes[:, None], len(normals), axis=1)
+    basis, _ = frames(normals, interface.tangent_axis)
+    return np.moveaxis(basis[:, :1] if isinstance(law, Symmetry) else basis, 0, 1)
+
+
+def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
+    """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d)."""
+    name, times = quantity.interface, result.plan.times
+    result.problem.on_one_rank(f"the reaction of {name!r}, which was assembled across,")
+    if isinstance(result, StochasticResult):
+        raise SceneError(
+            f"interface {name!r} was assembled across, its mean force is not known: solve with "
+            f"active=[{name!r}]"
+        )
+    interface = result.problem.interfaces[name]
+    steps = [None] if times is None else list(times)
+    found = tables.nodal_reaction(result, name, steps, tables.known_forces(result))
+    if found is None:
+        raise SceneError(
+            f"interface {name!r} shares nodes with others that hold them, its own force is not known: solve "
+            f"with active=[{name!r}]"
+        )
+    number, nodal = found
+    axes = _axes(interface, (1.0 - 2.0 * number) * interface.sides[number].node_normals)
+    if quantity.component >= len(axes):
+        raise SceneError(
+            f"interface {name!r} carries {len(axes)} component(s), not component {quantity.component}"
+        )
+    return number, axes[quantity.component], nodal
+
+
+def _is_reaction(result: Result, name: str) -> bool:
+    return name not in result.plan.active and tables.is_glue(result.problem.interfaces[name].law)
+
+
+def _value(
+    result: Result, quantity: Resultant, step: int, fields: Mapping[str, Array]
+) -> float:
+    """The quantity in the result, at a step; collective."""
+    name = quantity.interface
+    if quantity.of == "force" and _is_reaction(result, name):
+        _, along, nodal = _reaction(result, quantity)
+        return float(np.sum(along * nodal[step if result.plan.times is not None else 0]))
+    interface = result.problem.interfaces[name]
+
+    def read() -> tuple[Array, Array]:
+        if name in result.plan.active:
+            return _at(result, result.force(name), step), _at(result, result.jump(name), step)
+        law = interface.law if result.plan.times is None else interface.law.at(result.plan.times[step])
+        return result.eliminated(interface, law, fields)
+
+    force, jump = result.problem.everywhere(name, read)
+    return float(quantity.total(force if quantity.of == "force" else jump, interface.weights))
+
+
+@dataclass(frozen=True)
+class _Dual:
+    """The dual problem of a quantity: one change of the problem whose answer, per unit, is z.
+
+    Attributes
+    ----------
+    loads
+        Substructure of this rank -> forces (n,) per unit of change.
+    jump
+        Active interface -> change of its imposed jump (rows, 1).
+    lift
+        Substructure -> displacements (n,) that come on top of the answer.
+    unit
+        Size of a change that moves the structure as much as the loads of the scene do.
+    column
+        Column of the kernel that is asked about.
+    """
+
+    result: Result
+    loads: dict[str, Array]
+    jump: dict[str, Array]
+    lift: dict[str, Array]
+    unit: float
+    column: int
+
+    @classmethod
+    def of(
+        cls, result: Result, quantity: Resultant, step: int, fields: Mapping[str, Array]
+    ) -> _Dual | None:
+        """The dual problem; None where the scene prescribes the quantity. Collective."""
+        problem, plan, name = result.problem, result.plan, quantity.interface
+        if name not in problem.interfaces:
+            raise unknown_name("interface", name, problem.interfaces, "problem")
+        loads: dict[str, Array] = {}
+        jump: dict[str, Array] = {}
+        lift: dict[str, Array] = {}
+        with agreement(problem.comm):
+            law, component = problem.interfaces[name].law, quantity.component
+            if name in problem.own.interfaces:
+                _check_component(problem.interfaces[name], quantity)
+            if quantity.of == "jump":
+                if isinstance(law, (Perfect, Displacement, Symmetry)):
+                    return None
+                loads = _pull(problem, quantity, None)
+            elif isinstance(law, (Pressure, Traction)) or (
+                isinstance(law, Preload) and component == 0 and plan.times is None
+            ):
+                return None
+            elif isinstance(law, Preload):
+                raise SceneError(
+                    f"interface {name!r}: the kernel has no dual problem for {quantity} of a preload; ask "
+                    "for the mean jump, or model the bolt as Elastic(jump=...)"
+                )
+            elif name in plan.active:
+                if name in problem.own.interfaces:
+                    jump[name] = _unit_jump(result, name, component)
+            elif _is_reaction(result, name):
+                number, along, _ = _reaction(result, quantity)
+                side = problem.interfaces[name].sides[number]
+                part = problem.substructures[side.substructure]
+                unit = np.zeros((part.size // part.dim, part.dim))
+                unit[side.nodes] = (2.0 * number - 1.0) * along
+                lift[part.name] = unit.ravel()
+                loads[part.name] = -(part.matrix @ unit.ravel())
+            else:
+                assert isinstance(law, Elastic)  # nothing else is eliminated
+                loads = _pull(problem, quantity, law)
+        size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
+        if problem.comm is not None:
+            size = max(problem.comm.allgather(size))
+        parts = [problem.parts[side.substructure] for side in problem.interfaces[name].sides]
+        unit_ = size or min(part.length for part in parts)
+        if quantity.of == "jump":  # of forces, whose sum is 1
+            unit_ *= min(part.modulus * part.length ** (part.dim - 2) for part in parts)
+        if not _linear(result):
+            unit_ *= SMALL
+        column = step % len(plan.times) if plan.times is not None and plan.history == "steps" else 0
+        return cls(result, loads, jump, lift, unit_, column)
+
+    def solve(self) -> dict[str, Array]:
+        """z by substructure of this rank, (n,); collective."""
+        result, plan = self.result, self.result.plan
+        core, amplitudes = result.core, plan.amplitudes
+        pattern = int(np.argmax(np.abs(amplitudes[:, self.column])))
+        factor = float(amplitudes[pattern, self.column])
+        if self.loads and factor == 0.0:
+            raise SceneError("no load pattern acts at this time: choose another step")
+        with result.at_mean():
+            before = self._base()
+            known = before is result.state and plan.times is None
+            base = (
+                {name: u[:, None] for name, u in result.displacements.items()}
+                if known
+                else core.displacements(before, amplitudes)
+            )
+            try:
+                self._change(pattern, self.unit / (factor or 1.0))
+                after = self._run([before])
+                moved = core.displacements(after, amplitudes)
+            finally:
+                self._change(pattern, 0.0)
+        out = {}
+        for name in result.problem.own.substructures:
+            difference = moved[name][:, self.column] - base[name][:, self.column]
+            out[name] = difference / self.unit + self.lift.get(name, 0.0)
+        return out
+
+    def _base(self) -> Any:
+        """The state that the change starts from: that of the result where it is good enough."""
+        if isinstance(self.result, StochasticResult):  # its state has other columns
+            return self._run([])
+        return self.result.state if _linear(self.result) else self._run([self.result.state])
+
+    def _run(self, start: list[Any]) -> Any:
+        options = self.result.plan.options
+        if not _linear(self.result):
+            options = options.with_(rtol=min(options.rtol, TANGENT_RTOL))
+        warm = start if self.result.core.total_rows else []
+        for states in (warm, []) if warm else ([],):
+            summary, state = self.result.core.solve(
+                options=options.kernel(),
+                amplitudes=self.result.plan.amplitudes,
+                start=states,
+                callback=None,
+            )
+            if summary.status == "converged":
+                return state
+        raise SceneError(
+            f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "
+            f"error {summary.error:.1e}); estimate(result) without a quantity needs none, and the same scene "
+            "on a finer mesh tells the error of a quantity as well"
+        )
+
+    def _change(self, pattern: int, amount: float) -> None:
+        """Add the change to the kernel, or take it away again with an amount of 0."""
+        result, core = self.result, self.result.core
+        extra: dict[str, Array] = {}
+        for name, load in self.loads.items() if amount else ():
+            extra[name] = np.zeros((len(load), core.loads), order="F")
+            extra[name][:, pattern] = amount * load
+        core.set_extra_loads(extra)
+        for name, jump in self.jump.items():
+            given = bridge.active_fields(result.problem.interfaces[name], result.plan)
+            core.set_parameter(name, "jump", given.parameters["jump"] + amount * jump)
+
+
+def _linear(result: Result) -> bool:
+    """Whether all laws of the iteration are linear."""
+    return all(isinstance(result.problem.interfaces[n].law, LINEAR) for n in result.plan.active)
+
+
+def _check_component(interface: Interface, quantity: Resultant) -> None:
+    count = bridge.law_fields(interface, interface.law.nominal).components
+    if quantity.component >= count:
+        raise SceneError(
+            f"interface {interface.name!r} carries {count} component(s), not component {quantity.component}"
+        )
+
+
+def _unit_jump(result: Result, name: str, component: int) -> Array:
+    """Imposed jump of 1 in one component of an active interface, (rows, 1)."""
+    interface = result.problem.interfaces[name]
+    count = bridge.active_fields(interface, result.plan).components
+    unit = np.zeros((interface.num_points, count))
+    unit[:, component] = 1.0
+    return unit.reshape(-1, 1)
+
+
+def _pull(problem: Problem, quantity: Resultant, springs: Elastic | None) -> dict[str, Array]:
+    """Forces on the sides that are on this rank whose work is the quantity: B^T W k, or B^T W / area."""
+    name = quantity.interface
+    out: dict[str, Array] = {}
+    if name not in problem.own.interfaces:
+        return out
+    interface = problem.interfaces[name]
+    density = np.zeros((interface.num_points, interface.dim))
+    if springs is None:
+        density[:, quantity.component] = 1.0 / interface.weights.sum()
+    else:
+        c = quantity.component
+        density[:, c] = stiffnesses(interface, springs.nominal)[:, c]
+    local = (interface.weights[:, None] * density).ravel()
+    for number, side in enumerate(interface.sides):
+        if side.substructure in problem.own.substructures:
+            pull = (2.0 * number - 1.0) * (interface.local_trace(number).T @ local)
+            out[side.substructure] = out.get(side.substructure, 0.0) + pull
+    return out

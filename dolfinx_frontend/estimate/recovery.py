@@ -1,0 +1,275 @@
+"""Recovered gradients: what a finite element solution would say of its own error.
+
+Around each vertex a polynomial is fitted to the gradients of the cells nearby, at the points where they are
+best (superconvergent patch recovery, Zienkiewicz and Zhu 1992). The fits are blended to a continuous field
+of the element's degree, which in the limit of fine meshes is closer to the truth than the gradient itself.
+Each part by itself: nothing is smoothed over interfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any
+
+import basix
+import dolfinx.fem as fem
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.apply_derivatives import apply_derivatives
+
+from dolfinx_frontend.assembly.assemble import Substructure
+from dolfinx_frontend.assembly.pairing import coordinate_element, quadrature, tabulate
+from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.errors import SceneError
+
+__all__ = ["Recovery", "recovery"]
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+SIMPLICES = ("triangle", "tetrahedron")
+POINTS_A_TERM = 1.5
+"""Points of a fit for each term of its polynomial, from which on they are enough."""
+CHUNK = 2_000_000
+"""Numbers in the fits that are worked on together."""
+
+
+@lru_cache
+def _exponents(dim: int, degree: int, simplex: bool) -> Ints:
+    """Exponents (terms, d) of the polynomials of a fit, those of the element."""
+    every = np.array(list(product(range(degree + 1), repeat=dim)), dtype=np.int64)
+    return every[every.sum(axis=1) <= degree] if simplex else every
+
+
+def _powers(x: Array, exponents: Ints) -> Array:
+    """Monomials (..., terms) at points (..., d)."""
+    out = np.ones((*x.shape[:-1], len(exponents)))
+    for axis in range(x.shape[-1]):
+        column = [np.ones(x.shape[:-1])]
+        for _ in range(int(exponents.max())):
+            column.append(column[-1] * x[..., axis])
+        out *= np.stack(column, axis=-1)[..., exponents[:, axis]]
+    return out
+
+
+def _pruned(matrix: sp.spmatrix) -> sp.csr_matrix:
+    out = sp.csr_matrix(matrix)
+    out.eliminate_zeros()
+    return out
+
+
+def recovery(part: Substructure) -> Recovery:
+    """The recovery of a part, made when first asked for."""
+    kept = vars(part)  # as cached_property does with what is frozen
+    if "_recovery" not in kept:
+        kept["_recovery"] = Recovery(part)
+    found: Recovery = kept["_recovery"]
+    return found
+
+
+class Recovery:
+    """Recovered gradients of one substructure, and the energy of their difference to the element's.
+
+    Parameters
+    ----------
+    part
+        An assembled substructure.
+
+    Raises
+    ------
+    SceneError
+        The material of the part is not known.
+    """
+
+    def __init__(self, part: Substructure) -> None:
+        self.part = part
+        mesh, space = part.part.mesh, part.space
+        self.element = space.element.basix_element
+        self.degree = int(self.element.degree)
+        self.dim = part.dim
+        self.cell = str(mesh.topology.cell_name())
+        self.simplex = self.cell in SIMPLICES
+        self.terms = _exponents(self.dim, self.degree, self.simplex)
+        self.dofs = np.asarray(space.dofmap.list)
+        self.nodes = np.asarray(cell_nodes(mesh))
+        self.x = np.asarray(mesh.geometry.x, dtype=np.float64)[:, : self.dim]
+        kind = basix.CellType[self.cell]
+        # reduced integration: the gradient is best there
+        points, _ = quadrature(kind, 2 * (self.degree - 1) + (0 if self.simplex else 1))
+        geometry = tabulate(coordinate_element(mesh), 1, points)
+        self.samples = np.einsum("qk,cki->cqi", geometry[0], self.x[self.nodes])
+        jacobian = np.einsum("mqk,cki->cqim", geometry[1:], self.x[self.nodes])
+        self.inverse = np.linalg.inv(jacobian)  # (c, q, m, i)
+        self.slopes = tabulate(self.element, 1, points)[1:]
+        # the first nodes of a cell of any order are its corners
+        corners = len(np.asarray(basix.geometry(kind)))
+        self.vertices, local = np.unique(self.nodes[:, :corners], return_inverse=True)
+        self.corner = local.reshape(-1, corners)
+        self._fit()
+
+    def _on_boundary(self) -> Flags:
+        """Which vertices lie on an exterior facet, (vertices,)."""
+        topology = self.part.part.mesh.topology
+        d = topology.dim
+        topology.create_connectivity(d - 1, d)
+        topology.create_connectivity(d, d - 1)
+        outer = np.diff(topology.connectivity(d - 1, d).offsets) == 1
+        facets = np.asarray(topology.connectivity(d, d - 1).array).reshape(len(self.corner), -1)
+        out = np.zeros(len(self.vertices), dtype=bool)
+        for k, corners in enumerate(basix.topology(basix.CellType[self.cell])[d - 1]):
+            out[self.corner[outer[facets[:, k]]][:, list(corners)].ravel()] = True
+        return out
+
+    def _patches(self) -> sp.csr_matrix:
+        """(vertices, cells): the cells of the fit around each vertex.
+
+        A vertex takes the cells around it. One on the boundary for which these are too few takes those around
+        its interior neighbours as well; where it has none, those around all of its neighbours.
+        """
+        cells, corners = self.corner.shape
+        one = np.ones(cells * corners)
+        own = sp.csr_matrix(
+            (one, (self.corner.ravel(), np.repeat(np.arange(cells), corners))),
+            shape=(len(self.vertices), cells),
+        )
+        enough = POINTS_A_TERM * len(self.terms) / self.samples.shape[1]
+        near = own @ own.T  # vertices that share a cell
+
+        def choose(patches: sp.csr_matrix, where: Flags) -> sp.csr_matrix:
+            return sp.diags(where.astype(np.float64)) @ patches
+
+        boundary = self._on_boundary()
+        wide = boundary & (np.diff(own.indptr) < enough)
+        inner = choose(own, ~boundary)
+        alone = wide & (np.asarray((near @ inner).sum(axis=1)).ravel() == 0.0)
+        patches = choose(own, ~alone) + choose(near @ inner, wide & ~alone) + choose(near @ own, alone)
+        few = np.diff(_pruned(patches).indptr) < enough
+        if few.any():
+            patches = choose(patches, ~few) + choose(near @ patches, few)
+        return _pruned(patches)
+
+    def _fit(self) -> None:
+        """Operators of the least-squares fits: for each vertex (terms, points of the patch)."""
+        patches = self._patches()
+        q = self.samples.shape[1]
+        sizes = np.diff(patches.indptr)
+        centres = self.x[self.vertices]
+        self.radius = np.zeros(len(sizes))
+        self.groups: list[tuple[Ints, Ints, Array]] = []
+        order = np.argsort(sizes, kind="stable")
+        begin = 0
+        while begin < len(order):
+            # vertices with patches of nearly one size go together; a missing cell has weight 0
+            size = int(sizes[order[begin]])
+            most = max(1, CHUNK // max(1, size * q * len(self.terms)))
+            end = min(begin + most, int(np.searchsorted(sizes[order], 1.15 * size, side="right")))
+            who = order[begin:end]
+            widest = int(sizes[who].max())
+            place = patches.indptr[who][:, None] + np.arange(widest)
+            there = np.arange(widest) < sizes[who][:, None]
+            cells = np.where(there, patches.indices[np.minimum(place, patches.nnz - 1)], 0)
+            offset = self.samples[cells] - centres[who][:, None, None]
+            offset *= there[:, :, None, None]
+            radius = np.sqrt(np.einsum("vcqi,vcqi->vcq", offset, offset).max(axis=(1, 2)))
+            self.radius[who] = radius
+            P = _powers(offset / radius[:, None, None, None], self.terms) * there[:, :, None, None]
+            P = P.reshape(len(who), widest * q, -1)
+            A = np.einsum("vsa,vsb->vab", P, P, optimize=True)
+            # directions that the points do not tell are left flat, about the mean: constants are recovered
+            fit = np.linalg.pinv(A, rcond=1e-8, hermitian=True) @ P.transpose(0, 2, 1)
+            mean = np.repeat(there, q, axis=1) / (sizes[who] * q)[:, None]
+            excess = -(fit @ np.repeat(there, q, axis=1)[:, :, None].astype(np.float64))
+            excess[:, int(np.flatnonzero(self.terms.sum(axis=1) == 0)[0])] += 1.0
+            fit += excess * mean[:, None, :]
+            self.groups.append((who, cells, fit))
+            begin = end
+
+    def gradient(self, u: Array) -> Array:
+        """Gradients du_i/dx_j of unknowns (n,) at the sampling points, (cells, q, d, d)."""
+        values = np.asarray(u).reshape(-1, self.dim)[self.dofs]
+        slopes = np.einsum("cki,mqk->cqim", values, self.slopes, optimize=True)
+        return np.asarray(np.einsum("cqim,cqmj->cqij", slopes, self.inverse))
+
+    def recovered(self, u: Array, space: Any) -> fem.Function:
+        """Recovered gradient of unknowns (n,) in a Lagrange space with the value shape (d, d)."""
+        d = self.dim
+        gradient = self.gradient(u).reshape(len(self.dofs), -1, d * d)
+        fits = np.empty((len(self.vertices), len(self.terms), d * d))
+        for who, cells, fit in self.groups:
+            fits[who] = fit @ gradient[cells].reshape(len(who), -1, d * d)
+        # blend: the fits of a cell's corners, weighted by its (multi)linear shape functions
+        element = basix.create_element(
+            basix.ElementFamily.P,
+            basix.CellType[self.cell],
+            1,
+            basix.LagrangeVariant.equispaced,
+        )
+        at = np.asarray(self.element.points)
+        hats = tabulate(element, 0, at)[0]
+        shape = tabulate(coordinate_element(self.part.part.mesh), 0, at)[0]
+        target = fem.Function(space)
+        out = target.x.array.reshape(-1, d * d)
+        dofs = np.asarray(space.dofmap.list)
+        for some in np.array_split(np.arange(len(dofs)), 1 + len(dofs) * len(at) // 50_000):
+            x = np.einsum("nk,cki->cni", shape, self.x[self.nodes[some]])
+            value = np.zeros((len(some), len(at), d * d))
+            for k in range(self.corner.shape[1]):
+                v = self.corner[some, k]
+                offset = (x - self.x[self.vertices[v]][:, None]) / self.radius[v][:, None, None]
+                value += hats[:, k, None] * (_powers(offset, self.terms) @ fits[v])
+            out[dofs[some]] = value
+        return target
+
+    def energies(self, fields: Sequence[Array]) -> Array:
+        """a(e_i, e_j): energy products of the estimated errors of solutions (n,), force * length.
+
+        Returns
+        -------
+        Array
+            (fields, fields, cells): the sum over the cells is the product, on the diagonal the square of the
+            estimated error in the energy norm.
+        """
+        form, (g, w, h, v) = self._form
+        gradients = [self.recovered(u, g.function_space).x.array for u in fields]
+        out = np.zeros((len(fields), len(fields), len(self.dofs)))
+        for i, u in enumerate(fields):
+            w.x.array[:], g.x.array[:] = u, gradients[i]
+            for j, z in enumerate(fields):
+                v.x.array[:], h.x.array[:] = z, gradients[j]
+                out[i, j] = fem.assemble_vector(form).array if j >= i else out[j, i]
+        return out
+
+    @cached_property
+    def _form(self) -> tuple[Any, tuple[Any, Any, Any, Any]]:
+        """The material's form of the errors of two gradients, and its coefficients."""
+        part, mesh, d = self.part, self.part.part.mesh, self.dim
+        if part.integrand is None:
+            raise SceneError(
+                f"substructure {part.name!r}: its material is not known, and with it the energy of an error; "
+                "assemble it from a scene"
+            )
+        tensors = fem.functionspace(mesh, ("Lagrange", self.degree, (d, d)))
+        g, h = fem.Function(tensors), fem.Function(tensors)
+        w, v = fem.Function(part.space), fem.Function(part.space)
+        integrand = part.integrand(w, v)
+        if not isinstance(integrand, ufl.Form):
+            order = int(coordinate_map(mesh).degree)
+            integrand = integrand * ufl.dx(domain=mesh, degree=2 * (self.degree + order - 1))
+        # what depends on values instead of gradients is of higher order
+        one = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0)))
+        of_cells = ufl.Form(
+            [
+                integral.reconstruct(integrand=one * integral.integrand())
+                for integral in integrand.integrals()
+                if integral.integral_type() == "cell"
+            ]
+        )
+        lowered = apply_derivatives(apply_algebra_lowering(of_cells))
+        swap = {ufl.grad(w): g - ufl.grad(w), ufl.grad(v): h - ufl.grad(v), w: 0 * w, v: 0 * v}
+        return fem.form(ufl.replace(lowered, swap)), (g, w, h, v)

@@ -1,0 +1,707 @@
+"""From a STEP file to a scene: parts, proposed interfaces, then laws, materials and mesh sizes by pattern.
+
+>>> step = Scene.from_step("flange.step")
+>>> print(step)                                   # the parts, and where they touch
+>>> step.material("*", LinearElastic(E=200e3, nu=0.3))
+>>> step.size("gasket", 5.0)
+>>> step.join("*", Perfect())                     # later calls go before earlier ones
+>>> step.join("gasket|upper flange", Contact(gap=0.0))
+>>> step.face("lower flange:end", normal=(0, 0, -1), at=(None, None, -60.0))
+>>> scene = step.scene()                          # meshes; from here on an ordinary scene
+>>> scene.fix("lower flange:end")
+
+Lengths are millimetres: OpenCASCADE converts from the unit of the file.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, from_gmsh, gmsh_session
+from dolfinx_frontend.geometry.solids import (
+    Cut,
+    Loaded,
+    Solid,
+    Surface,
+    Touch,
+    load,
+    matching,
+    nearest,
+    solids_of,
+    touching,
+    vector,
+)
+from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.scene import Overlap, Scene, Space
+
+__all__ = ["Cut", "Solid", "StepAssembly", "Surface", "Touch", "read_step"]
+
+Array = npt.NDArray[np.float64]
+
+GAP = 1e-4
+"""Default of the gap up to which faces count as nearly touching, as a share of the assembly's diagonal."""
+
+_OPTIONS = {
+    "General.Verbosity": 0.0,
+    "Geometry.OCCImportLabels": 1.0,
+    "Geometry.ToleranceBoolean": 0.0,
+    "Mesh.MeshSizeFromPoints": 0.0,
+    "Mesh.MeshSizeExtendFromBoundary": 0.0,
+    "Mesh.Algorithm": 6.0,
+    "Mesh.Algorithm3D": 1.0,
+    "Mesh.SecondOrderIncomplete": 0.0,
+}
+_POOR = 0.1
+"""Scaled Jacobian below which curved cells are mended."""
+
+_FOLDED = 0.03
+"""Scaled Jacobian below which cells are straightened."""
+
+_ROUNDS = 20
+"""Most rounds of straightening; each one may fold the neighbours, but straight cells never are."""
+
+_TETRAHEDRON_10 = 11
+_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [3, 2], [3, 1]])
+"""Number in gmsh of a quadratic tetrahedron, and the ends of the edges that its last six nodes are on."""
+
+_ANGLE = math.cos(math.radians(1.0))
+
+
+@dataclass(frozen=True)
+class _Join:
+    """What an interface of the scene is made of."""
+
+    law: Law
+    space: Space | None
+    overlap: Overlap | None
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Body:
+    """What a substructure of the scene is made of."""
+
+    material: Material | Callable[[Any, Any], Any]
+    degree: int
+    body_force: Any
+
+
+@dataclass(eq=False, repr=False)
+class StepAssembly:
+    """The parts of a STEP file and where they touch, to be completed and meshed; see :func:`read_step`.
+
+    Attributes
+    ----------
+    path
+        The file.
+    solids
+        Name -> part.
+    touches
+        Name -> proposed interface.
+    gap
+        Distance up to which faces count as nearly touching, length.
+    """
+
+    path: Path
+    solids: dict[str, Solid]
+    touches: dict[str, Touch]
+    gap: float
+    _cuts: tuple[Cut, ...]
+    _imprint: bool
+    _tolerance: float | None
+    _bodies: dict[str, _Body] = field(default_factory=dict)
+    _sizes: dict[str, float] = field(default_factory=dict)
+    _local: dict[str, float] = field(default_factory=dict)
+    _joins: dict[str, _Join | None] = field(default_factory=dict)
+    _named: dict[tuple[str, str], tuple[int, ...]] = field(default_factory=dict)
+    _faces: dict[str, tuple[str, str]] = field(default_factory=dict)
+    _alone: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self._taken = _contact_faces(self.touches.values())
+        for (part, face), tags in self._taken.items():
+            for name, touch in self.touches.items():
+                for side in (0, 1):
+                    if touch.parts[side] == part and set(touch.surfaces[side]) <= set(tags):
+                        old = self._faces.get(name, ("", ""))
+                        new = f"{part}:{face}"
+                        self._faces[name] = (new, old[1]) if side == 0 else (old[0], new)
+
+    # -- what the user adds ----------------------------------------------------------------------
+    def material(
+        self,
+        pattern: str,
+        material: Material | Callable[[Any, Any], Any],
+        degree: int = 2,
+        body_force: Any = None,
+    ) -> None:
+        """Material and degree of the parts of a name or glob pattern; as :meth:`Scene.substructure`."""
+        for name in matching(pattern, self.solids, "part", "material"):
+            self._bodies[name] = _Body(material, degree, body_force)
+
+    def size(self, pattern: str, size: float) -> None:
+        """Cell size (length) of parts, or of the cells at interfaces, by name or glob pattern.
+
+        Where two parts share a face the smaller of their sizes holds on it. The default of a part is
+        2 volume / area: the thickness of a plate, the radius of a bar.
+        """
+        if not (isinstance(size, (int, float)) and math.isfinite(size) and size > 0.0):
+            raise SceneError(f"size of {pattern!r}: {size!r} must be positive and finite")
+        if "|" in pattern:
+            self._local |= dict.fromkeys(self._interfaces(pattern, "size"), float(size))
+        else:
+            names = matching(pattern, self.solids, "part", "size")
+            self._sizes |= dict.fromkeys(names, float(size))
+
+    def join(
+        self,
+        pattern: str,
+        law: Law,
+        *,
+        space: Space | None = None,
+        overlap: Overlap | None = None,
+        **settings: Any,
+    ) -> None:
+        """Give the interfaces of a name or glob pattern a law; later calls go before earlier ones.
+
+        Parameters
+        ----------
+        pattern
+            ``"gasket|upper flange"``, ``"*|nut*"``, ``"*"``; the two parts in either order.
+        law
+            Its law.
+        space, overlap
+            As for :meth:`Scene.interface`. None: facets, except for Perfect and Elastic on meshes that
+            match; partial where faces nearly touch.
+        settings
+            Other settings of :meth:`Scene.interface`.
+        """
+        if not isinstance(law, Law):
+            raise SceneError(f"join {pattern!r}: {law!r} is not a law; give one, e.g. Perfect()")
+        for name in self._interfaces(pattern, "join"):
+            self._joins[name] = _Join(law, space, overlap, dict(settings))
+
+    def leave(self, pattern: str) -> None:
+        """Leave the proposed interfaces of a name or glob pattern open: their faces stay free."""
+        for name in self._interfaces(pattern, "leave"):
+            self._joins[name] = None
+
+    def face(
+        self,
+        name: str,
+        *,
+        normal: Sequence[float] | None = None,
+        at: Sequence[float | None] | None = None,
+        radius: float | None = None,
+        tags: Sequence[int] | None = None,
+        where: Callable[[Surface], bool] | None = None,
+    ) -> tuple[str, ...]:
+        """Name faces that are in no interface, to fix or to load them.
+
+        Parameters
+        ----------
+        name
+            ``"part:face"``; the part may be a glob pattern. All faces that fit the conditions get the name.
+        normal
+            Outward normal of a plane face, within one degree.
+        at
+            Coordinates (x, y, z) that every point of the face has, None for any.
+        radius
+            Of a cylinder.
+        tags
+            Numbers, as :meth:`faces` shows them.
+        where
+            Any other condition on a :class:`Surface`.
+
+        Returns
+        -------
+        tuple
+            The faces, ``("part:face", ...)``, as :meth:`Scene.fix` takes them.
+
+        Raises
+        ------
+        SceneError
+            No part, or no face of a part, fits; a face has a name already.
+        """
+        pattern, colon, face = name.partition(":")
+        if not colon or not face or ":" in face:
+            raise SceneError(f"face {name!r}: write 'part:face'")
+        found = []
+        for part in matching(pattern, self.solids, "part", f"face {name!r}"):
+            free = self._free(part)
+            fits = [s for s in free if _fits(s, self._small(), normal, at, radius, tags, where)]
+            if not fits:
+                raise SceneError(
+                    f"face {name!r}: no free face of {part!r} fits; its free faces are:\n"
+                    + _surface_table(free)
+                )
+            if (part, face) in self._taken or face == FREE:
+                raise SceneError(f"face {name!r}: the name is in use on {part!r}; choose another one")
+            old = self._named.get((part, face), ())
+            self._named[part, face] = (*old, *(s.tag for s in fits))
+            found.append(f"{part}:{face}")
+        return tuple(found)
+
+    # -- what the user sees ----------------------------------------------------------------------
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """Names of the proposed interfaces."""
+        return tuple(self.touches)
+
+    def sides(self, interface: str) -> tuple[str, str]:
+        """The two faces of a proposed interface, ``"part:face"``."""
+        if interface not in self.touches:
+            raise unknown_name("interface", interface, self.touches, str(self.path.name))
+        return self._faces[interface]
+
+    def faces(self, pattern: str = "*") -> str:
+        """Free faces of parts as a table: number, name, shape, area, centre."""
+        blocks = []
+        for part in matching(pattern, self.solids, "part", "faces"):
+            names = {t: face for (p, face), tags in self._named.items() if p == part for t in tags}
+            surfaces = [s for s in self.solids[part].surfaces if not self._in_contact(s)]
+            blocks.append(f"{part}\n{_surface_table(surfaces, names)}")
+        return "\n".join(blocks)
+
+    def __str__(self) -> str:
+        volume = sum(s.volume for s in self.solids.values())
+        lines = [
+            f"{self.path.name}: {len(self.solids)} parts, {volume:.5g} mm^3, "
+            f"{len(self.touches)} interfaces proposed (gap up to {self.gap:.3g} mm)",
+            "",
+        ]
+        rows: list[tuple[str, ...]] = [("part", "volume mm^3", "cells mm", "faces", "material")]
+        for name, solid in self.solids.items():
+            body = self._bodies.get(name)
+            material = "-" if body is None else type(body.material).__name__
+            size = f"{self._size(name):.3g}"
+            rows.append((name, f"{solid.volume:.5g}", size, str(len(solid.surfaces)), material))
+        lines += _columns(_merged(rows), "<>>><")
+        contacts: list[tuple[str, ...]] = [("interface", "kind", "area mm^2", "gap mm", "face", "law")]
+        for name, touch in self.touches.items():
+            join = self._joins.get(name)
+            law = "-" if name not in self._joins else "left open"
+            law = type(join.law).__name__ if join is not None else law
+            sizes = (f"{touch.area:.5g}", f"{touch.gap:.3g}")
+            contacts.append((name, touch.kind, *sizes, _shape(touch), law))
+        if len(contacts) > 1:
+            lines += ["", *_columns(_merged(contacts), "<<>><<")]
+        lines += [f"nothing touches: {text}" for text in self._alone]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"StepAssembly({self.path.name}: {len(self.solids)} parts, {len(self.touches)} interfaces)"
+
+    # -- from here to a scene --------------------------------------------------------------------
+    def mesh(self, *, per_turn: int = 8, order: int = 2, progress: bool = True) -> Assembly:
+        """Mesh the parts.
+
+        Parameters
+        ----------
+        per_turn
+            Least number of cells around a full circle.
+        order
+            2: cells follow round faces; 1: straight cells.
+        progress
+            A progress bar if on a terminal.
+
+        Raises
+        ------
+        SceneError
+            gmsh cannot mesh a part, or curved cells are folded.
+        """
+        if order not in (1, 2):
+            raise SceneError(f"order = {order!r} must be 1 (straight) or 2 (curved)")
+        if per_turn < 3:
+            raise SceneError(f"per_turn = {per_turn!r}: a circle needs three cells at least")
+        with self._model({"Mesh.MeshSizeFromCurvature": float(per_turn)}) as (gmsh, loaded):
+            model = gmsh.model
+            self._check_same(model, loaded)
+            for name, tags in loaded.volumes.items():
+                model.addPhysicalGroup(3, tags, name=name)
+            for (part, face), surfaces in {**self._taken, **self._named}.items():
+                model.addPhysicalGroup(2, sorted(surfaces), name=f"{part}:{face}")
+            self._set_sizes(model, loaded)
+            _generate(gmsh, loaded, order, progress)
+            parts = from_gmsh(model).parts
+        kinds = {name: _kind(j.law) for name, j in self._joins.items() if j is not None}
+        connections = tuple(Connection(n, kinds[n], *self._faces[n]) for n in self.touches if n in kinds)
+        parameters = {"path": str(self.path), "per_turn": per_turn, "order": order}
+        return Assembly({n: parts[n] for n in self.solids}, connections, MappingProxyType(parameters))
+
+    def scene(self, assembly: Assembly | None = None, **settings: Any) -> Scene:
+        """The scene: every part with its material, every interface with its law.
+
+        Parameters
+        ----------
+        assembly
+            From :meth:`mesh`, to use a mesh again with other laws; None: mesh now, with `settings`.
+
+        Raises
+        ------
+        SceneError
+            A part without a material, an interface without a law.
+        """
+        lacking = [n for n in self.solids if n not in self._bodies]
+        if lacking:
+            raise SceneError(
+                f"no material for {_some(lacking)}; give one: step.material({lacking[0]!r}, ...)"
+            )
+        lacking = [n for n in self.touches if n not in self._joins]
+        if lacking:
+            raise SceneError(
+                f"no law for {_some(lacking)}; give one, step.join({lacking[0]!r}, Perfect()), or leave it "
+                f"open, step.leave({lacking[0]!r})"
+            )
+        meshed = assembly or self.mesh(**settings)
+        scene = Scene()
+        for name in self.solids:
+            body = self._bodies[name]
+            scene.substructure(name, meshed.parts[name], body.material, body.degree, body.body_force)
+        for name, touch in self.touches.items():
+            join = self._joins[name]
+            if join is None:
+                continue
+            matches = touch.kind != "near"
+            glued = matches and isinstance(join.law, (Perfect, Elastic))
+            settings = dict(join.settings)
+            if not matches and "max_distance" not in settings:
+                # as a share of the facets, at least the usual quarter
+                size = min(self._size(p) for p in touch.parts)
+                settings["max_distance"] = max(0.25, 4.0 * touch.widest / size)
+            space: Space = join.space or ("points" if glued else "facets")
+            partial = not matches and space == "facets"
+            scene.interface(
+                name,
+                *self._faces[name],
+                join.law,
+                space=space,
+                overlap=join.overlap or ("partial" if partial else "full"),
+                **settings,
+            )
+        return scene
+
+    # -- inside ----------------------------------------------------------------------------------
+    def _interfaces(self, pattern: str, where: str) -> list[str]:
+        """Interfaces of a pattern; the two parts may come in either order."""
+        both = {name: name for name in self.touches}
+        for name, touch in self.touches.items():
+            rest = name[len("|".join(touch.parts)) :]
+            both.setdefault("|".join(reversed(touch.parts)) + rest, name)
+        try:
+            found = matching(pattern, both, "interface", where)
+        except SceneError:
+            raise unknown_name("interface", pattern, self.touches, where) from None
+        return list(dict.fromkeys(both[name] for name in found))
+
+    def _small(self) -> float:
+        """A length that is rounding."""
+        low = np.min([s.low for s in self.solids.values()], axis=0)
+        high = np.max([s.high for s in self.solids.values()], axis=0)
+        return 1e-6 * float(np.linalg.norm(high - low))
+
+    def _size(self, part: str) -> float:
+        return self._sizes.get(part, self.solids[part].thickness)
+
+    def _in_contact(self, surface: Surface) -> bool:
+        return any(p == surface.part and surface.tag in tags for (p, _), tags in self._taken.items())
+
+    def _free(self, part: str) -> list[Surface]:
+        """Faces of a part that are in no interface and have no name."""
+        named = {t for (p, _), tags in self._named.items() if p == part for t in tags}
+        return [
+            s for s in self.solids[part].surfaces if s.tag not in named and not self._in_contact(s)
+        ]
+
+    @contextmanager
+    def _model(self, options: Mapping[str, float]) -> Iterator[tuple[Any, Loaded]]:
+        """The CAD model, read again: nothing of gmsh is kept between calls."""
+        with gmsh_session(self.path.stem, {**_OPTIONS, **options}) as gmsh:
+            yield gmsh, load(gmsh, self.path, self._cuts, self._imprint, self._tolerance)
+
+    def _check_same(self, model: Any, loaded: Loaded) -> None:
+        """Numbers of faces are those of the first reading, unless the file has changed."""
+        for name, solid in self.solids.items():
+            tags = loaded.volumes.get(name, [])
+            same = bool(tags) and np.isclose(
+                sum(model.occ.getMass(3, t) for t in tags), solid.volume, rtol=1e-9
+            )
+            found = {abs(t) for _, t in model.getBoundary([(3, t) for t in tags], oriented=False)}
+            if not same or found != {s.tag for s in solid.surfaces}:
+                raise SceneError(f"{self.path.name!r} has changed since it was read: read it again")
+
+    def _set_sizes(self, model: Any, loaded: Loaded) -> None:
+        """Cells of a part, and of an interface, are not larger than asked for."""
+        mesh = model.mesh.field
+        fields = []
+
+        def constant(key: str, tags: Sequence[int], size: float) -> None:
+            number = mesh.add("Constant")
+            mesh.setNumbers(number, key, tags)
+            mesh.setNumber(number, "VIn", size)
+            mesh.setNumber(number, "IncludeBoundary", 1)
+            fields.append(number)
+
+        for name, tags in loaded.volumes.items():
+            constant("VolumesList", tags, self._size(name))
+        for name, size in self._local.items():
+            touch = self.touches[name]
+            constant("SurfacesList", sorted({*touch.surfaces[0], *touch.surfaces[1]}), size)
+        smallest = mesh.add("Min")
+        mesh.setNumbers(smallest, "FieldsList", fields)
+        mesh.setAsBackgroundMesh(smallest)
+
+
+def read_step(
+    path: str | Path,
+    *,
+    gap: float | None = None,
+    cuts: Sequence[Cut] | Cut = (),
+    imprint: bool = True,
+    tolerance: float | None = None,
+) -> StepAssembly:
+    """Parts of a STEP file, and where they touch.
+
+    Parameters
+    ----------
+    path
+        The file; every solid becomes a part. Its name is that of its product, numbered where several
+        solids have the same; without one it is ``part``.
+    gap
+        Distance up to which faces count as nearly touching, mm. None: 1e-4 of the diagonal of the assembly.
+    cuts
+        Planes that cut solids in two, for the pretension sections of bolts.
+    imprint
+        Divide touching faces where the others end, so that both sides are the same face and their meshes
+        match. False: every part keeps its faces and gets a mesh of its own.
+    tolerance
+        Distance up to which OpenCASCADE takes points for one when it imprints, mm; None: its own.
+
+    Returns
+    -------
+    StepAssembly
+        To be printed, completed and meshed.
+
+    Raises
+    ------
+    SceneError
+        A file that cannot be read as STEP or holds no solid; solids that overlap (which, and how much); parts
+        that do not touch (with the nearest distances); a cut that does not cut in two.
+    """
+    file = Path(path)
+    planes = (cuts,) if isinstance(cuts, Cut) else tuple(cuts)
+    for name, value in (("gap", gap), ("tolerance", tolerance)):
+        if value is not None and not (math.isfinite(value) and value >= 0.0):
+            raise SceneError(f"{name} = {value!r} must be >= 0 and finite")
+    with gmsh_session(file.stem, _OPTIONS) as gmsh:
+        loaded = load(gmsh, file, planes, imprint, tolerance)
+        solids = solids_of(gmsh.model, loaded)
+        low = np.min([s.low for s in solids.values()], axis=0)
+        high = np.max([s.high for s in solids.values()], axis=0)
+        reach = GAP * float(np.linalg.norm(high - low)) if gap is None else float(gap)
+        touches = touching(gmsh, loaded, solids, reach)
+        used = {p for t in touches for p in t.parts}
+        lonely = [n for n in solids if n not in used] if len(solids) > 1 else []
+        alone = tuple(nearest(gmsh.model, loaded, solids, [n], 1)[0] for n in lonely)
+    names = {t.name: t for t in touches}
+    return StepAssembly(file, solids, names, reach, planes, imprint, tolerance, _alone=alone)
+
+
+def _contact_faces(touches: Any) -> dict[tuple[str, str], tuple[int, ...]]:
+    """(part, face) -> surfaces: one face for what a part shares with another one.
+
+    Interfaces that use the same surface of a part have one face there: a facet has one name.
+    """
+    uses: dict[str, list[tuple[set[int], list[str]]]] = {}
+    for touch in touches:
+        suffix = touch.name[len("|".join(touch.parts)) :]
+        for side in (0, 1):
+            tags, label = set(touch.surfaces[side]), touch.parts[1 - side] + suffix
+            groups = uses.setdefault(touch.parts[side], [])
+            meets = [g for g in groups if g[0] & tags]
+            for g in meets:
+                groups.remove(g)
+            merged = set().union(tags, *(g[0] for g in meets))
+            groups.append((merged, [*(n for g in meets for n in g[1]), label]))
+    out = {}
+    for part, groups in uses.items():
+        several = 0
+        for tags, labels in groups:
+            name = labels[0]
+            if len(labels) > 1:
+                several += 1
+                name = "contact" if several == 1 else f"contact#{several}"
+            unique, number = name, 1
+            while (part, unique) in out:
+                number += 1
+                unique = f"{name}#{number}"
+            out[part, unique] = tuple(sorted(tags))
+    return out
+
+
+def _fits(
+    surface: Surface,
+    small: float,
+    normal: Sequence[float] | None,
+    at: Sequence[float | None] | None,
+    radius: float | None,
+    tags: Sequence[int] | None,
+    where: Callable[[Surface], bool] | None,
+) -> bool:
+    if normal is not None:
+        wanted = np.asarray(normal, dtype=np.float64)
+        length = float(np.linalg.norm(wanted)) if wanted.shape == (3,) else 0.0
+        if not length > 0.0:
+            raise SceneError(f"normal = {normal!r}; give three numbers")
+        if float(surface.normal @ wanted) < _ANGLE * length:
+            return False
+    if at is not None:
+        if len(at) != 3:
+            raise SceneError(f"at = {at!r}; give three coordinates, None for any")
+        for axis, value in enumerate(at):
+            if value is None:
+                continue
+            # a box of OpenCASCADE is a little larger than the face
+            if max(abs(surface.low[axis] - value), abs(surface.high[axis] - value)) > small:
+                return False
+    if radius is not None:
+        own = surface.radius
+        if own is None or abs(own - radius) > 1e-6 * max(abs(radius), own):
+            return False
+    if tags is not None and surface.tag not in tags:
+        return False
+    return where is None or bool(where(surface))
+
+
+def _kind(law: Law) -> str:
+    if isinstance(law, Contact):
+        return "contact"
+    return {"Perfect": "perfect", "Preload": "preload"}.get(type(law).__name__, "elastic")
+
+
+def _shape(touch: Touch) -> str:
+    return f"normal {vector(touch.normal)}" if np.any(touch.normal) else touch.shape
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return ", ".join(repr(n) for n in names[:6]) + more
+
+
+def _columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(sides))]
+    forms = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
+    return [
+        "  ".join(f"{cell:{form}}" for cell, form in zip(row, forms, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _merged(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Rows that say the same of ``nut 1``, ``nut 2``, ... as one row, ``nut 1 .. 8``."""
+    out: list[tuple[str, ...]] = []
+    counts: list[int] = []
+    for row in rows:
+        stem = _stem(row[0])
+        same = [
+            k for k, other in enumerate(out) if other[1:] == row[1:] and _stem(other[0]) == stem
+        ]
+        if same and stem != row[0]:
+            counts[same[0]] += 1
+        else:
+            out.append(row)
+            counts.append(1)
+    return [
+        (row[0] if count == 1 else f"{_stem(row[0])}  ({count})", *row[1:])
+        for row, count in zip(out, counts, strict=True)
+    ]
+
+
+def _stem(name: str) -> str:
+    """A name without its numbers."""
+    return re.sub(r"\d+", "*", name)
+
+
+def _surface_table(surfaces: Sequence[Surface], names: Mapping[int, str] | None = None) -> str:
+    rows = [("tag", "area mm^2", "centre mm", "face", "name")]
+    for s in surfaces:
+        centre = vector(np.round(s.centre, 2))
+        rows.append((str(s.tag), f"{s.area:.5g}", centre, s.shape, (names or {}).get(s.tag, "")))
+    return "\n".join("  " + line for line in _columns(rows, ">>>" + "<<"))
+
+
+def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
+    """Mesh, curve the cells, and see to it that none is folded."""
+    model = gmsh.model
+    with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
+        for dim in (1, 2, 3):
+            try:
+                model.mesh.generate(dim)
+            except Exception as failure:  # gmsh raises nothing more specific
+                what = ("", "curves", "faces", "solids")[dim]
+                raise SceneError(
+                    f"gmsh cannot mesh the {what} of {_some(list(loaded.volumes))} ({failure}); give "
+                    "smaller sizes, or mend the geometry"
+                ) from failure
+            bar.step()
+        if order == 2:
+            model.mesh.setOrder(2)
+            if min(_worst(model, loaded).values()) < _POOR:
+                model.mesh.optimize("HighOrderElastic")
+                _straighten(model)
+            folded = {n: q for n, q in _worst(model, loaded).items() if q <= 0.0}
+            if folded:
+                raise SceneError(
+                    f"curved cells of {_some(list(folded))} are folded (scaled Jacobian "
+                    f"{min(folded.values()):.2g}); give smaller sizes, more cells per_turn, or order=1"
+                )
+            bar.step()
+
+
+def _straighten(model: Any) -> None:
+    """Take the curvature from cells that it folds, as in a ring that is thinner than a chord's sagitta."""
+    mesh = model.mesh
+    cells, nodes = mesh.getElementsByType(_TETRAHEDRON_10)
+    nodes = nodes.reshape(-1, 10)
+    for _ in range(_ROUNDS):
+        quality = np.asarray(mesh.getElementQualities(cells, "minSJ"))
+        bad = nodes[quality < _FOLDED]
+        if not len(bad):
+            return
+        tags, x, _ = mesh.getNodes()
+        place = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+        place[tags.astype(np.int64)] = np.arange(len(tags))
+        x = x.reshape(-1, 3)
+        ends = bad[:, _EDGES]
+        middle = 0.5 * (x[place[ends[:, :, 0]]] + x[place[ends[:, :, 1]]])
+        chosen, first = np.unique(bad[:, 4:], return_index=True)
+        for tag, at in zip(chosen.tolist(), middle.reshape(-1, 3)[first].tolist(), strict=True):
+            mesh.setNode(tag, at, [])
+
+
+def _worst(model: Any, loaded: Loaded) -> dict[str, float]:
+    """Part -> smallest scaled Jacobian of its cells."""
+    out = {}
+    for name, volumes in loaded.volumes.items():
+        found = [
+            float(model.mesh.getElementQualities(tags, "minSJ").min())
+            for volume in volumes
+            for tags in model.mesh.getElements(3, volume)[1]
+        ]
+        if not found:
+            raise SceneError(f"gmsh made no cells in {name!r}; give it a smaller size, or mend the geometry")
+        out[name] = min(found)
+    return out

@@ -1,0 +1,1 @@
+"""Files: saved results, chaos files, fields for ParaView."""

@@ -1,0 +1,1078 @@
+"""A chaos in a file, to be evaluated anywhere; and the same chaos as an OpenTURNS object.
+
+The format is described in ``docs/chaos_file.md``.  A file holds all that its evaluation needs: the
+three-term recurrences of the germs, the multi-indices and the coefficients; and the maps between
+germs and physical parameters.  :class:`ChaosFile` evaluates it with NumPy alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import math
+import os
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
+from urllib.parse import quote, unquote
+
+import numpy as np
+import numpy.typing as npt
+from latin_core.stochastic import ChaosBasis
+
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.uncertainty.random import CorrelatedParameter, RandomParameter, RandomSpace, Sobol
+
+__all__ = [
+    "ChaosFile",
+    "ChaosFileError",
+    "Field",
+    "ParameterMap",
+    "load_chaos",
+    "save_chaos",
+    "to_openturns",
+]
+
+Array = npt.NDArray[np.float64]
+Map = Literal["affine", "exponential", "table"]
+Tree: TypeAlias = dict[str, Any]
+
+# what a damaged file may raise while it is read, whatever is damaged
+DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+FORMAT = "latin-chaos"
+VERSION = 1
+_USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
+
+
+class ChaosFileError(ValueError):
+    """A file that is no chaos file, is damaged or of another version, or cannot be written."""
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A field with one column a chaos mode.
+
+    Attributes
+    ----------
+    coefficients
+        (rows, P + 1).
+    unit, description
+        For the reader.
+    shape
+        Of one realisation of the field, row-major, with `rows` entries; default (rows,).
+    """
+
+    coefficients: Array
+    unit: str = ""
+    shape: tuple[int, ...] | None = None
+    description: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterMap:
+    """How a physical parameter (one row) or random field (one row a point) follows from its germs.
+
+    With a = offset + matrix @ germs: ``"affine"``: the value is a; ``"exponential"``: exp(a);
+    ``"table"``: linear interpolation of `value` over `argument`, both ascending.
+    """
+
+    map: Map
+    germs: tuple[int, ...]
+    offset: Array  # (rows,)
+    matrix: Array  # (rows, len(germs))
+    mean: Array  # (rows,)
+    argument: Array | None = None  # (n,)
+    value: Array | None = None  # (n,)
+
+    def at(self, germ_points: Array) -> Array:
+        """Values (rows, N) at points (N, L)."""
+        a: Array = self.offset[:, None] + self.matrix @ germ_points[:, list(self.germs)].T
+        if self.map == "exponential":
+            a = np.asarray(np.exp(a))
+        elif self.argument is not None and self.value is not None:
+            a = np.asarray(np.interp(a, self.argument, self.value))
+        return a
+
+    def score(self, values: Array) -> Array:
+        """matrix @ germs for values (N,) of a parameter with one row; NaN if out of range."""
+        argument = values
+        if self.map == "exponential":
+            with np.errstate(invalid="ignore", divide="ignore"):
+                argument = np.log(values)
+        elif self.argument is not None and self.value is not None:
+            argument = np.asarray(
+                np.interp(values, self.value, self.argument, left=np.nan, right=np.nan)
+            )
+        score: Array = argument - self.offset[0]
+        return score
+
+
+# ---------------------------------------------------------------------------------------------
+# What is in the file
+# ---------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False, repr=False)
+class ChaosFile:
+    """A chaos read from a file.
+
+    Attributes
+    ----------
+    path
+        Where it came from.
+    germ_names, germ_families
+        (L,) what the germs are called, and their polynomials in words.
+    alpha, beta
+        (L, n) recurrence x psi_k = beta_k+1 psi_k+1 + alpha_k psi_k + beta_k psi_k-1 of each germ.
+    indices
+        (P + 1, L) degrees of the modes; row 0 is the mean.
+    groups
+        Independent random source -> its germs.
+    parameters
+        Physical parameters and random fields.
+    fields
+        Fields by name.
+    meta
+        What was said on saving, with ``order`` and ``software``.
+    """
+
+    path: Path
+    germ_names: tuple[str, ...]
+    germ_families: tuple[str, ...]
+    alpha: Array
+    beta: Array
+    indices: npt.NDArray[np.int64]
+    groups: dict[str, tuple[int, ...]]
+    parameters: dict[str, ParameterMap]
+    fields: dict[str, Field]
+    meta: dict[str, Any]
+
+    @property
+    def dimension(self) -> int:
+        """L, the number of germs."""
+        return len(self.germ_names)
+
+    def __repr__(self) -> str:
+        return (
+            f"<ChaosFile {self.path}: {len(self.fields)} fields on {len(self.indices)} modes of "
+            f"{', '.join(self.germ_names)}>"
+        )
+
+    def _field(self, name: str) -> tuple[Array, tuple[int, ...]]:
+        found = self.fields.get(name)
+        if found is None:
+            raise unknown_name("field", name, self.fields, str(self.path))
+        rows = len(found.coefficients)
+        return found.coefficients, (rows,) if found.shape is None else found.shape
+
+    def modes(self, germ_points: npt.ArrayLike) -> Array:
+        """All modes at points (N, L): (N, P + 1)."""
+        xi = np.atleast_2d(np.asarray(germ_points, dtype=np.float64))
+        if xi.shape[1] != self.dimension:
+            raise SceneError(
+                f"{self.path}: points have {xi.shape[1]} coordinates, the chaos has "
+                f"{self.dimension} germs: {', '.join(self.germ_names)}"
+            )
+        psi = np.ones((len(xi), len(self.indices)))
+        for germ in range(self.dimension):
+            degrees = self.indices[:, germ]
+            x, a, b = xi[:, germ], self.alpha[germ], self.beta[germ]
+            line = np.ones((len(xi), int(degrees.max()) + 1))
+            for k in range(line.shape[1] - 1):
+                line[:, k + 1] = (x - a[k]) * line[:, k]
+                if k:
+                    line[:, k + 1] -= b[k] * line[:, k - 1]
+                line[:, k + 1] /= b[k + 1]
+            psi *= line[:, degrees]
+        return psi
+
+    def evaluate(self, name: str, germ_points: npt.ArrayLike) -> Array:
+        """A field at points (N, L) of the germs: (N, *shape)."""
+        coefficients, shape = self._field(name)
+        psi = self.modes(germ_points)
+        return np.reshape(psi @ coefficients.T, (len(psi), *shape))
+
+    def mean(self, name: str) -> Array:
+        """Expectation of a field, its shape."""
+        coefficients, shape = self._field(name)
+        return coefficients[:, 0].reshape(shape)
+
+    def std(self, name: str) -> Array:
+        """Standard deviation of a field, its shape."""
+        coefficients, shape = self._field(name)
+        deviation: Array = np.sqrt(np.sum(coefficients[:, 1:] ** 2, axis=1))
+        return deviation.reshape(shape)
+
+    def sobol(self, name: str) -> dict[str, Sobol]:
+        """Sobol indices of a field, its shape, by source; NaN where there is no variance."""
+        coefficients, shape = self._field(name)
+        squares = coefficients[:, 1:] ** 2
+        present = self.indices[1:] > 0
+        variance = squares.sum(axis=1)
+        result = {}
+        for source, columns in self.groups.items():
+            inside = present[:, list(columns)].any(axis=1)
+            alone = inside & ~np.delete(present, list(columns), axis=1).any(axis=1)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                first, total = (squares[:, m].sum(axis=1) / variance for m in (alone, inside))
+            result[source] = Sobol(first.reshape(shape), total.reshape(shape))
+        return result
+
+    def parameter(self, name: str, germ_points: npt.ArrayLike) -> Array:
+        """A physical parameter (N,), or random field (N, points), at points (N, L) of the germs."""
+        found = self.parameters.get(name)
+        if found is None:
+            raise unknown_name("parameter", name, self.parameters, str(self.path))
+        values = found.at(np.atleast_2d(np.asarray(germ_points, dtype=np.float64))).T
+        return values[:, 0] if len(found.offset) == 1 else values
+
+    def germ_points(self, values: Mapping[str, npt.ArrayLike]) -> Array:
+        """Points (N, L) for values of parameters, (N,) or one for all; the others at their mean.
+
+        The germs of random fields are 0.
+
+        Raises
+        ------
+        SceneError
+            An unknown name, a random field, different lengths, or a value that the parameter
+            cannot take.
+        """
+        numbers = {n: p for n, p in self.parameters.items() if len(p.offset) == 1}
+        given = {}
+        for name, value in values.items():
+            if name not in numbers:
+                raise unknown_name("parameter", name, numbers, str(self.path))
+            given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        sizes = {len(v) for v in given.values()} - {1}
+        if len(sizes) > 1:
+            raise SceneError(f"{self.path}: values of different lengths: {sorted(sizes)}")
+        count = sizes.pop() if sizes else 1
+        points = np.zeros((count, self.dimension))
+        matrix = np.zeros((len(numbers), self.dimension))
+        scores = np.empty((len(numbers), count))
+        for row, (name, found) in enumerate(numbers.items()):
+            matrix[row, list(found.germs)] = found.matrix[0]
+            scores[row] = found.score(given.get(name, found.mean))
+            if not np.isfinite(scores[row]).all():
+                raise SceneError(f"{self.path}: parameter {name!r} cannot take the values given")
+        used = np.flatnonzero(matrix.any(axis=0))
+        # square, and triangular in each correlated group
+        points[:, used] = np.linalg.solve(matrix[:, used], scores).T
+        return points
+
+
+# ---------------------------------------------------------------------------------------------
+# The tree that both formats hold
+# ---------------------------------------------------------------------------------------------
+def _parameter_maps(space: RandomSpace) -> Iterator[tuple[str, Tree]]:
+    for block in space._blocks:
+        columns = np.array(block.columns, dtype=np.int64)
+        if block.field is not None:
+            r = len(columns)
+            ends = np.asarray(block.field.value(np.vstack([np.zeros(r), np.eye(r)])))
+            kind: Map = "affine" if block.field.affine else "exponential"
+            argument = ends if block.field.affine else np.log(ends)
+            yield block.name, {
+                "map": kind,
+                "germs": columns,
+                "offset": argument[:, 0],
+                "matrix": argument[:, 1:] - argument[:, :1],
+                "mean": np.full(len(ends), block.field.mean),
+            }
+            continue
+        for position, member in enumerate(block.members):
+            shape = _one_dimensional(member)
+            scale = float(shape.pop("scale"))
+            yield member.name, {
+                **shape,
+                "germs": columns,
+                "matrix": scale * block.mixing[position : position + 1],
+                "mean": np.array([member.mean]),
+            }
+
+
+def _one_dimensional(parameter: RandomParameter) -> Tree:
+    """map, offset, scale (and table) of a parameter over its germ or normal score."""
+    unit = parameter.value(np.array([0.0, 1.0]))
+    if parameter.affine:
+        return {"map": "affine", "offset": unit[:1], "scale": unit[1] - unit[0]}
+    # the others are monotone functions of a normal score
+    score = np.linspace(-8.0, 8.0, 4097)
+    value = parameter.value(score)
+    straight = unit[0] + (unit[1] - unit[0]) * score
+    if np.allclose(value, straight, rtol=0.0, atol=1e-13 * np.abs(value).max()):
+        return {"map": "affine", "offset": unit[:1], "scale": unit[1] - unit[0]}
+    if value[0] > 0.0:
+        logs = np.log(unit)
+        straight = logs[0] + (logs[1] - logs[0]) * score
+        if np.allclose(np.log(value), straight, rtol=0.0, atol=1e-11):
+            return {"map": "exponential", "offset": logs[:1], "scale": logs[1] - logs[0]}
+    keep = np.isfinite(value)
+    return {
+        "map": "table",
+        "offset": np.zeros(1),
+        "scale": 1.0,
+        "argument": score[keep],
+        "value": value[keep],
+    }
+
+
+def software() -> str:
+    """What writes a file."""
+    try:
+        return f"latin-core {metadata.version('latin-core')}"
+    except metadata.PackageNotFoundError:
+        return "latin-core"
+
+
+def _tree(
+    space: RandomSpace, basis: ChaosBasis, fields: Mapping[str, Field], meta: Mapping[str, Any]
+) -> Tree:
+    table = basis.indices.table.astype(np.int64)
+    if table.shape[1] != space.dimension:
+        raise ChaosFileError(
+            f"the basis has {table.shape[1]} germs, the random space has {space.dimension}"
+        )
+    length = int(table.max(initial=0)) + 1
+    alpha, beta = np.zeros((2, len(space.germs), length))
+    for row, germ in enumerate(space.germs):
+        # a germ of low degree may have no more polynomials than those
+        own = int(table[:, row].max()) + 1
+        alpha[row, :own], beta[row, :own] = germ.recurrence(own)
+        beta[row, own:] = 1.0
+    stored = {}
+    for name, given in fields.items():
+        block = np.asarray(given.coefficients, dtype=np.float64)
+        where = f"field {name!r}"
+        if not isinstance(name, str) or not name:
+            raise ChaosFileError(f"{where}: a field needs a name in words")
+        if block.ndim != 2 or block.shape[1] != len(table) or len(block) == 0:
+            raise ChaosFileError(
+                f"{where}: coefficients of shape {block.shape}; wanted (rows, {len(table)}), one "
+                "column a mode"
+            )
+        shape = (len(block),) if given.shape is None else tuple(int(s) for s in given.shape)
+        if math.prod(shape) != len(block) or min(shape, default=1) < 0:
+            raise ChaosFileError(f"{where}: shape {shape} does not have {len(block)} entries")
+        if not np.isfinite(block).all():
+            raise ChaosFileError(f"{where}: some coefficients are not finite; leave them out")
+        stored[name] = {
+            "unit": str(given.unit),
+            "description": str(given.description),
+            "shape": np.array(shape, dtype=np.int64),
+            "coefficients": block,
+        }
+    described = {"order": int(table.sum(axis=1).max()), "software": software(), **meta}
+    try:
+        text = json.dumps(described, allow_nan=False, sort_keys=True)
+    except (TypeError, ValueError) as error:
+        raise ChaosFileError(f"meta must be made of words, numbers and lists: {error}") from error
+    return {
+        "meta": text,
+        "germs": {
+            "names": list(space.germ_names),
+            "families": [str(germ) for germ in space.germs],
+            "alpha": alpha,
+            "beta": beta,
+        },
+        "groups": {n: np.array(c, dtype=np.int64) for n, c in space.groups.items()},
+        "parameters": dict(_parameter_maps(space)),
+        "indices": table,
+        "fields": stored,
+    }
+
+
+def _checksum(tree: Tree) -> str:
+    """SHA-256 over the content, the same for both formats."""
+    digest = hashlib.sha256()
+
+    def feed(path: str, node: Any) -> None:
+        if isinstance(node, dict):
+            for key in sorted(node):
+                feed(f"{path}/{quote(key)}", node[key])
+            return
+        if isinstance(node, np.ndarray):
+            kind = "<i8" if node.dtype.kind == "i" else "<f8"
+            content = np.ascontiguousarray(node, dtype=kind).tobytes()
+            head = f"{path} {kind} {node.shape}"
+        else:
+            content = json.dumps(node).encode()
+            head = path
+        digest.update(f"{head} {len(content)}\n".encode())
+        digest.update(content)
+
+    feed("", tree)
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------------------------------------
+# The two formats
+# ---------------------------------------------------------------------------------------------
+def _plain(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {key: _plain(value) for key, value in node.items()}
+    return node.tolist() if isinstance(node, np.ndarray) else node
+
+
+def _write_json(path: Path, tree: Tree, checksum: str) -> None:
+    head = {"format": FORMAT, "version": VERSION, "checksum": checksum}
+    with path.open("w", encoding="utf-8") as file:
+        json.dump({**head, **_plain(tree)}, file, allow_nan=False)
+
+
+def _read_json(path: Path) -> Tree:
+    with path.open(encoding="utf-8") as file:
+        content = json.load(file)
+    if not isinstance(content, dict):
+        raise ValueError("no chaos file")
+    return content
+
+
+def _h5py() -> Any:
+    try:
+        return importlib.import_module("h5py")
+    except ImportError as error:
+        raise ChaosFileError(
+            "HDF5 files need h5py, which is not installed: install it, or use a .json file"
+        ) from error
+
+
+def _key(name: str) -> str:
+    """A name as a link of HDF5, which knows no slash and no "."; :func:`unquote` is the inverse."""
+    name = name.replace("%", "%25").replace("/", "%2F")
+    return name.replace(".", "%2E") if name.strip(".") == "" else name
+
+
+def _digest(path: Path, form: str = FORMAT) -> bytes:
+    """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
+    with path.open("rb") as file:
+        file.seek(_USER_BLOCK)
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    return f"{form} sha256 {found}\n".encode()
+
+
+def _seal(path: Path, form: str = FORMAT) -> None:
+    line = _digest(path, form)
+    with path.open("r+b") as file:
+        file.write(line)
+
+
+def _check_seal(path: Path, form: str = FORMAT) -> None:
+    """Before the HDF5 library sees the file: on some damaged ones it never returns."""
+    wanted = _digest(path, form)
+    with path.open("rb") as file:
+        found = file.read(len(wanted))
+    if found != wanted:
+        raise ValueError("its first line is not the checksum of the rest")
+
+
+def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
+    write_tree(path, {"format": FORMAT, "version": VERSION, "checksum": checksum}, tree)
+
+
+def write_tree(path: Path, head: Tree, tree: Tree) -> None:
+    """Write nested dicts, sealed: texts and integers as attributes, arrays and lists of texts as datasets.
+
+    Parameters
+    ----------
+    head
+        The attributes of the file; ``format`` names its kind.
+    """
+    h5py = _h5py()
+
+    def put(group: Any, node: Tree) -> None:
+        for key, value in node.items():
+            if isinstance(value, dict):
+                put(group.create_group(_key(key), track_order=True), value)
+            elif isinstance(value, np.ndarray):
+                group.create_dataset(_key(key), data=value)
+            elif isinstance(value, list):
+                group.create_dataset(_key(key), data=value, dtype=h5py.string_dtype())
+            else:
+                group.attrs[key] = value
+
+    # the layout of HDF5 1.8 has room for long attributes
+    layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
+    with h5py.File(path, "w", track_order=True, **layout) as file:
+        file.attrs.update(head)
+        put(file, tree)
+    _seal(path, head["format"])
+
+
+def _read_hdf5(path: Path) -> Tree:
+    return read_tree(path, FORMAT)
+
+
+def read_tree(path: Path, form: str) -> Tree:
+    """What :func:`write_tree` wrote.
+
+    Raises
+    ------
+    ValueError
+        The file is of another kind, was damaged, or holds what does not belong there.
+    """
+    h5py = _h5py()
+    plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
+
+    def text(value: Any) -> Any:
+        return value.decode() if isinstance(value, bytes) else value
+
+    def get(group: Any, depth: int = 0) -> Tree:
+        node: Tree = {key: text(value) for key, value in group.attrs.items()}
+        for key in group:
+            name = unquote(key)
+            if depth > 3 or not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                raise ValueError(f"a link that does not belong there: {key!r}")
+            child = group[key]
+            if isinstance(child, h5py.Group):
+                node[name] = get(child, depth + 1)
+            elif child.id.get_create_plist().get_layout() not in plain or child.external:
+                raise ValueError(f"{key!r} is not stored in one piece in this file")
+            elif child.nbytes > path.stat().st_size:
+                raise ValueError(f"{key!r} is larger than the file")
+            elif h5py.check_string_dtype(child.dtype) is not None:
+                node[name] = child.asstr()[()].tolist()
+            else:
+                node[name] = child[()]
+        return node
+
+    _check_seal(path, form)
+    with h5py.File(path, "r") as file:
+        return get(file)
+
+
+_WRITERS: dict[str, Callable[[Path, Tree, str], None]] = {
+    ".json": _write_json,
+    ".h5": _write_hdf5,
+    ".hdf5": _write_hdf5,
+}
+_READERS: dict[str, Callable[[Path], Tree]] = {
+    ".json": _read_json,
+    ".h5": _read_hdf5,
+    ".hdf5": _read_hdf5,
+}
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in _WRITERS:
+        raise ChaosFileError(
+            f"{path}: the suffix tells the format: {', '.join(_WRITERS)}; not {path.suffix!r}"
+        )
+    return suffix
+
+
+def content(
+    space: RandomSpace, basis: ChaosBasis, fields: Mapping[str, Field], meta: Mapping[str, Any]
+) -> Tree:
+    """All of a chaos file as nested dicts, to be part of another file."""
+    tree = _tree(space, basis, fields, meta)
+    return {"format": FORMAT, "version": VERSION, "checksum": _checksum(tree), **tree}
+
+
+def from_tree(path: Path, tree: Tree) -> ChaosFile:
+    """A chaos from what :func:`content` made.
+
+    Raises
+    ------
+    ValueError, LookupError, TypeError
+        It is damaged or of another version.
+    """
+    if tree["format"] != FORMAT or int(tree["version"]) != VERSION:
+        raise ValueError(f"a chaos of version {tree['version']}, known is {VERSION}")
+    return _read(path, tree)
+
+
+@contextmanager
+def replaced(target: Path) -> Iterator[Path]:
+    """A new file beside the target, which takes its place when the context ends without an error.
+
+    All or nothing: an existing file stays until the new one is complete on the disk.
+
+    Raises
+    ------
+    ChaosFileError
+        It cannot be written.
+    """
+    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise ChaosFileError(
+            f"{target} cannot be written ({error}): choose a folder that exists, is writable and has room"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def save_chaos(
+    path: str | Path,
+    space: RandomSpace,
+    basis: ChaosBasis,
+    fields: Mapping[str, Field],
+    meta: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a chaos; a file of that name is replaced when the new one is complete on the disk.
+
+    Parameters
+    ----------
+    path
+        ``.h5`` or ``.hdf5`` (needs h5py), or ``.json``.
+    space, basis
+        Germs and modes of the coefficients.
+    fields
+        Fields by name.
+    meta
+        What else should be known: words, numbers, lists.
+
+    Raises
+    ------
+    ChaosFileError
+        Another suffix, fields that do not fit the basis or are not finite, a folder that does not
+        exist or cannot be written to.  An existing file is then as it was.
+    """
+    target = Path(path)
+    suffix = _suffix(target)
+    tree = _tree(space, basis, fields, meta or {})
+    with replaced(target) as temporary:
+        _WRITERS[suffix](temporary, tree, _checksum(tree))
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading
+# ---------------------------------------------------------------------------------------------
+def _numbers(node: Any, what: str, *shape: int | None) -> Array:
+    """Finite numbers of a shape; None: any length."""
+    array = np.array(node, dtype=np.float64)
+    if array.size == 0 and None not in shape:
+        array = array.reshape([s or 0 for s in shape])
+    fits = array.ndim == len(shape) and all(
+        wanted is None or wanted == size for wanted, size in zip(shape, array.shape, strict=True)
+    )
+    if not fits or not np.isfinite(array).all():
+        raise ValueError(f"{what}: shape {array.shape}, or not finite")
+    return array
+
+
+def _integers(node: Any, what: str, *shape: int | None, below: int = 2**31) -> Any:
+    array = _numbers(node, what, *shape)
+    if (array != np.floor(array)).any() or (array < 0).any() or (array >= below).any():
+        raise ValueError(f"{what}: wanted whole numbers from 0 to {below - 1}")
+    return array.astype(np.int64)
+
+
+def _words(node: Any, what: str, length: int | None = None) -> list[str]:
+    if not isinstance(node, list) or not all(isinstance(word, str) for word in node):
+        raise ValueError(f"{what}: wanted a list of words")
+    if length is not None and len(node) != length:
+        raise ValueError(f"{what}: {len(node)} instead of {length}")
+    return node
+
+
+def _read_parameter(node: Tree, name: str, dimension: int) -> ParameterMap:
+    if node["map"] not in get_args(Map):
+        raise ValueError(f"parameter {name!r}: unknown map {node['map']!r}")
+    germs = _integers(node["germs"], f"{name}: germs", None, below=dimension)
+    offset = _numbers(node["offset"], f"{name}: offset", None)
+    rows = len(offset)
+    argument = value = None
+    if node["map"] == "table":
+        argument = _numbers(node["argument"], f"{name}: argument", None)
+        value = _numbers(node["value"], f"{name}: value", len(argument))
+        if len(value) < 2 or (np.diff(argument) <= 0.0).any() or (np.diff(value) < 0.0).any():
+            raise ValueError(f"parameter {name!r}: the table does not ascend")
+    return ParameterMap(
+        node["map"],
+        tuple(germs.tolist()),
+        offset,
+        _numbers(node["matrix"], f"{name}: matrix", rows, len(germs)),
+        _numbers(node["mean"], f"{name}: mean", rows),
+        argument,
+        value,
+    )
+
+
+def _read(path: Path, node: Tree) -> ChaosFile:
+    germs = node["germs"]
+    names = _words(germs["names"], "germ names")
+    dimension = len(names)
+    families = _words(germs["families"], "germ families", dimension)
+    indices = _integers(node["indices"], "indices", None, dimension)
+    if len(indices) == 0 or indices[0].any():
+        raise ValueError("indices: the first mode is not the mean")
+    length = int(indices.max(initial=0)) + 1
+    alpha = _numbers(germs["alpha"], "alpha", dimension, length)
+    beta = _numbers(germs["beta"], "beta", dimension, length)
+    if (beta[:, 1:] <= 0.0).any():
+        raise ValueError("beta: not positive")
+    fields = {}
+    for name, part in node["fields"].items():
+        coefficients = _numbers(part["coefficients"], f"field {name!r}", None, len(indices))
+        shape = tuple(_integers(part["shape"], f"{name}: shape", None).tolist())
+        if math.prod(shape) != len(coefficients):
+            raise ValueError(f"field {name!r}: shape {shape} for {len(coefficients)} rows")
+        unit, description = _words([part["unit"], part["description"]], f"field {name!r}")
+        fields[name] = Field(coefficients, unit, shape, description)
+    groups = {
+        name: tuple(_integers(columns, f"group {name!r}", None, below=dimension).tolist())
+        for name, columns in node["groups"].items()
+    }
+    parameters = {n: _read_parameter(p, n, dimension) for n, p in node["parameters"].items()}
+    meta = json.loads(node["meta"])
+    if not isinstance(meta, dict):
+        raise ValueError("meta: not a table")
+    result = ChaosFile(
+        path, tuple(names), tuple(families), alpha, beta, indices, groups, parameters, fields, meta
+    )
+    if _checksum(_content(node["meta"], result)) != node["checksum"]:
+        raise ValueError("the checksum is another one: some number changed")
+    return result
+
+
+def _content(meta: str, file: ChaosFile) -> Tree:
+    """The tree of a file, for its checksum."""
+
+    def parameter(p: ParameterMap) -> Tree:
+        tree: Tree = {
+            "map": p.map,
+            "germs": np.array(p.germs, dtype=np.int64),
+            "offset": p.offset,
+            "matrix": p.matrix,
+            "mean": p.mean,
+        }
+        if p.map == "table":
+            tree |= {"argument": p.argument, "value": p.value}
+        return tree
+
+    return {
+        "meta": meta,
+        "germs": {
+            "names": list(file.germ_names),
+            "families": list(file.germ_families),
+            "alpha": file.alpha,
+            "beta": file.beta,
+        },
+        "groups": {n: np.array(c, dtype=np.int64) for n, c in file.groups.items()},
+        "parameters": {n: parameter(p) for n, p in file.parameters.items()},
+        "indices": file.indices,
+        "fields": {
+            n: {
+                "unit": f.unit,
+                "description": f.description,
+                "shape": np.array(f.shape, dtype=np.int64),
+                "coefficients": f.coefficients,
+            }
+            for n, f in file.fields.items()
+        },
+    }
+
+
+def load_chaos(path: str | Path) -> ChaosFile:
+    """Read a chaos file and check all of it.
+
+    Raises
+    ------
+    ChaosFileError
+        The file does not exist, is no chaos file, is of a newer version, truncated or damaged.
+    """
+    source = Path(path)
+    suffix = _suffix(source)
+    if not source.is_file():
+        raise ChaosFileError(f"{source} does not exist or is no file: check the name")
+    if suffix != ".json":
+        _h5py()
+    try:
+        node = _READERS[suffix](source)
+        marked = node.get("format") == FORMAT
+        version = int(node["version"]) if marked else 0
+    except DAMAGE as error:
+        raise ChaosFileError(
+            f"{source} cannot be read ({error}): it is truncated, damaged or no chaos file; save "
+            "it again"
+        ) from error
+    if not marked:
+        raise ChaosFileError(f"{source} is no chaos file: give a file written by save_chaos")
+    if version != VERSION:
+        raise ChaosFileError(
+            f"{source} is a chaos file of version {version}; this software reads version "
+            f"{VERSION}: use the software that wrote it, or a newer one"
+        )
+    try:
+        return _read(source, node)
+    except DAMAGE as error:
+        raise ChaosFileError(
+            f"{source} is damaged ({type(error).__name__}: {error}); save it again"
+        ) from error
+
+
+# ---------------------------------------------------------------------------------------------
+# OpenTURNS
+# ---------------------------------------------------------------------------------------------
+def _openturns() -> Any:
+    try:
+        return importlib.import_module("openturns")
+    except ImportError as error:
+        raise SceneError(
+            "to_openturns needs OpenTURNS, which is not installed: pip install openturns, or "
+            "conda install -c conda-forge openturns"
+        ) from error
+
+
+def _continuous(ot: Any, law: Any, shift: float, scale: float) -> Any:
+    """The law of (x - shift) / scale as an OpenTURNS distribution."""
+    low, high = (float((end - shift) / scale) for end in law.support())
+    finite = [math.isfinite(low), math.isfinite(high)]
+    ends = [
+        low if finite[0] else float((law.ppf(1e-15) - shift) / scale),
+        high if finite[1] else float((law.isf(1e-15) - shift) / scale),
+    ]
+
+    class Law(ot.PythonDistribution):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__(1)
+
+        def getRange(self) -> Any:
+            return ot.Interval(ends[:1], ends[1:], finite[:1], finite[1:])
+
+        def computeCDF(self, x: Any) -> float:
+            return float(law.cdf(shift + scale * x[0]))
+
+        def computePDF(self, x: Any) -> float:
+            return float(law.pdf(shift + scale * x[0])) * scale
+
+        def getMean(self) -> list[float]:
+            return [float((law.mean() - shift) / scale)]
+
+        def getStandardDeviation(self) -> list[float]:
+            return [float(law.std()) / scale]
+
+    return ot.Distribution(Law())
+
+
+def _distribution(ot: Any, parameter: RandomParameter, germ: bool) -> Any:
+    """The law of a parameter or of its own germ."""
+    shift, scale = 0.0, 1.0
+    if parameter.affine:
+        zero, one = parameter.value(np.array([0.0, 1.0]))
+        shift, scale = float(zero), float(one - zero)
+    family = str(parameter.germ).partition("(")[0]
+    alpha, beta = parameter.germ.recurrence(2)
+    native = None
+    if family == "hermite":
+        native = ot.Normal(0.0, 1.0)
+    elif family == "legendre":
+        native = ot.Uniform(-1.0, 1.0)
+    elif family == "laguerre":
+        native = ot.Gamma(alpha[0], 1.0, 0.0)
+    elif family == "jacobi":
+        # the two exponents from mean and variance
+        middle, variance = 0.5 * (1.0 + alpha[0]), 0.25 * beta[1] ** 2
+        total = middle * (1.0 - middle) / variance - 1.0
+        native = ot.Beta(middle * total, (1.0 - middle) * total, -1.0, 1.0)
+    if germ and native is not None:
+        return native
+    if native is not None and parameter.affine:
+        return scale * native + shift
+    law: Any = parameter._law
+    if hasattr(law, "probabilities"):
+        values = law.values if not germ else parameter.to_germ(law.values)
+        return ot.UserDefined(np.asarray(values)[:, None], law.probabilities)
+    shape = _one_dimensional(parameter)
+    if shape["map"] == "exponential":
+        return ot.LogNormal(float(shape["offset"][0]), float(shape["scale"]), 0.0)
+    return _continuous(ot, law, *((shift, scale) if germ else (0.0, 1.0)))
+
+
+def to_openturns(
+    space: RandomSpace,
+    basis: ChaosBasis,
+    coefficients: npt.ArrayLike,
+    names: Sequence[str] = (),
+    inputs: Literal["parameters", "germs"] = "parameters",
+) -> Any:
+    """A chaos as an ``openturns.FunctionalChaosResult``.
+
+    Its metamodel, basis functions and Sobol indices
+    (``openturns.FunctionalChaosSobolIndices``) are ours to rounding.  Its training sample is empty
+    and its residuals are NaN: the coefficients come from a Galerkin projection, not from a fit.
+
+    Parameters
+    ----------
+    space, basis
+        Germs and modes.
+    coefficients
+        (rows, P + 1).
+    names
+        Names of the rows.
+    inputs
+        ``"parameters"``: input of the metamodel are the physical parameters in the order of the
+        germs, with their joint distribution (Gaussian copula where correlated); a random field
+        takes part by its germs.  ``"germs"``: the germs themselves.
+
+    Raises
+    ------
+    SceneError
+        OpenTURNS is not installed or too old, or the shapes do not fit.
+    """
+    ot = _openturns()
+    block = np.asarray(coefficients, dtype=np.float64)
+    table = basis.indices.table
+    if block.ndim != 2 or block.shape[1] != len(table) or table.shape[1] != space.dimension:
+        raise SceneError(
+            f"to_openturns: coefficients of shape {block.shape} for {len(table)} modes of "
+            f"{space.dimension} germs; wanted (rows, {len(table)})"
+        )
+    if names and len(names) != len(block):
+        raise SceneError(f"to_openturns: {len(names)} names for {len(block)} rows")
+    if inputs not in ("parameters", "germs"):
+        raise unknown_name("inputs", str(inputs), ("parameters", "germs"), "to_openturns")
+    size = space.dimension
+    of_germs: list[Any] = [ot.Normal(0.0, 1.0)] * size
+    of_inputs = list(of_germs)
+    labels = list(space.germ_names)
+    copula = np.eye(size)
+    sources: dict[int, RandomParameter] = {}
+    for part in space._blocks:
+        columns = list(part.columns)
+        copula[np.ix_(columns, columns)] = part.mixing @ part.mixing.T
+        for column, member in zip(columns, part.members, strict=False):
+            sources[column] = member
+            labels[column] = member.name
+            correlated = isinstance(member, CorrelatedParameter)
+            marginal = member.marginal if isinstance(member, CorrelatedParameter) else member
+            if not correlated:
+                of_germs[column] = _distribution(ot, member, germ=True)
+            of_inputs[column] = _distribution(ot, marginal, germ=False)
+    measure = ot.JointDistribution(of_germs)
+    transformation = inverse = ot.IdentityFunction(size)
+    joint = measure
+    if inputs == "parameters":
+        joint = ot.JointDistribution(of_inputs)
+        if not np.array_equal(copula, np.eye(size)):
+            joint.setCopula(ot.NormalCopula(ot.CorrelationMatrix(copula)))
+        joint.setDescription(labels)
+        transformation, inverse = _transformations(ot, space, sources)
+    else:
+        measure.setDescription(space.germ_names)
+
+    families = [ot.StandardDistributionPolynomialFactory(law) for law in of_germs]
+    # the plain enumeration does not know that a discrete germ has finitely many polynomials
+    discrete = any(law.isDiscrete() for law in of_germs)
+    enumerate_all = (
+        ot.HyperbolicAnisotropicEnumerateFunction(size, 1.0)
+        if discrete
+        else ot.LinearEnumerateFunction(size)
+    )
+    product = ot.OrthogonalProductPolynomialFactory(families, enumerate_all)
+    enumerate_all = product.getEnumerateFunction()
+    polynomials = _polynomials(ot, space, table)
+    functions = []
+    for index in table:
+        factors = ot.PolynomialCollection()
+        for germ, degree in enumerate(index):
+            factors.add(polynomials[germ][degree])
+        functions.append(ot.Function(ot.ProductPolynomialEvaluation(factors)))
+    rows = list(names) or [f"y{i}" for i in range(len(block))]
+    outputs = ot.Sample(0, len(block))
+    outputs.setDescription(rows)
+    arguments = [
+        ot.Sample(0, size),
+        outputs,
+        joint,
+        transformation,
+        inverse,
+        ot.OrthogonalBasis(product),
+        [int(enumerate_all.inverse([int(d) for d in index])) for index in table],
+        ot.Sample(block.T),
+        functions,
+    ]
+    result = _chaos_result(ot, arguments, ot.Point(len(block), math.nan))
+    result.setIsLeastSquares(False)
+    return result
+
+
+def _chaos_result(ot: Any, arguments: Sequence[Any], unknown: Any) -> Any:
+    """The result; older releases also ask for residuals and relative errors."""
+    refused: Exception | None = None
+    for errors in ([], [unknown, unknown]):
+        try:
+            return ot.FunctionalChaosResult(*arguments, *errors)
+        except (TypeError, NotImplementedError) as error:
+            refused = error
+    raise SceneError(
+        f"to_openturns: OpenTURNS {ot.__version__} makes a FunctionalChaosResult in another "
+        f"way; install OpenTURNS 1.24 to 1.27 ({refused})"
+    ) from refused
+
+
+def _polynomials(ot: Any, space: RandomSpace, table: npt.NDArray[np.int32]) -> list[list[Any]]:
+    """Germ -> psi_0, psi_1, ... by our recurrence, as OpenTURNS spells it.
+
+    There psi_k+1 = (a_k x + b_k) psi_k + c_k psi_k-1.
+    """
+    constant = ot.UniVariatePolynomial([1.0])
+    result = []
+    for germ, highest in zip(space.germs, table.max(axis=0), strict=True):
+        alpha, beta = germ.recurrence(int(highest) + 1)
+        steps = [
+            [1.0 / beta[k + 1], -alpha[k] / beta[k + 1], -beta[k] / beta[k + 1] if k else 0.0]
+            for k in range(int(highest))
+        ]
+        result.append(
+            [
+                ot.OrthogonalUniVariatePolynomial(steps[:k]) if k else constant
+                for k in range(int(highest) + 1)
+            ]
+        )
+    return result
+
+
+def _transformations(
+    ot: Any, space: RandomSpace, sources: Mapping[int, RandomParameter]
+) -> tuple[Any, Any]:
+    """Inputs -> germs and germs -> inputs."""
+    size = space.dimension
+    if all(source.affine for source in sources.values()):
+        shift, scale = np.zeros(size), np.ones(size)
+        for column, source in sources.items():
+            zero, one = source.value(np.array([0.0, 1.0]))
+            shift[column], scale[column] = zero, one - zero
+        nothing = np.zeros(size)
+        return (
+            ot.LinearFunction(shift, nothing, ot.Matrix(np.diag(1.0 / scale))),
+            ot.LinearFunction(nothing, shift, ot.Matrix(np.diag(scale))),
+        )
+
+    def to_germs(inputs: Any) -> Array:
+        values = np.array(inputs, dtype=np.float64)
+        points = space.germ_points({s.name: values[:, c] for c, s in sources.items()})
+        rest = [c for c in range(size) if c not in sources]
+        points[:, rest] = values[:, rest]
+        return points
+
+    def to_inputs(germs: Any) -> Array:
+        points = np.array(germs, dtype=np.float64)
+        values = points.copy()
+        for column, source in sources.items():
+            values[:, column] = space.values(source, points)
+        return values
+
+    return (
+        ot.PythonFunction(size, size, func_sample=to_germs),
+        ot.PythonFunction(size, size, func_sample=to_inputs),
+    )

@@ -1,0 +1,1 @@
+"""The one crossing to the compiled kernel, and how it is run."""

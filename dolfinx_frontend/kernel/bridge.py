@@ -1,0 +1,357 @@
+"""The crossing into the kernel: the only module that builds its objects.
+
+A planned problem becomes bodies (substructures glued by prolongations) and active interfaces, each
+with a kernel law, local frames and search directions.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.assembly.assemble import Problem, resolve, stiffnesses
+from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel.user_laws import batched
+from dolfinx_frontend.plan.coarse import basis
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.reduction import Body, reduce
+from dolfinx_frontend.plan.translate import (
+    KERNEL_NAMES,
+    LawFields,
+    kernel_parameter,
+    kernel_values,
+    law_fields,
+)
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Perfect, Symmetry, UserLaw
+from latin_core import NumericalError, _core
+
+__all__ = [
+    "KERNEL_NAMES",
+    "LawFields",
+    "active_fields",
+    "build",
+    "definite",
+    "kernel_parameter",
+    "kernel_values",
+    "law_fields",
+]
+
+Array = npt.NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+HELD, PUSHED = 1e3, 1e-3
+"""Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
+displacements far above the stiffness of any part, with prescribed forces far below."""
+
+# contacts take a third, E / L by default; `./run bench iterations` measures it
+CONTACT = 1.0 / 3.0
+SOFTEST = 1e-3
+"""Smallest search direction of an elastic interface, as a share of factor * E / L."""
+
+RANGE = 1e130
+"""Largest strain of an iteration, and the inverse of the smallest: room for squares, moduli and tolerance."""
+
+
+def _scale(problem: Problem, plan: Plan) -> float:
+    """E / L of the scene: geometric mean of the moduli, over the scene's length."""
+    parts = problem.parts.values()
+    modulus = float(np.exp(np.mean([np.log(part.modulus) for part in parts])))
+    return modulus / (plan.direction.length or _length(problem))
+
+
+def _length(problem: Problem) -> float:
+    """L of the scene: (sum of volumes)^(1/d)."""
+    parts = problem.parts.values()
+    return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
+
+
+def _direction(
+    problem: Problem, plan: Plan, interface: Interface, fields: LawFields, bodies: int
+) -> Array:
+    """Search direction k of an interface, (components * m,), the same on both sides."""
+    given = plan.direction.given.get(interface.name)
+    if given is not None:
+        per_point = resolve(given, interface, 1, name="search direction")
+        return np.repeat(per_point.ravel(), fields.components)
+    assert plan.direction.factor is not None  # the plan fills it in
+    unit = plan.direction.factor * _scale(problem, plan)
+    if plan.direction.length is None:
+        shorter = 1.0
+        if plan.macro:
+            shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
+        if isinstance(interface.law, Contact | UserLaw):
+            # bodies give way to a contact as over its own size, where that is smaller than theirs
+            size = interface.area ** (1.0 / (interface.dim - 1))
+            shorter = max(shorter, _length(problem) / size)
+        unit *= shorter
+    if isinstance(interface.law, Contact | UserLaw) and plan.method == "accelerated" and not plan.macro:
+        unit *= CONTACT
+    k: Array = np.full((interface.num_points, fields.components), unit)
+    if isinstance(interface.law, Elastic) and plan.method == "accelerated":
+        # a soft interface carries little: the direction that suits it is twice its own stiffness
+        kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
+        k = np.clip(2.0 * kappa, SOFTEST * k, k)
+    if interface.name in plan.paired and len(interface.sides) == 1:
+        k *= HELD if isinstance(interface.law, (Displacement, Perfect, Symmetry)) else PUSHED
+    if fields.softest is not None:
+        k = np.maximum(k, fields.softest)
+    return k.ravel()
+
+
+def _law(interface: Interface, fields: LawFields) -> str | _core.Law:
+    """The kernel's law: a name, or an object for a law of a user."""
+    law = interface.law
+    if not isinstance(law, UserLaw):
+        return fields.kind
+    if law.compiled is None:
+        names = [(name, -np.inf) for name in law.values]
+        return _core.python_law(
+            name=law.label,
+            parameters=names,
+            history=law.history,
+            resolve=batched(law, interface),
+        )
+    compiled = _core.compiled_law(law.compiled)
+    wanted = set(compiled.parameters) - {"jump"}
+    if set(law.values) != wanted:
+        raise SceneError(
+            f"interface {interface.name!r}: law {compiled.name!r} takes the values "
+            f"{', '.join(sorted(wanted)) or 'none'}, got {', '.join(sorted(law.values)) or 'none'}"
+        )
+    if compiled.history and not law.history:
+        raise SceneError(
+            f"interface {interface.name!r}: law {compiled.name!r} remembers: give history=True"
+        )
+    return compiled
+
+
+def _spring_stiffness(
+    interface: Interface, components: int, floors: Mapping[tuple[str, str], Array]
+) -> Array:
+    """kappa (m, components), with some of its values replaced."""
+    assert isinstance(interface.law, Elastic)  # the reduction leaves no other springs
+    stiffness = stiffnesses(interface, interface.law)[:, :components]
+    for parameter, where in (("normal", slice(0, 1)), ("tangential", slice(1, None))):
+        values = floors.get((interface.name, parameter))
+        if values is not None:
+            stiffness[:, where] = values[:, None]
+    return stiffness
+
+
+def _side_by_side(columns: Iterable[Array]) -> Array:
+    """Columns (n,) or (n, 1) as a matrix (n, l) in the kernel's storage order."""
+    return np.asfortranarray(np.column_stack(list(columns)))
+
+
+def _body(
+    problem: Problem,
+    patterns: Mapping[Amplitude | None, Body],
+    floors: Mapping[tuple[str, str], Array] | None = None,
+) -> _core.Body:
+    """A body in the kernel's terms; `patterns` are the body under each load pattern."""
+    body = next(iter(patterns.values()))
+    members = []
+    for name in body.members:
+        offset = _side_by_side(each.offset[name] for each in patterns.values())
+        members.append(
+            _core.Member(
+                name=name,
+                stiffness=problem.substructures[name].stiffness,
+                prolongation=body.Z[name],
+                load=_side_by_side(each.load[name] for each in patterns.values()),
+                offset=offset if np.any(offset) else None,
+            )
+        )
+    springs = []
+    for name in body.springs:
+        interface = problem.interfaces[name]
+        fields, *others = (law_fields(interface, interface.law.pattern(a)) for a in patterns)
+        stiffness = _spring_stiffness(interface, fields.components, floors or {})
+        springs.append(
+            _core.Spring(
+                name=name,
+                members=[body.members.index(side.substructure) for side in interface.sides],
+                traces=[side.trace for side in interface.sides],
+                frames=fields.frames,
+                stiffness=(stiffness * interface.weights[:, None]).ravel(),
+                jump=_side_by_side(each.parameters["jump"] for each in (fields, *others)),
+            )
+        )
+    return _core.Body(name="+".join(body.members), size=body.n, members=members, springs=springs)
+
+
+def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
+    """Whether the whole structure is positive definite with some stiffnesses replaced.
+
+    A Galerkin operator is bounded from below by the deterministic one with every random stiffness at the
+    smallest eigenvalue of its Galerkin matrix; one Cholesky factorisation of that one is the proof.
+
+    Parameters
+    ----------
+    floors
+        (interface, ``"normal"`` or ``"tangential"``) -> (m,) stiffness per area, of any sign.
+    """
+    bodies = [_body(problem, {None: body}, floors) for body in reduce(problem, problem.interfaces)]
+    try:
+        _core.Problem(
+            bodies=bodies, interfaces=[], operator="factored", backend="automatic", memory_limit=0.0
+        )
+    except NumericalError:
+        return False
+    return True
+
+
+def build(problem: Problem, plan: Plan) -> _core.Problem:
+    """Bodies and active interfaces of a plan, factorised.
+
+    Raises
+    ------
+    latin_core.NumericalError
+        A body's operator is not positive definite.
+    """
+    own, comm = problem.own, None if problem.distribution is None else problem.distribution.comm
+    scale = _scale(problem, plan)
+    bodies = []
+    interfaces = []
+    laws = {}
+    with agreement(comm):
+        reduced = _reduced(own, plan)
+        bodies = [_body(own, patterns) for patterns in reduced]
+        for name in plan.active:
+            if name not in own.interfaces:
+                continue
+            interface = own.interfaces[name]
+            laws[name] = fields = active_fields(interface, plan)
+            direction = _direction(problem, plan, interface, fields, len(bodies))
+            interfaces.append(
+                _core.Interface(
+                    name=name,
+                    law=_law(interface, fields),
+                    weights=interface.weights,
+                    frames=fields.frames,
+                    sides=[
+                        _core.Side(
+                            member=side.substructure,
+                            trace=side.trace,
+                            direction=direction,
+                            scale=scale,
+                        )
+                        if side.substructure in own.substructures
+                        else _core.Side(member=side.substructure)
+                        for side in interface.sides
+                    ],
+                    basis=(
+                        basis(interface, fields.frames, fields.components, plan.moments)
+                        if name in plan.macro
+                        else None
+                    ),
+                    paired=name in plan.paired,
+                )
+            )
+    loading = _loading(own, [body for patterns in reduced for body in patterns.values()], laws)
+    _check_range(loading if comm is None else max(comm.allgather(loading)))
+    options = plan.options
+    began = perf_counter()
+    core = _core.Problem(
+        bodies=bodies,
+        interfaces=interfaces,
+        operator=options.operator,
+        backend=options.backend,
+        memory_limit=options.memory_limit,
+        comm=None if comm is None else comm.py2f(),
+    )
+    _log.info(
+        "factorised %d bodies with %d unknowns (%s), %d rows on %d active interfaces, %.2f s",
+        len(bodies),
+        core.unknowns,
+        ", ".join(sorted({cost["backend"] for cost in core.costs})) or "none here",
+        core.rows,
+        len(interfaces),
+        perf_counter() - began,
+    )
+    core.set_steps(plan.steps)
+    with agreement(comm):
+        for name, fields in laws.items():
+            for parameter, values in fields.parameters.items():
+                core.set_parameter(name, parameter, values)
+    return core
+
+
+def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, LawFields]) -> float:
+    """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
+    if not laws:
+        return 0.0  # one solve; nothing is squared to decide anything
+    found = [0.0]
+
+    def add(value: Array, unit: float) -> None:
+        found.append(float(np.abs(value).max(initial=0.0)) / unit)
+
+    parts = problem.substructures
+    for body in bodies:
+        for name in body.members:
+            part = parts[name]
+            add(body.load[name], part.modulus * part.length ** (part.dim - 1))
+            add(body.offset[name], part.length)
+    for name, fields in laws.items():
+        sides = [parts[s.substructure] for s in problem.interfaces[name].sides if s.substructure in parts]
+        part = min(sides, key=lambda each: each.modulus)
+        for parameter, unit in (("force", part.modulus), ("jump", part.length)):
+            if parameter in fields.parameters:
+                add(fields.parameters[parameter], unit)
+        if "gap" in fields.parameters:  # an interference loads, an opening does not
+            add(np.minimum(fields.parameters["gap"], 0.0), part.length)
+    return max(found)
+
+
+def _check_range(strain: float) -> None:
+    """Refuse loads whose squares are no numbers: every error would be 0 or infinite."""
+    if 0.0 < strain < 1.0 / RANGE or not strain < RANGE:
+        raise SceneError(
+            f"the loads make strains of about {strain:.0e}; energies, which are their squares, leave the "
+            f"range of numbers below {1.0 / RANGE:.0e} and above {RANGE:.0e}: scale the loads, or choose "
+            "units that fit them"
+        )
+
+
+def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
+    """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
+    chosen = {name for name in plan.eliminated if name in problem.interfaces}
+    found: list[dict[Amplitude | None, Body]] = []
+    for amplitude in plan.patterns:
+        laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}
+        if len(plan.patterns) == 1 and amplitude is None:
+            laws = {}
+        bodies = reduce(problem, chosen, laws, amplitude)
+        found = found or [{} for _ in bodies]
+        for known, body in zip(found, bodies, strict=True):
+            known[amplitude] = body
+    return found
+
+
+def active_fields(interface: Interface, plan: Plan) -> LawFields:
+    """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
+    law = interface.law
+    if plan.times is None or plan.history == "none":
+        return law_fields(interface)
+    if plan.history == "patterns":
+        columns = [law_fields(interface, law.pattern(a)) for a in plan.patterns]
+    else:
+        columns = [law_fields(interface, law.at(t), t) for t in plan.times]
+    first = columns[0]
+    parameters = {}
+    for name, values in first.parameters.items():
+        block = _side_by_side(each.parameters[name] for each in columns)
+        constant = np.array_equal(block, np.broadcast_to(values, block.shape))
+        parameters[name] = values if constant and plan.history == "steps" else block
+    bounds = [each.softest for each in columns if each.softest is not None]
+    softest = np.max(bounds, axis=0) if bounds else None
+    return replace(first, parameters=parameters, softest=softest)

@@ -1,0 +1,141 @@
+"""A run as its user meets it: Ctrl-C, a progress bar, lines in the log.
+
+Ctrl-C while the kernel iterates ends the run with what is done so far: ``solve`` returns its last iterate
+with the status ``"interrupted"``, a sweep or a sampling the points that are finished, with ``complete``
+False, and a warning is logged. A second Ctrl-C within two seconds of the first, or in the same call, raises
+KeyboardInterrupt: so a script that calls solve in a loop can always be ended. Outside of the iteration
+(meshing, assembly, factorisation), where nothing is done that could be returned, Ctrl-C raises
+KeyboardInterrupt as ever.
+
+Handlers of SIGINT other than Python's own are left alone, and so are threads other than the main one, in
+which Python handles no signals.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+from collections.abc import Callable
+from time import monotonic, perf_counter
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from latin_core import Iteration, State, Summary
+from latin_core import Problem as Kernel
+
+from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.plan.plan import Plan
+
+__all__ = ["Interrupt", "iterate", "report_points"]
+
+TWICE = 2.0
+"""Seconds within which a second Ctrl-C raises, in whatever call it comes."""
+
+_log = logging.getLogger(__name__)
+_last_press = -np.inf
+
+
+class Interrupt:
+    """The context in which Ctrl-C is noted instead of raised.
+
+    Attributes
+    ----------
+    pressed
+        Whether it was.
+    """
+
+    def __init__(self) -> None:
+        self.pressed = False
+        self._mine = False
+
+    def _press(self, number: int, frame: FrameType | None) -> None:
+        global _last_press
+        before, _last_press = _last_press, monotonic()
+        if self.pressed or _last_press - before < TWICE:
+            signal.default_int_handler(number, frame)
+        self.pressed = True
+
+    def watch(self, callback: Callable[[Iteration], None] | None = None) -> Callable[[Iteration], None]:
+        """A callback for the kernel that ends the run once Ctrl-C was pressed."""
+
+        def each(iteration: Iteration) -> None:
+            if not self.pressed and callback is not None:
+                callback(iteration)
+            if self.pressed:
+                raise StopIteration
+
+        return each
+
+    def __enter__(self) -> Self:
+        main = threading.current_thread() is threading.main_thread()
+        if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self._press)
+            self._mine = True
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._mine:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def iterate(
+    problem: Problem,
+    plan: Plan,
+    core: Kernel,
+    amplitudes: npt.NDArray[np.float64],
+    start: list[State],
+    callback: Callable[[Iteration], None] | None,
+) -> tuple[Summary, State]:
+    """Run the kernel's iteration on one problem.
+
+    Parameters
+    ----------
+    amplitudes
+        (loads, columns).
+    start
+        States to start from.
+    callback
+        Of the user.
+    """
+    began = perf_counter()
+    noisy = _log.isEnabledFor(logging.DEBUG)
+    with Interrupt() as interrupt, Bar(None, "solve", "iteration", problem.rank == 0) as bar:
+
+        def each(iteration: Iteration) -> None:
+            bar.step(error=f"{iteration.error:.1e}")
+            if noisy:
+                _log.debug("iteration %d: estimated error %.2e", iteration.number, iteration.error)
+            if callback is not None:
+                callback(iteration)
+
+        summary, state = core.solve(
+            options=plan.options.kernel(),
+            amplitudes=amplitudes,
+            start=start,
+            callback=interrupt.watch(each),
+        )
+    seconds = perf_counter() - began
+    text = "%s after %d iterations, estimated error %.1e, %.2f s"
+    _log.info(text, summary.status, summary.iterations, summary.error, seconds)
+    if interrupt.pressed and summary.status != "interrupted":
+        _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
+    return summary, state
+
+
+def report_points(what: str, interrupt: Interrupt, points: Any, checkpoint: object) -> None:
+    """Log how a walk over points ended."""
+    reached = points.iterations >= 0
+    done, count = int(reached.sum()), len(reached)
+    total = int(points.iterations[reached].sum())
+    _log.info("%s: %d of %d points, %d iterations", what, done, count, total)
+    if done < count:
+        kept = "the checkpoint has them: the same call goes on" if checkpoint else "give checkpoint= to go on"
+        _log.warning("%s: interrupted after %d of %d points (%s)", what, done, count, kept)
+    elif interrupt.pressed:
+        _log.warning("Ctrl-C came when all points were done; press it twice to end the program")

@@ -1,0 +1,1 @@
+"""What will be solved, and why: laws as fields, reduced parts, coarse spaces, cost and method."""

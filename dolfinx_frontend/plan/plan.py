@@ -1,0 +1,538 @@
+"""The plan: what of a scene is modelled, and how, decided before anything is factorised.
+
+A scene pays only for what it contains: interfaces that are linear and fixed are assembled across,
+and the iteration runs on the others. Every decision carries its reason and can be overridden.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.describe import record
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.plan.coarse import Moments
+from dolfinx_frontend.plan.cost import Cost, predict
+from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
+from dolfinx_frontend.scene.laws import (
+    Displacement,
+    Elastic,
+    Law,
+    Perfect,
+    Pressure,
+    Symmetry,
+    Traction,
+    is_plain,
+)
+from latin_core import Options
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.assembly.assemble import Problem
+    from dolfinx_frontend.plan.random_laws import RandomLaws
+
+__all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
+
+_log = logging.getLogger(__name__)
+Method = Literal["auto", "direct", "accelerated", "latin"]
+
+_PLAIN_FACTOR = 2.0
+_ACCELERATED_FACTOR = 3.0
+_MACRO_FACTOR = 10.0
+_FEW, _MANY = 2, 3
+"""Interfaces between parts from which a coarse problem pays: with matrix directions, and without."""
+_UNMATCHED = "its meshes do not match"
+_UNGLUED = "its jump cannot be glued"
+_ASKED = "asked for"
+_PAPER = "the paper keeps them all"
+_CUT = (_UNMATCHED, _UNGLUED, _ASKED, _PAPER)
+"""Reasons to keep an interface whose law is linear and fixed."""
+
+
+class Decision(NamedTuple):
+    """One line of the plan."""
+
+    what: str
+    choice: str
+    reason: str
+
+
+@dataclass(frozen=True, repr=False)
+class Direction:
+    """Search direction k of every interface, force / length^3: a parameter of the method, not of the model.
+
+    Attributes
+    ----------
+    factor
+        k = factor * E / L; None: 2 for the plain iteration, 3 for the accelerated one, 10 with a coarse
+        problem (measured).
+        When accelerated, elastic interfaces softer than that take twice their own stiffness; contacts take
+        a third of it where there is no coarse problem.
+    length
+        L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
+        smaller; with a coarse problem, which sees the scene as a whole, the mean size of a body.
+    given
+        Interface name -> k, a number or one value a point; goes before the factor.
+    """
+
+    factor: float | None = None
+    length: float | None = None
+    given: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return record(self)
+
+    def __post_init__(self) -> None:
+        for name, value in (("factor", self.factor), ("length", self.length)):
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise SceneError(f"search direction: {name} is {value}: it must be positive")
+        for name, value in self.given.items():
+            data = np.asarray(value, dtype=float)
+            if not (np.all(np.isfinite(data)) and np.all(data > 0.0)):
+                raise SceneError(
+                    f"search direction of interface {name!r} must be positive and finite, got {value!r}"
+                )
+
+
+@dataclass(frozen=True, repr=False)
+class Plan:
+    """What will be done with a problem.
+
+    Attributes
+    ----------
+    method
+        ``"direct"`` (no iteration), ``"accelerated"`` or ``"latin"`` (the plain iteration of 2004).
+    active
+        Interfaces that the iteration runs on, in the scene's order.
+    eliminated
+        Interface -> how it is assembled into the bodies.
+    columns
+        Columns of every field: 1 when nothing is random and nothing has a history.
+    direction, options
+        Search direction and settings of the iteration.
+    macro, moments
+        Interfaces in the coarse problem, and whether it balances resultants or linear moments.
+    paired
+        Linear, fixed interfaces whose step is solved for with both of their parts.
+    decisions
+        All of it with reasons; ``print(plan)`` shows them.
+    times
+        (T,) of a load history; None: there is none.
+    patterns
+        The amplitudes of the load patterns; None stands for what is constant in time.
+    history
+        What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
+        ``"patterns"`` (linear: one column a load pattern, superposed) or ``"steps"`` (one column a time).
+    cost
+        Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
+    """
+
+    method: Literal["direct", "accelerated", "latin"]
+    active: tuple[str, ...]
+    eliminated: dict[str, str]
+    columns: int
+    direction: Direction
+    options: Options
+    decisions: tuple[Decision, ...]
+    times: npt.NDArray[np.float64] | None = None
+    patterns: tuple[Amplitude | None, ...] = (None,)
+    history: Literal["none", "patterns", "steps"] = "none"
+    cost: Cost | None = None
+    macro: tuple[str, ...] = ()
+    moments: Moments = "linear"
+    paired: tuple[str, ...] = ()
+
+    @property
+    def steps(self) -> int:
+        """Columns that are the time steps of one history."""
+        return len(self.times) if self.history == "steps" and self.times is not None else 1
+
+    def factors(self) -> npt.NDArray[np.float64]:
+        """Factor of every load pattern at every time, (l, T); (1, 1) without a history."""
+        times = [0.0] if self.times is None else self.times
+        return np.array([[1.0 if a is None else a(t) for t in times] for a in self.patterns])
+
+    @property
+    def amplitudes(self) -> npt.NDArray[np.float64]:
+        """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes."""
+        if self.history == "steps":
+            return np.asfortranarray(self.factors())
+        return np.eye(len(self.patterns))
+
+    def in_time(self, block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Columns of a field (..., columns) as its values at all times, (T, ...)."""
+        if self.history != "steps":
+            block = block @ (self.factors() if self.history == "patterns" else np.ones((1, self._count)))
+        return np.moveaxis(block, -1, 0)
+
+    @property
+    def _count(self) -> int:
+        return 1 if self.times is None else len(self.times)
+
+    def __repr__(self) -> str:
+        return (
+            f"Plan({self.method}, active: {', '.join(self.active) or 'nothing'}; {len(self.eliminated)} "
+            f"interfaces eliminated, {self.columns} columns; print it for the reasons)"
+        )
+
+    def __str__(self) -> str:
+        width = max(len(d.what) for d in self.decisions)
+        lines = ["Plan"]
+        for d in self.decisions:
+            lines.append(f"  {d.what:<{width}}  {d.choice}")
+            lines.append(f"  {'':<{width}}    because {d.reason}")
+        return "\n".join(lines)
+
+
+def _how(name: str, law: Law, matching: bool) -> str | None:
+    """How a linear, fixed interface is assembled into the bodies; None if it cannot be."""
+    if isinstance(law, Perfect):
+        zero = is_plain(law.jump) and not np.any(np.asarray(law.jump))
+        return "nodes glued" if matching and zero else None
+    if isinstance(law, Elastic):
+        return "springs assembled"
+    return {
+        "Displacement": "unknowns removed",
+        "Symmetry": "unknowns removed",
+        "Pressure": "load assembled",
+        "Traction": "load assembled",
+    }.get(type(law).__name__)
+
+
+def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
+    for name in given:
+        if name not in problem.interfaces:
+            raise unknown_name("interface", name, problem.interfaces, where)
+    return set(given)
+
+
+def _one_column(problem: Problem) -> str:
+    """Why a run without chaos has one column."""
+    random = [
+        f"{name}.{parameter}"
+        for name, interface in problem.interfaces.items()
+        for parameter, value in interface.law.parameters().items()
+        if not is_plain(value) and hasattr(value, "mean")
+    ]
+    if random:
+        return f"no chaos was asked for: {', '.join(random)} at the mean"
+    return "nothing is random and no law has a history"
+
+
+def make_plan(
+    problem: Problem,
+    method: Method = "auto",
+    active: Sequence[str] | Literal["all"] | None = None,
+    vary: Iterable[str] = (),
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    random: RandomLaws | None = None,
+    columns: int = 1,
+    times: npt.ArrayLike | None = None,
+) -> Plan:
+    """Decide what is modelled.
+
+    Parameters
+    ----------
+    problem
+        The assembled problem.
+    method
+        ``"latin"``: the paper's iteration, every interface kept, no acceleration.
+        ``"accelerated"``: elastic two-sided interfaces kept. ``"direct"``: nothing kept.
+        ``"auto"``: only what varies is kept, so that a fixed linear scene is solved directly.
+    active
+        Interfaces to keep in any case, or ``"all"``.
+    vary
+        Interfaces whose law varies (swept or random parameters): they stay active.
+    direction
+        Search direction; a number is its factor.
+    options
+        Settings of the iteration.
+    random, columns
+        What is random, and the number of chaos modes.
+    times
+        Times (T,) of a load history, increasing; the state before the first is unloaded and unslipped.
+
+    Raises
+    ------
+    SceneError
+        Unknown method or interface, or an interface that cannot be modelled as asked.
+    """
+    if method not in ("auto", "direct", "accelerated", "latin"):
+        raise SceneError(
+            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
+        )
+    moments = None if times is None else check_times(times)
+    amplitudes = problem.amplitudes
+    if amplitudes and moments is None:
+        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
+        changing += [name for name, s in problem.substructures.items() if s.varying_loads]
+        raise SceneError(
+            f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
+        )
+    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
+    for name in _names(problem, vary, "plan"):
+        reasons[name] = "its law varies"
+    for name, interface in problem.interfaces.items():
+        if set(interface.law.varying) - set(interface.law.loading):
+            reasons.setdefault(name, "its law changes in time")
+    if active == "all" or (active is None and method == "latin"):
+        for name in problem.interfaces:
+            reasons.setdefault(name, _ASKED if active == "all" else _PAPER)
+    elif active is not None:
+        for name in _names(problem, active, "plan"):
+            reasons.setdefault(name, _ASKED)
+    elif method == "accelerated":
+        for name, interface in problem.interfaces.items():
+            if isinstance(interface.law, Elastic) and len(interface.sides) == 2:
+                reasons.setdefault(name, "elastic, between two parts")
+
+    eliminated: dict[str, str] = {}
+    for name, interface in problem.interfaces.items():
+        law = interface.law
+        unmatched = isinstance(law, Perfect) and interface.matching is None
+        if unmatched and interface.space != "facets":
+            raise SceneError(
+                f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
+                "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
+                "stiffness well above modulus / length"
+            )
+        if name in reasons:
+            continue
+        how = _how(name, law, interface.matching is not None)
+        if how is None:
+            if unmatched:
+                reasons[name] = _UNMATCHED
+            elif isinstance(law, Perfect):
+                reasons[name] = _UNGLUED
+            else:
+                reasons[name] = "its law is not linear"
+        else:
+            eliminated[name] = how
+    kept = tuple(name for name in problem.interfaces if name in reasons)
+    if method == "direct" and kept:
+        raise SceneError(
+            f"method 'direct' cannot be used: {', '.join(kept)} must stay active "
+            f"({reasons[kept[0]]}); use 'auto'"
+        )
+
+    options = options or (Options.plain() if method == "latin" else Options())
+    if not isinstance(direction, Direction):
+        direction = Direction(factor=direction)
+    _names(problem, direction.given, "search direction")
+    chosen: Literal["direct", "accelerated", "latin"]
+    if not kept:
+        chosen = "direct"
+        reason = "no interface is active: one solve gives the answer"
+    elif options.acceleration == 0 or method == "latin":
+        chosen = "latin"
+        options = options.with_(acceleration=0)
+        reason = "asked for"
+    else:
+        chosen = "accelerated"
+        reason = "Anderson needs 4 to 8 times fewer iterations than the plain one"
+    cut = [n for n in kept if reasons[n] in _CUT and _superposes(problem.interfaces[n].law)]
+    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, random is None)
+    if direction.factor is None:
+        factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
+        if macro:
+            factor = _MACRO_FACTOR
+        direction = Direction(factor, direction.length, direction.given)
+
+    decisions = [
+        Decision(
+            "active interfaces",
+            ", ".join(kept) or "none",
+            "; ".join(sorted({reasons[name] for name in kept})) or "all are linear and fixed",
+        ),
+    ]
+    by_how: dict[str, list[str]] = {}
+    for name, how in eliminated.items():
+        by_how.setdefault(how, []).append(name)
+    for how, names in by_how.items():
+        decisions.append(Decision(how, ", ".join(names), "linear and fixed"))
+    patterns, history, why = _history(problem, kept, moments, amplitudes)
+    steps = len(moments) if history == "steps" and moments is not None else 1
+    if random is not None:
+        germs = random.space.germ_names
+        why = f"{len(germs)} germs: {', '.join(germs)}" + (f"; {why}" if why else "")
+        what = f"{columns} chaos modes" + (f" x {steps} time steps" if steps > 1 else "")
+        decisions.append(Decision("columns", what, why))
+        columns *= steps
+    elif history == "none":
+        decisions.append(Decision("columns", "1", why or _one_column(problem)))
+    else:
+        columns = len(patterns) if history == "patterns" else steps
+        what = "load patterns" if history == "patterns" else "time steps"
+        decisions.append(Decision("columns", f"{columns} {what}", why))
+    for text in random.dropped if random is not None else ():
+        what, _, why = text.partition(": ")
+        decisions.append(Decision("dropped", what, why))
+    decisions.append(Decision("iteration", chosen, reason))
+    if problem.distribution is not None:
+        options = options.with_(newton=0)
+        decisions.append(Decision("ranks", *_ranks(problem)))
+    if kept:
+        decisions.append(
+            Decision(
+                "search direction",
+                f"k = {direction.factor:g} E/L"
+                + (", at most 2 kappa where elastic" if chosen == "accelerated" else "")
+                + (f", given for {', '.join(direction.given)}" if direction.given else ""),
+                "the answer does not depend on it, the number of iterations does",
+            )
+        )
+        decisions += reach
+        decisions.append(
+            Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
+        )
+    here = [name for name in kept if name in problem.own.interfaces]
+    cost = predict(problem.own, here, columns, options.acceleration if kept else 0, paired)
+    decisions.append(
+        Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
+    )
+    _log.info("plan: %s, %d columns, active: %s; %s", chosen, columns, ", ".join(kept) or "nothing", cost)
+    return Plan(
+        chosen,
+        kept,
+        eliminated,
+        columns,
+        direction,
+        options,
+        tuple(decisions),
+        moments,
+        patterns,
+        history,
+        cost,
+        macro,
+        balanced,
+        paired,
+    )
+
+
+def _ranks(problem: Problem) -> tuple[str, str]:
+    """How a problem is spread over ranks, and what follows from that."""
+    assert problem.distribution is not None
+    spread = problem.distribution
+    sizes = [0] * spread.comm.size
+    for name, part in problem.parts.items():
+        sizes[spread.owner[name]] += part.size
+    cuts = ", ".join(problem.cuts) or "no interface"
+    return (
+        f"{len(sizes)}, {min(sizes)} to {max(sizes)} unknowns each; cut at {cuts}",
+        "a part belongs to one rank; no Newton steps (their system spans the ranks), points of a sweep "
+        "one by one",
+    )
+
+
+def _reach(
+    problem: Problem,
+    kept: Sequence[str],
+    cut: Sequence[str],
+    chosen: str,
+    options: Options,
+    plain_columns: bool,
+) -> tuple[tuple[str, ...], Moments, tuple[str, ...], list[Decision]]:
+    """How far an iteration reaches: interfaces in the coarse problem, its moments, paired ones, and why."""
+    decisions: list[Decision] = []
+    paired: tuple[str, ...] = ()
+    if problem.distribution is not None:
+        if options.macro in ("resultants", "linear") or options.directions == "matrix":
+            raise SceneError(
+                "a coarse problem and matrix directions are not spread over ranks yet: use "
+                "macro='automatic' and directions='automatic', or one rank"
+            )
+        return (), "linear", (), decisions
+    if options.directions != "diagonal" and cut:
+        if chosen == "accelerated" or options.directions == "matrix":
+            paired = tuple(cut)
+            decisions.append(
+                Decision(
+                    "matrix directions",
+                    f"{len(paired)} interfaces",
+                    "linear and fixed but kept: solved with both of their parts at every iteration",
+                )
+            )
+    between = [n for n in kept if len(problem.interfaces[n].sides) == 2]
+    why = "asked for"
+    if options.macro == "automatic":
+        unknowns = sum(
+            i.num_points * (1 if getattr(i.law, "rubs", True) is False else i.dim)
+            for i in (problem.interfaces[n] for n in kept)
+        )
+        newton = (
+            plain_columns
+            and unknowns <= options.newton
+            and not all(_superposes(problem.interfaces[n].law) for n in kept)
+        )
+        wanted = chosen == "accelerated" and len(between) >= (_FEW if paired else _MANY) and not newton
+        why = f"{len(between)} interfaces between parts: else an iteration reaches the next part only"
+    else:
+        wanted = options.macro != "none"
+    if not (wanted and between):
+        return (), "linear", paired, decisions
+    loaded = [n for n in kept if isinstance(problem.interfaces[n].law, (Pressure, Traction))]
+    moments: Moments = "resultants" if options.macro == "resultants" else "linear"
+    decisions.append(
+        Decision(
+            "coarse problem",
+            f"{'resultants' if moments == 'resultants' else 'linear moments'} of "
+            f"{len(between) + len(loaded)} interfaces",
+            why,
+        )
+    )
+    return (*between, *loaded), moments, paired, decisions
+
+
+def _history(
+    problem: Problem,
+    kept: Sequence[str],
+    times: npt.NDArray[np.float64] | None,
+    amplitudes: Sequence[Amplitude],
+) -> tuple[tuple[Amplitude | None, ...], Literal["none", "patterns", "steps"], str]:
+    """Load patterns, what a history needs of columns, and why."""
+    if times is None:
+        return (None,), "none", ""
+    if not amplitudes:
+        return (None,), "none", "nothing changes in time: one column answers for all times"
+    constant = (None,) if _constant_loads(problem) else ()
+    patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
+    nonlinear = [n for n in kept if not _superposes(problem.interfaces[n].law)]
+    if not nonlinear and len(patterns) < len(times):
+        why = "the scene is linear: its history is a superposition of load patterns"
+        return patterns, "patterns", why
+    # active interfaces are told their values at every time; only what is assembled has patterns
+    assembled = [i.law for n, i in problem.interfaces.items() if n not in kept]
+    values = [v for law in assembled for v in law.varying.values()]
+    loads = [Varying(((a, 0.0),)) for a in problem.load_amplitudes]
+    patterns = (*constant, *amplitudes_of([*values, *loads])) or (None,)
+    why = "there are not more time steps than load patterns"
+    if nonlinear:
+        why = f"the answer of {', '.join(nonlinear)} is no superposition"
+    return patterns, "steps", why
+
+
+def _superposes(law: Law) -> bool:
+    """Whether the answer is linear in the loading: a linear law with constant stiffness."""
+    linear = isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction))
+    return linear and not set(law.varying) - set(law.loading)
+
+
+def _constant_loads(problem: Problem) -> bool:
+    """Whether any loading is constant in time and not zero."""
+    if any(part.loaded for part in problem.parts.values()):
+        return True
+    for interface in problem.interfaces.values():
+        law = interface.law
+        if not isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)):
+            continue  # its loading is no load of a body
+        for name in law.loading:
+            value = getattr(law, name)
+            terms = [v for a, v in value.terms if a is None] if isinstance(value, Varying) else [value]
+            if any(not is_plain(v) or np.any(np.asarray(v)) for v in terms):
+                return True
+    return False

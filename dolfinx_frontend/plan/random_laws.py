@@ -1,0 +1,188 @@
+"""What is random in a problem: the random parameters of its laws, and the space that they span.
+
+Shared by everything that treats uncertainty (LATIN-PCE, monolithic SSFEM, sampling), so that all of them
+speak of the same germs in the same order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.plan.translate import kernel_values, law_fields
+from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.uncertainty.random import DiscretisedField, RandomField, RandomParameter, RandomSpace
+
+__all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random"]
+
+Array = npt.NDArray[np.float64]
+Source = RandomParameter | DiscretisedField
+
+LINEAR = ("perfect", "elastic", "force")
+"""Kernel laws that are linear: chaos coefficients go through them exactly."""
+
+NOT_NEGATIVE = (
+    "normal",
+    "tangential",
+    "stiffness",
+    "friction",
+    "threshold",
+    "strength",
+    "opening",
+    "energy",
+)
+"""Parameters of laws that are no law if they are negative."""
+
+
+class SampledParameter(NamedTuple):
+    """A random parameter in kernel terms at N points of the germs: ``pattern @ values``."""
+
+    name: str  # the kernel's
+    pattern: Array  # (rows, r)
+    values: Array  # (r, N)
+
+
+def is_random(value: object) -> bool:
+    """Whether a law's value is a random parameter or field."""
+    return isinstance(value, (RandomParameter, RandomField))
+
+
+@dataclass(frozen=True, repr=False)
+class RandomLaws:
+    """The random law parameters of a problem.
+
+    Attributes
+    ----------
+    problem
+        The problem.
+    sources
+        (interface, parameter) -> random parameter, or random field on the interface points.
+    dropped
+        Random parameters that no answer depends on, with the reason: they get no germ.
+    space
+        Their germs.
+    """
+
+    problem: Problem
+    sources: dict[tuple[str, str], Source]
+    dropped: tuple[str, ...]
+    space: RandomSpace
+
+    def __repr__(self) -> str:
+        named = (f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items())
+        return f"RandomLaws({', '.join(named)})"
+
+    @classmethod
+    def of(cls, problem: Problem) -> RandomLaws:
+        """Collect the random parameters in the order of the interfaces.
+
+        Raises
+        ------
+        SceneError
+            Two parameters of one name, or a random value where a law takes none.
+        """
+        sources: dict[tuple[str, str], Source] = {}
+        fields: dict[tuple[str, RandomField], DiscretisedField] = {}
+        dropped = []
+        for name, interface in problem.interfaces.items():
+            for parameter, value in interface.law.parameters().items():
+                if not is_random(value):
+                    continue
+                if not _matters(interface.law, parameter):
+                    dropped.append(f"{name}.{parameter}: the interface has no stiffness")
+                    continue
+                if isinstance(value, RandomField):
+                    key = (name, value)
+                    if key not in fields:
+                        fields[key] = value.on(interface.points, interface.weights)
+                    sources[name, parameter] = fields[key]
+                else:
+                    sources[name, parameter] = value
+        return cls(problem, sources, tuple(dropped), RandomSpace(sources.values()))
+
+    @property
+    def interfaces(self) -> tuple[str, ...]:
+        """Interfaces with something random, in the scene's order."""
+        return tuple(dict.fromkeys(name for name, _ in self.sources))
+
+    def source(self, interface: str, parameter: str) -> Source | None:
+        """The random parameter of a law, or None if the value is fixed."""
+        return self.sources.get((interface, parameter))
+
+    def area_factor(self, interface: str, parameter: str) -> float:
+        """What turns a value in the law's unit into one per area: 1, or 1 / area for a total stiffness."""
+        law = self.problem.interfaces[interface].law
+        if isinstance(law, Elastic) and law.total and parameter in ("normal", "tangential"):
+            return 1.0 / self.problem.interfaces[interface].area
+        return 1.0
+
+    def linear(self, interface: str) -> bool:
+        """Whether the law of an interface is linear."""
+        each = self.problem.interfaces[interface]
+        return law_fields(each, each.law.nominal).kind in LINEAR
+
+    def sampled(self, name: str, parameter: str, points: Array) -> SampledParameter:
+        """A random parameter of an interface at points (N, L) of the germs, as the kernel takes it.
+
+        Raises
+        ------
+        SceneError
+            A value that makes no law: a negative stiffness, friction or threshold.
+        """
+        interface = self.problem.interfaces[name]
+        source = self.sources[name, parameter]
+        values = np.atleast_2d(self.space.values(source, points))
+        inverted = isinstance(interface.law, Contact) and parameter == "stiffness"
+        if parameter in NOT_NEGATIVE and (values.min() < 0.0 or (inverted and values.min() == 0.0)):
+            count = int((values < 0.0).any(axis=0).sum())
+            worst = int(values.min(axis=0).argmin())
+            at = ", ".join(
+                f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
+            )
+            what = f"{parameter} stiffness" if parameter in ("normal", "tangential") else parameter
+            raise SceneError(
+                f"interface {name!r}: {count} of {len(points)} samples give it a negative {what} "
+                f"(smallest {values.min():.4g}, at the germs {at}): {source!r} is not a law for it at this "
+                "spread; use one that cannot be negative: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
+            )
+        kernel_name, unit, values = kernel_values(interface, parameter, values)
+        if isinstance(source, DiscretisedField):
+            # one row of values a point of the interface, spread over the rows of the parameter
+            m = interface.num_points
+            pattern = np.zeros((len(unit), m))
+            pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // m)] = unit[:, 0]
+            unit = pattern
+        return SampledParameter(kernel_name, unit, values)
+
+    def at(self, point: Array) -> dict[str, Law]:
+        """The laws of one sample: interface -> law with numbers instead of random values.
+
+        Parameters
+        ----------
+        point
+            (L,) values of the germs.
+        """
+        xi = np.asarray(point, dtype=np.float64).reshape(1, -1)
+        if xi.shape[1] != self.space.dimension:
+            raise SceneError(
+                f"a point has {xi.shape[1]} germs, the problem has {self.space.dimension}: "
+                f"{', '.join(self.space.germ_names)}"
+            )
+        laws = {name: i.law for name, i in self.problem.interfaces.items()}
+        for (name, parameter), source in self.sources.items():
+            values = self.space.values(source, xi)
+            value = values[:, 0] if isinstance(source, DiscretisedField) else float(values[0])
+            laws[name] = laws[name].with_(**{parameter: value})
+        return laws
+
+
+def _matters(law: Law, parameter: str) -> bool:
+    """Whether any answer depends on a law's parameter."""
+    if isinstance(law, Elastic) and parameter == "jump":
+        return any(law.holds(3))
+    return isinstance(law, Elastic | Perfect) or bool(law.parameters())

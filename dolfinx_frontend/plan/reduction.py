@@ -1,0 +1,427 @@
+"""Elimination of linear, fixed interfaces by prolongations: u_e = Z_e q + u0_e.
+
+Substructures that eliminated interfaces connect form a *body* with the unknowns q.  Glued nodes
+share their unknowns, prescribed displacements and symmetry planes remove directions, all exactly.
+Elastic interfaces stay as springs between members, prescribed forces go into the loads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
+from dolfinx_frontend.assembly.pairing import Interface, frames
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.laws import (
+    Array,
+    Displacement,
+    Elastic,
+    Law,
+    Perfect,
+    Pressure,
+    Symmetry,
+    Traction,
+    evaluate,
+)
+
+__all__ = [
+    "Body",
+    "body_load",
+    "body_matrix",
+    "displacements",
+    "reduce",
+    "spring_jump",
+    "spring_operator",
+]
+
+Ints = npt.NDArray[np.int64]
+
+FLATNESS = 1e-5
+"""Largest difference of unit normals on a symmetry plane."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """Substructures glued together, with n unknowns q.
+
+    Attributes
+    ----------
+    members
+        Names of the substructures.
+    n
+        Number of unknowns.
+    Z
+        Member -> Z_e (n_e, n), no unit.
+    offset
+        Member -> u0_e (n_e,), length.
+    load
+        Member -> F_e (n_e,), force: body forces and eliminated Pressure and Traction.
+    springs
+        Names of the eliminated Elastic interfaces on the members.
+    """
+
+    members: tuple[str, ...]
+    n: int
+    Z: dict[str, sp.csr_matrix] = field(repr=False)
+    offset: dict[str, Array] = field(repr=False)
+    load: dict[str, Array] = field(repr=False)
+    springs: tuple[str, ...]
+
+
+def _constraint(
+    problem: Problem, interface: Interface, law: Law
+) -> tuple[Ints, Array, Array]:
+    """Nodes, directions (r, d) and values (nodes, r) that a one-sided interface prescribes."""
+    side = interface.sides[0]
+    d = interface.dim
+    if isinstance(law, Symmetry):
+        if side.flatness > FLATNESS:
+            raise SceneError(
+                f"interface {interface.name!r}: the symmetry face {side.substructure}:{side.face} "
+                f"is not flat (normals differ by {side.flatness:.3g}); name each plane as a face "
+                "of its own"
+            )
+        return side.nodes, side.normal[None, :], np.zeros((len(side.nodes), 1))
+    assert isinstance(law, Displacement)
+    axes = list(law.axes(d))
+    x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
+    what = f"interface {interface.name!r}, parameter 'value'"
+    value = evaluate(law.value, x, d, what, "all", arrays=False)
+    return side.nodes, np.eye(d)[axes], value[:, axes]
+
+
+def _nodal_jump(problem: Problem, interface: Interface, law: Perfect) -> Array:
+    """Delta (pairs, d) in global components at the nodes of side 1."""
+    side = interface.sides[0]
+    d = interface.dim
+    x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
+    what = f"interface {interface.name!r}, parameter 'jump'"
+    local = evaluate(law.jump, x, d, what, "first", arrays=False)
+    if not np.any(local):
+        return local
+    basis, _ = frames(side.node_normals, interface.tangent_axis)
+    out: Array = np.einsum("pij,pi->pj", basis, local)
+    return out
+
+
+def _free_basis(rows: Array) -> Array:
+    """Orthonormal columns (d, f) that span the null space of rows (r, d).
+
+    Coordinate axes come first where they lie in it, so that prolongations stay selections.
+    """
+    d = rows.shape[1]
+    _, s, vt = np.linalg.svd(rows)
+    rank = int(np.count_nonzero(s > 1e-6))
+    projector = vt[rank:].T @ vt[rank:]
+    basis = np.zeros((d, d - rank))
+    for k in range(d - rank):
+        axis = int(np.argmax(np.round(np.linalg.norm(projector, axis=0), 9)))
+        v = projector[:, axis] / np.linalg.norm(projector[:, axis])
+        v[np.abs(v) < 1e-15] = 0.0
+        unit = np.eye(d)[axis]
+        basis[:, k] = unit if np.abs(v - unit).max() < 1e-12 else v
+        projector = projector - np.outer(v, v)
+    return basis
+
+
+def _groups(problem: Problem, eliminate: set[str]) -> list[list[str]]:
+    """Substructures by body, in the order of the problem."""
+    names = list(problem.substructures)
+    if not names:  # a rank without parts
+        return []
+    number = {n: k for k, n in enumerate(names)}
+    pairs = [
+        [number[s.substructure] for s in i.sides]
+        for i in problem.interfaces.values()
+        if i.name in eliminate and len(i.sides) == 2
+    ]
+    a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(names),) * 2)
+    count, label = connected_components(graph, False)
+    return [[n for n in names if label[number[n]] == k] for k in range(count)]
+
+
+def _check(interface: Interface, law: Law) -> None:
+    if not isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)):
+        raise SceneError(
+            f"interface {interface.name!r}: {type(law).__name__} cannot be eliminated; it is "
+            "iterated on"
+        )
+    if isinstance(law, Perfect) and interface.matching is None:
+        raise SceneError(
+            f"interface {interface.name!r}: Perfect on meshes that do not match cannot be "
+            "eliminated; make the meshes match, keep the interface active, or use a stiff Elastic"
+        )
+
+
+def _shifts(
+    problem: Problem, glued: list[tuple[Interface, Perfect]], start: dict[str, int], nodes: int
+) -> Array:
+    """Offsets (nodes, d) of glued nodes from their common unknowns, that make the jumps Delta."""
+    d = problem.dim
+    shift = np.zeros((nodes, d))
+    parts = [(i, _nodal_jump(problem, i, law)) for i, law in glued]
+    if not any(np.any(jump) for _, jump in parts):
+        return shift
+    first, second, delta, owner = [], [], [], []
+    for k, (i, jump) in enumerate(parts):
+        assert i.matching is not None
+        first.append(i.matching[:, 0] + start[i.sides[0].substructure])
+        second.append(i.matching[:, 1] + start[i.sides[1].substructure])
+        delta.append(jump)
+        owner.append(np.full(len(jump), k))
+    a, b = np.concatenate(first), np.concatenate(second)
+    step, who = np.concatenate(delta), np.concatenate(owner)
+    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
+    _, label = connected_components(graph, False)
+    known = np.zeros(nodes, dtype=bool)
+    known[np.unique(label, return_index=True)[1]] = True  # first node of each class
+    while True:  # one sweep a link between parts, never more than parts meet at a node
+        forward, backward = known[a] & ~known[b], known[b] & ~known[a]
+        if not (forward.any() or backward.any()):
+            break
+        shift[b[forward]] = shift[a[forward]] + step[forward]
+        known[b[forward]] = True
+        backward &= ~known[a]
+        shift[a[backward]] = shift[b[backward]] - step[backward]
+        known[a[backward]] = True
+    error = np.abs(shift[b] - shift[a] - step).max(axis=1)
+    wrong = error > 1e-9 * np.abs(step).max()
+    if np.any(wrong):
+        names = sorted({glued[k][0].name for k in np.unique(who[wrong])})
+        raise SceneError(
+            f"interface {names[0]!r}: its jump contradicts those of the interfaces it meets, by "
+            f"{error.max():.4g}; jumps add up to zero around a common edge"
+        )
+    return shift
+
+
+def _body(
+    problem: Problem,
+    members: list[str],
+    laws: Mapping[str, Law],
+    inside: list[Interface],
+    amplitude: Amplitude | None,
+) -> Body:
+    d = problem.dim
+    parts = [problem.substructures[m] for m in members]
+    counts = np.array([len(p.dof_coordinates) for p in parts])
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    start = {m: int(s) for m, s in zip(members, starts, strict=False)}
+    nodes = int(starts[-1])
+
+    # glued nodes form classes
+    glued = [(i, law) for i in inside if isinstance(law := laws[i.name], Perfect)]
+    pairs = [
+        i.matching + [start[s.substructure] for s in i.sides]
+        for i, _ in glued
+        if i.matching is not None
+    ]
+    a, b = np.concatenate(pairs).T if pairs else np.zeros((2, 0), dtype=np.int64)
+    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
+    classes_count, label = connected_components(graph, False)
+    shift = _shifts(problem, glued, start, nodes)
+
+    # constraints: (node, which interface), directions of each interface, values of each pair
+    who, what, rows, values = [], [], [], []
+    held = [i for i in inside if isinstance(laws[i.name], (Displacement, Symmetry))]
+    for k, i in enumerate(held):
+        local, directions, value = _constraint(problem, i, laws[i.name])
+        who.append(local + start[i.sides[0].substructure])
+        what.append(np.full(len(local), k))
+        rows.append(directions)
+        values.append(value - shift[who[-1]] @ directions.T)
+    basis_of = [np.eye(d)]  # basis 0: free nodes
+    kind = np.zeros(classes_count, dtype=np.int64)
+    fixed = np.zeros((classes_count, d))
+    if held:
+        node, index = np.concatenate(who), np.concatenate(what)
+        place = np.concatenate([np.arange(len(w)) for w in who])
+        # entries of a class in the order of interfaces: nodes with the same set form one group
+        order = np.lexsort((index, label[node]))
+        node, index, place = node[order], index[order], place[order]
+        classes, first, length = np.unique(label[node], return_index=True, return_counts=True)
+        widest = int(length.max())
+        key = np.full((len(classes), widest), -1)
+        spot = np.zeros_like(key)
+        row = np.repeat(np.arange(len(classes)), length)
+        column = np.arange(len(node)) - np.repeat(first, length)
+        key[row, column], spot[row, column] = index, place
+        sets, group = np.unique(key, axis=0, return_inverse=True)
+        group = group.reshape(-1)
+        for g, keys in enumerate(sets):
+            used = [int(k) for k in keys if k >= 0]
+            D = np.concatenate([rows[k] for k in used])
+            chosen = np.flatnonzero(group == g)
+            target = np.concatenate(
+                [values[k][spot[chosen, c]] for c, k in enumerate(used)], axis=1
+            )
+            value = target @ np.linalg.pinv(D, rcond=1e-6).T
+            residual = np.abs(value @ D.T - target)
+            if residual.max() > 1e-9 * max(float(np.abs(target).max()), 1e-300):
+                quoted = " and ".join(sorted({repr(held[k].name) for k in used}))
+                raise SceneError(
+                    f"interfaces {quoted} prescribe different displacements at "
+                    f"{np.count_nonzero(residual.max(axis=1) > 0)} common nodes (up to "
+                    f"{residual.max():.4g} off their compromise); make them agree or shrink a face"
+                )
+            kind[classes[chosen]] = len(basis_of)
+            fixed[classes[chosen]] = value
+            basis_of.append(_free_basis(D))
+
+    # columns: the unknowns of a class are consecutive
+    free = np.array([basis.shape[1] for basis in basis_of])[kind]
+    columns = np.concatenate([[0], np.cumsum(free)])
+    size = int(columns[-1])
+    if size == 0:
+        raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
+    prolongation, offset = {}, {}
+    for m, count, s in zip(members, counts, starts, strict=False):
+        own = label[s : s + count]
+        entries = []
+        for k, basis in enumerate(basis_of):
+            chosen = np.flatnonzero(kind[own] == k)
+            r, c = np.nonzero(basis)
+            if not chosen.size or not r.size:
+                continue
+            at_row = (d * chosen[:, None] + r).ravel()
+            at_column = (columns[own[chosen]][:, None] + c).ravel()
+            entries.append((at_row, at_column, np.tile(basis[r, c], len(chosen))))
+        row, column, value = (
+            (np.concatenate(t) for t in zip(*entries, strict=True))
+            if entries
+            else (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+        )
+        prolongation[m] = sp.csr_matrix((value, (row, column)), shape=(d * count, size))
+        offset[m] = (fixed[own] + shift[s : s + count]).ravel()
+
+    load = {m: p.load_of(amplitude).copy() for m, p in zip(members, parts, strict=True)}
+    for i in inside:
+        law = laws[i.name]
+        if isinstance(law, (Pressure, Traction)):
+            f = (i.weights[:, None] * forces(i, law)).ravel()
+            load[i.sides[0].substructure] += i.local_trace(0).T @ f
+    springs = tuple(i.name for i in inside if isinstance(laws[i.name], Elastic))
+    return Body(tuple(members), size, prolongation, offset, load, springs)
+
+
+def reduce(
+    problem: Problem,
+    eliminate: Iterable[str],
+    laws: Mapping[str, Law] | None = None,
+    amplitude: Amplitude | None = None,
+) -> list[Body]:
+    """Bodies that remain when interfaces are assembled across.
+
+    Parameters
+    ----------
+    problem
+        Assembled scene.
+    eliminate
+        Names of the interfaces; the others stay active and restrict nothing here.
+    laws
+        Laws to use instead of those of the problem.
+    amplitude
+        Amplitude whose part of the body forces is taken; None: the constant part.
+
+    Returns
+    -------
+    list of Body
+        In the order of their first members.  Every substructure belongs to one.
+
+    Raises
+    ------
+    SceneError
+        Perfect interfaces on non-matching meshes, laws that are not linear and fixed, curved
+        symmetry faces, prescribed displacements or jumps that contradict each other.
+    """
+    chosen = set(eliminate)
+    current = {name: i.law for name, i in problem.interfaces.items()} | dict(laws or {})
+    for name in chosen:
+        if name not in problem.interfaces:
+            raise unknown_name("interface", name, problem.interfaces)
+        _check(problem.interfaces[name], current[name])
+    bodies = []
+    for members in _groups(problem, chosen):
+        inside = [
+            i
+            for i in problem.interfaces.values()
+            if i.name in chosen and i.sides[0].substructure in members
+        ]
+        bodies.append(_body(problem, members, current, inside, amplitude))
+    return bodies
+
+
+def spring_operator(
+    problem: Problem, body: Body, name: str, law: Elastic
+) -> tuple[sp.csr_matrix, Array, Array]:
+    """Jump operator of a spring between members.
+
+    Returns
+    -------
+    B, B0, stiffness
+        j = B q + B0 (d*m rows, local frame) and kappa times weight (d*m,).
+    """
+    i = problem.interfaces[name]
+    B = sp.csr_matrix((i.dim * i.num_points, body.n))
+    B0 = np.zeros(B.shape[0])
+    for k, side in enumerate(i.sides):
+        T = i.local_trace(k)
+        sign = 1.0 if k == 1 else -1.0
+        B = B + sign * (T @ body.Z[side.substructure])
+        B0 = B0 + sign * (T @ body.offset[side.substructure])
+    return B.tocsr(), B0, (i.weights[:, None] * stiffnesses(i, law)).ravel()
+
+
+def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
+    """Jump j = w_2 - w_1 (m, d) in the local frame, of displacements by substructure."""
+    i = problem.interfaces[name]
+    jump = -(i.local_trace(0) @ u[i.sides[0].substructure])
+    if len(i.sides) == 2:
+        jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
+    out: Array = jump.reshape(i.num_points, i.dim)
+    return out
+
+
+def _law(problem: Problem, laws: Mapping[str, Law] | None, name: str) -> Any:
+    return laws[name] if laws is not None and name in laws else problem.interfaces[name].law
+
+
+def body_matrix(
+    problem: Problem, body: Body, laws: Mapping[str, Law] | None = None
+) -> sp.csr_matrix:
+    """sum Z^T K Z over the members, plus the springs; (n, n), force / length."""
+    K = sp.csr_matrix((body.n, body.n))
+    for m in body.members:
+        Z = body.Z[m]
+        K = K + Z.T @ problem.substructures[m].matrix @ Z
+    for name in body.springs:
+        B, _, k = spring_operator(problem, body, name, _law(problem, laws, name))
+        K = K + B.T @ sp.diags(k) @ B
+    return K.tocsr()
+
+
+def body_load(problem: Problem, body: Body, laws: Mapping[str, Law] | None = None) -> Array:
+    """Right-hand side that belongs to :func:`body_matrix`, (n,), force."""
+    f = np.zeros(body.n)
+    for m in body.members:
+        K = problem.substructures[m].matrix
+        f += body.Z[m].T @ (body.load[m] - K @ body.offset[m])
+    for name in body.springs:
+        law = _law(problem, laws, name)
+        B, B0, k = spring_operator(problem, body, name, law)
+        f += B.T @ (k * (jumps(problem.interfaces[name], law).ravel() - B0))
+    return f
+
+
+def displacements(body: Body, q: Array) -> dict[str, Array]:
+    """u_e = Z_e q + u0_e of the members."""
+    return {m: body.Z[m] @ q + body.offset[m] for m in body.members}

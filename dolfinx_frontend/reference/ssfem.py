@@ -1,0 +1,690 @@
+"""Monolithic stochastic finite elements (SSFEM): oracle of LATIN-PCE and its strong baseline.
+
+All interfaces are assembled across and the displacement is a chaos, u = sum_j u_j Psi_j (Blanze,
+Champaney, Boucard, ECCOMAS 2004, equations 14 to 19).  With random spring stiffnesses
+a = sum_i a_i Psi_i and jumps j_k = B u_k of the springs,
+
+    K_0 u_k + B^T W sum_j A_kj (B u_j - Delta_j) = F_k,    A_kj = sum_i a_i E[Psi_i Psi_j Psi_k],
+
+for all modes k: one system of n (P + 1) unknowns.  K_0 holds the parts and the fixed springs; A is
+one matrix for a uniform parameter and one a point for a random field.  Delta_j and F_j are the
+coefficients of imposed jumps and loads on the basis, so a random stiffness times a random jump is
+A(a) times the projection of the jump: the same definition as in LATIN-PCE.
+
+The operator is applied and never formed, and conjugate gradients are preconditioned by the factor
+of its mean block, which solves for all modes at once.  Only ``solver="direct"``, for small cases,
+forms and factorises it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov solver,
+``latin_reference_`` for the factors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import scipy.sparse as sp
+from latin_core import stochastic as core
+from latin_core.stochastic import ChaosBasis
+from petsc4py import PETSc as _PETSc
+from scipy.sparse import linalg as sparse_linalg
+
+from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
+from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_operator
+from dolfinx_frontend.reference.monolithic import Cholesky
+from dolfinx_frontend.scene.laws import Array, Displacement, Elastic, Law, Perfect, Pressure, Traction
+from dolfinx_frontend.uncertainty.random import Chaos, DiscretisedField, RandomParameter, RandomSpace
+
+__all__ = ["SSFEMSolution", "energy_error_modes", "smallest_eigenvalue", "ssfem"]
+
+PETSc: Any = _PETSc  # its stubs know no members
+Source = RandomParameter | DiscretisedField
+
+_PREFIX = "latin_ssfem_"
+
+
+class _BlockCholesky(Cholesky):
+    """Factor with a solve for many right-hand sides at once."""
+
+    def solve_block(self, B: Array) -> Array:
+        """Solutions (n, c) of A X = B."""
+        b = np.array(B, dtype=np.float64, order="F")
+        x = np.empty_like(b)
+        left, right = (
+            PETSc.Mat().createDense(a.shape, array=a, comm=PETSc.COMM_SELF) for a in (x, b)
+        )
+        self._ksp.getPC().getFactorMatrix().matSolve(right, left)
+        left.destroy()
+        right.destroy()
+        return x
+
+
+class _Coupling:
+    """The product with a random stiffness a, projected on the basis: v_k = sum_j A_kj u_j.
+
+    The matrices of all rows share one pattern; row r of an interface has A_jk = values[r, e] at
+    (j, k) = (first[e], second[e]).
+
+    Attributes
+    ----------
+    values
+        (1, entries) for a parameter, (m, entries) for a field on m points; force / length^3.
+    first, second
+        (entries,) modes, sorted by `second`.
+    """
+
+    def __init__(self, space: RandomSpace, source: Source, basis: ChaosBasis, scale: float) -> None:
+        coefficients, indices = space.expansion(source, basis)
+        c, used = len(basis), np.flatnonzero(np.any(coefficients != 0.0, axis=0))
+        products = []  # E[Psi_i Psi_j Psi_k] as rows over the pairs j, k
+        for i in used:
+            triple = core.galerkin_matrix(basis, np.eye(1, len(indices), i)[0], indices).tocoo()
+            triple.eliminate_zeros()
+            pairs = triple.col.astype(np.int64) * c + triple.row
+            products.append(sp.csr_matrix((triple.data, (0 * pairs, pairs)), shape=(1, c * c)))
+        stack = sp.vstack(products).tocsc()
+        entries = np.flatnonzero(np.diff(stack.indptr))
+        self.second, self.first = np.divmod(entries, c)
+        self.values = scale * np.asarray(coefficients[:, used] @ stack[:, entries])
+        self._starts = np.searchsorted(self.second, np.arange(c))
+        self._dense = self.matrix(0) if len(self.values) == 1 else None
+
+    def matrix(self, row: int) -> Array:
+        """A (P + 1, P + 1) at one point."""
+        c = int(self.second[-1]) + 1
+        out = np.zeros((c, c))
+        out[self.first, self.second] = self.values[row]
+        return out
+
+    def __call__(self, u: Array) -> Array:
+        """Fields (m, components, P + 1) at the points times a."""
+        if self._dense is not None:
+            return u @ self._dense
+        out = np.empty_like(u)
+        for k in range(u.shape[1]):
+            out[:, k] = np.add.reduceat(self.values * u[:, k, self.first], self._starts, axis=1)
+        return out
+
+    def _bounds(self) -> Array:
+        """Lower bounds (rows,) of the eigenvalues, by Gershgorin."""
+        c = int(self.second[-1]) + 1
+        diagonal = np.zeros((len(self.values), c))
+        on = self.first == self.second
+        diagonal[:, self.first[on]] = self.values[:, on]
+        sums = np.add.reduceat(np.abs(self.values), self._starts, axis=1)
+        out: Array = (diagonal + np.abs(diagonal) - sums).min(axis=1)
+        return out
+
+    @property
+    def smallest(self) -> float:
+        """Smallest eigenvalue over all points."""
+        bounds, smallest = self._bounds(), np.inf
+        for row in np.argsort(bounds):
+            if bounds[row] >= smallest:
+                break
+            smallest = min(smallest, float(np.linalg.eigvalsh(self.matrix(row))[0]))
+        return float(smallest)
+
+    @property
+    def definite(self) -> bool:
+        """Whether the matrices of all points are positive definite."""
+        return bool(self._bounds().min() > 0.0) or self.smallest > 0.0
+
+
+@dataclass(frozen=True)
+class _Spring:
+    """An elastic interface with chaos modes."""
+
+    interface: Interface
+    fixed: Array  # (m, d) stiffness that is not random, 0 elsewhere
+    mean: Array  # (m, d)
+    random: tuple[tuple[str, slice, _Coupling], ...]  # parameter, components, product
+    imposed: Array  # (m, d, P + 1) coefficients of Delta
+
+    def force(self, jump: Array) -> Array:
+        """f_1 (m, d, P + 1) of jumps of this shape."""
+        stretch = jump - self.imposed
+        out: Array = self.fixed[:, :, None] * stretch
+        for _, components, product in self.random:
+            out[:, components] = product(stretch[:, components])
+        return out
+
+
+def _interface_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
+    """Jump modes (m, d, P + 1) in the local frame of displacement modes (n_e, P + 1)."""
+    i = problem.interfaces[name]
+    jump = -(i.local_trace(0) @ u[i.sides[0].substructure])
+    if len(i.sides) == 2:
+        jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
+    out: Array = jump.reshape(i.num_points, i.dim, -1)
+    return out
+
+
+class _System:
+    """The stochastic Galerkin system of a problem, never formed.
+
+    Unknowns are (n, P + 1) blocks in C order, n of all bodies one after the other.
+    """
+
+    def __init__(self, problem: Problem, chaos: Chaos) -> None:
+        problem.on_one_rank("monolithic SSFEM")
+        self.problem = problem
+        self.random = RandomLaws.of(problem)
+        # Krylov vectors, products and a right-hand side for each mode
+        self.basis = self.random.space.basis(chaos, rows=10 * problem.size)
+        self.columns = len(self.basis)
+        self.bodies = reduce(problem, problem.interfaces)
+        starts = np.cumsum([0] + [b.n for b in self.bodies])
+        self.slices = [slice(int(a), int(b)) for a, b in zip(starts, starts[1:], strict=False)]
+        self.size = int(starts[-1])
+        self.springs = {
+            name: self._spring(i)
+            for name, i in problem.interfaces.items()
+            if isinstance(i.law, Elastic)
+        }
+        self.offsets = self._offsets()
+        self.fixed: list[sp.csr_matrix] = []
+        self.mean: list[sp.csr_matrix] = []
+        self.products: list[list[tuple[sp.csr_matrix, Array, _Coupling]]] = []
+        for body in self.bodies:
+            self._assemble(body)
+        self.load = np.concatenate([self._load(body) for body in self.bodies])
+
+    # -- pieces --------------------------------------------------------------------------------
+    def _modes(self, name: str, parameter: str) -> Array:
+        """Coefficients (1 or m, P + 1) of a random value."""
+        source = self.random.source(name, parameter)
+        assert source is not None
+        out: Array = self.random.space.coefficients(source, self.basis)
+        return out
+
+    def _spring(self, i: Interface) -> _Spring:
+        law = i.law
+        assert isinstance(law, Elastic)
+        mean = stiffnesses(i, law)
+        fixed, random = mean.copy(), []
+        for parameter, components in (("normal", slice(0, 1)), ("tangential", slice(1, i.dim))):
+            source = self.random.source(i.name, parameter)
+            if source is not None:
+                scale = self.random.area_factor(i.name, parameter)
+                product = _Coupling(self.random.space, source, self.basis, scale)
+                random.append((parameter, components, product))
+                fixed[:, components] = 0.0
+        imposed = np.zeros((i.num_points, i.dim, self.columns))
+        if self.random.source(i.name, "jump") is not None:
+            imposed[:, 0] = self._modes(i.name, "jump")
+        else:
+            imposed[:, :, 0] = jumps(i, law)
+        return _Spring(i, fixed, mean, tuple(random), imposed)
+
+    def _offsets(self) -> dict[str, Array]:
+        """Substructure -> prescribed part (n_e, P + 1) of the displacement."""
+        parts = self.problem.substructures
+        out: dict[str, Array] = {n: np.zeros((s.size, self.columns)) for n, s in parts.items()}
+
+        def add(laws: Mapping[str, Law], modes: Array) -> None:
+            again = reduce(self.problem, self.problem.interfaces, laws) if laws else self.bodies
+            for body in again:
+                for m in body.members:
+                    out[m] += body.offset[m][:, None] * modes
+
+        values = {
+            name: parameter
+            for name, i in self.problem.interfaces.items()
+            if isinstance(i.law, (Displacement, Perfect))
+            for parameter in i.law.parameters()
+        }
+        sources: dict[str, list[str]] = {}
+        for name, parameter in values.items():
+            source = self.random.source(name, parameter)
+            if isinstance(source, DiscretisedField):
+                raise SceneError(
+                    f"interface {name!r}: the random field {source.name!r} cannot be prescribed, "
+                    f"{parameter} is needed at nodes; use a random parameter"
+                )
+            if source is not None:
+                sources.setdefault(source.name, []).append(name)
+        # linear in the values: the sum of what each random parameter alone and the fixed ones do
+        laws = {n: self.problem.interfaces[n].law.with_(**{p: 0.0}) for n, p in values.items()}
+        random = {n: laws[n] for names in sources.values() for n in names}
+        add(random, np.eye(1, self.columns)[0])
+        for names in sources.values():
+            unit = {n: laws[n].with_(**{values[n]: 1.0}) for n in names}
+            add(laws | unit, self._modes(names[0], values[names[0]])[0])
+        return out
+
+    def _assemble(self, body: Body) -> None:
+        """Matrix of the fixed part and of the mean, products of the random springs."""
+        fixed = body_matrix(self.problem, dataclasses.replace(body, springs=()))
+        mean, products = fixed, []
+        for name in body.springs:
+            s = self.springs[name]
+            i = s.interface
+            assert isinstance(i.law, Elastic)
+            B = spring_operator(self.problem, body, name, i.law)[0]
+            w = i.weights[:, None]
+            fixed = fixed + B.T @ sp.diags((w * s.fixed).ravel()) @ B
+            mean = mean + B.T @ sp.diags((w * s.mean).ravel()) @ B
+            for _, components, product in s.random:
+                rows = np.arange(B.shape[0]).reshape(i.num_points, i.dim)[:, components]
+                products.append((B[rows.ravel()].tocsr(), i.weights, product))
+        self.fixed.append(fixed.tocsr())
+        self.mean.append(mean.tocsr())
+        self.products.append(products)
+
+    def _load(self, body: Body) -> Array:
+        """Right-hand side (n, P + 1)."""
+        f = np.zeros((body.n, self.columns))
+        for m in body.members:
+            offset, load = self.offsets[m], np.zeros_like(self.offsets[m])
+            load[:, 0] = body.load[m]
+            if np.any(offset):
+                load -= self.problem.substructures[m].matrix @ offset
+            for i in self.problem.interfaces.values():
+                if i.sides[0].substructure == m and isinstance(i.law, (Pressure, Traction)):
+                    self._random_force(i, load)
+            f += body.Z[m].T @ load
+        for name in body.springs:
+            s = self.springs[name]
+            i = s.interface
+            assert isinstance(i.law, Elastic)
+            B = spring_operator(self.problem, body, name, i.law)[0]
+            force = s.force(_interface_jump(self.problem, name, self.offsets))
+            f -= B.T @ (i.weights[:, None, None] * force).reshape(-1, self.columns)
+        return f
+
+    def _random_force(self, i: Interface, load: Array) -> None:
+        """Modes of a random pressure or traction, without the mean, which the body has already."""
+        for parameter in i.law.parameters():
+            if self.random.source(i.name, parameter) is None:
+                continue
+            modes = self._modes(i.name, parameter)
+            for k in np.flatnonzero(np.any(modes != 0.0, axis=0)):
+                if k == 0:
+                    continue
+                value = float(modes[0, k]) if len(modes) == 1 else modes[:, k]
+                law = i.law.with_(**{parameter: value})
+                assert isinstance(law, (Pressure, Traction))
+                f = (i.weights[:, None] * forces(i, law)).ravel()
+                load[:, k] += i.local_trace(0).T @ f
+
+    # -- operators -----------------------------------------------------------------------------
+    def apply(self, q: Array) -> Array:
+        """The operator on (n, P + 1)."""
+        out = np.empty_like(q)
+        for part, fixed, products in zip(self.slices, self.fixed, self.products, strict=True):
+            own = q[part]
+            result = fixed @ own
+            for B, weights, product in products:
+                jump = (B @ own).reshape(len(weights), -1, self.columns)
+                force = weights[:, None, None] * product(jump)
+                result += B.T @ force.reshape(-1, self.columns)
+            out[part] = result
+        return out
+
+    def apply_mean(self, q: Array) -> Array:
+        """The mean block on each mode of (n, P + 1)."""
+        return np.concatenate([A @ q[s] for A, s in zip(self.mean, self.slices, strict=True)])
+
+    def factor(self) -> Callable[[Array], Array]:
+        """Solution with the mean block for each mode of (n, P + 1)."""
+        factors = [_BlockCholesky(A) for A in self.mean]
+        return lambda q: np.concatenate(
+            [f.solve_block(q[s]) for f, s in zip(factors, self.slices, strict=True)]
+        )
+
+    def matrices(self) -> list[sp.csr_matrix]:
+        """The operator of each body, formed: (n (P + 1), n (P + 1)), mode fastest."""
+        c = self.columns
+        out = []
+        for fixed, products in zip(self.fixed, self.products, strict=True):
+            A = sp.kron(fixed, sp.identity(c), "csr")
+            for B, weights, product in products:
+                rows = B.shape[0]
+                values = np.broadcast_to(product.values, (len(weights), len(product.first)))
+                values = np.repeat(weights[:, None] * values, rows // len(weights), axis=0)
+                start = c * np.arange(rows)[:, None]
+                where = (start + product.first).ravel(), (start + product.second).ravel()
+                law = sp.coo_matrix((values.ravel(), where), shape=(rows * c, rows * c)).tocsr()
+                trace = sp.kron(B, sp.identity(c), "csr")
+                A = A + trace.T @ law @ trace
+            out.append(A)
+        return out
+
+    def indefinite(self) -> SceneError:
+        """Which stiffness is to blame."""
+        bad = []
+        for name, s in self.springs.items():
+            for parameter, _, product in s.random:
+                source = self.random.source(name, parameter)
+                if source is not None and not product.definite:
+                    bad.append(
+                        f"interface {name!r}, {parameter} stiffness {source.name!r}: smallest "
+                        f"eigenvalue {product.smallest:.4g} of its Galerkin matrix"
+                    )
+        return SceneError(
+            "the stochastic Galerkin operator is not positive definite ("
+            + ("; ".join(bad) or "something is not held")
+            + "); take a positive law such as LogNormal, Gamma or TruncatedNormal, or a lower order"
+        )
+
+
+@dataclass(frozen=True)
+class SSFEMSolution:
+    """Chaos of the monolithic solution; coefficient 0 is the mean.
+
+    Attributes
+    ----------
+    problem, random, basis
+        What was solved, with what randomness, on which modes.
+    coefficients
+        Substructure -> displacement modes (n_e, P + 1), length.
+    unknowns
+        n (P + 1) of the system that was solved.
+    converged
+        Whether the tolerance was reached (always, by the direct solver).
+    iterations
+        Of conjugate gradients; 0 if direct.
+    residuals
+        (iterations + 1,) norm of the residual in the inverse of the mean block, relative to the
+        first: the energy error up to the square root of the condition number of `spectrum`.
+    residual
+        True |F - A u| / |F|, Euclidean norm.
+    spectrum
+        Smallest and largest Ritz value of the operator relative to its mean block; nan if direct.
+    seconds
+        ``assembly``, ``factor``, ``iterations`` -> wall time.
+    """
+
+    problem: Problem = field(repr=False)
+    random: RandomLaws = field(repr=False)
+    basis: ChaosBasis = field(repr=False)
+    coefficients: dict[str, Array] = field(repr=False)
+    unknowns: int
+    converged: bool
+    iterations: int
+    residuals: Array = field(repr=False)
+    residual: float
+    spectrum: tuple[float, float]
+    seconds: dict[str, float]
+    _springs: dict[str, _Spring] = field(repr=False)
+
+    @property
+    def space(self) -> RandomSpace:
+        """The germs."""
+        return self.random.space
+
+    def _modes(self, substructure: str) -> Array:
+        if substructure not in self.coefficients:
+            raise unknown_name("substructure", substructure, self.coefficients, "solution")
+        return self.coefficients[substructure]
+
+    def mean(self, substructure: str) -> Array:
+        """Expectation (n_e,) of the displacement."""
+        return core.mean(self._modes(substructure))
+
+    def std(self, substructure: str) -> Array:
+        """Standard deviation (n_e,) of the displacement."""
+        return np.sqrt(core.variance(self._modes(substructure)))
+
+    def jump_coefficients(self, interface: str) -> Array:
+        """Modes (m, d, P + 1) of the jump w_2 - w_1 in the local frame, length."""
+        if interface not in self.problem.interfaces:
+            raise unknown_name("interface", interface, self.problem.interfaces, "solution")
+        return _interface_jump(self.problem, interface, self.coefficients)
+
+    def force_coefficients(self, interface: str) -> Array:
+        """Modes (m, d, P + 1) of f_1 = kappa (j - Delta) in the local frame, force / area.
+
+        Raises
+        ------
+        SceneError
+            The interface is not elastic: its force is a reaction at nodes.
+        """
+        jump = self.jump_coefficients(interface)
+        if interface not in self._springs:
+            law = type(self.problem.interfaces[interface].law).__name__
+            raise SceneError(
+                f"interface {interface!r} is {law}; only elastic interfaces have a force at points"
+            )
+        return self._springs[interface].force(jump)
+
+
+def ssfem(
+    problem: Problem,
+    chaos: Chaos,
+    solver: Literal["cg", "direct"] = "cg",
+    rtol: float = 1e-12,
+    max_iterations: int = 1000,
+    callback: Callable[[int, float], None] | None = None,
+) -> SSFEMSolution:
+    """Solve the stochastic Galerkin equations of the assembled structure.
+
+    Parameters
+    ----------
+    problem
+        Assembled scene, with random values in its laws.
+    chaos
+        The basis.
+    solver
+        ``"cg"``: conjugate gradients with the mean block as preconditioner; ``"direct"``: Cholesky
+        of the operator, for small cases: its memory grows faster than the number of modes squared.
+    rtol
+        Of the residual norm in the inverse of the mean block, which estimates the energy error.
+    max_iterations
+        Of conjugate gradients; nothing is raised when they do not suffice.
+    callback
+        Called with the iteration and the relative residual norm; it may raise to end the run.
+
+    Where one stiffness is indefinite but the whole operator is not, the solution is given.
+
+    Raises
+    ------
+    SceneError
+        An interface that cannot be eliminated, see :func:`reduction.reduce`; a basis that needs
+        more memory than there is; a random field that is prescribed at nodes; an operator that is
+        not positive definite.
+    """
+    if solver not in ("cg", "direct"):
+        raise unknown_name("solver", str(solver), ("cg", "direct"), "ssfem")
+    began = perf_counter()
+    system = _System(problem, chaos)
+    matrices = system.matrices() if solver == "direct" else []
+    seconds = {"assembly": perf_counter() - began}
+    began = perf_counter()
+    if solver == "direct":
+        q: Array = np.empty_like(system.load)
+        try:
+            factors = [Cholesky(A) for A in matrices]
+            seconds["factor"] = perf_counter() - began
+            began = perf_counter()
+            for part, factor in zip(system.slices, factors, strict=True):
+                q[part] = factor.solve(system.load[part].ravel()).reshape(-1, system.columns)
+        except SceneError as error:
+            raise system.indefinite() from error
+        seconds["iterations"] = perf_counter() - began
+        converged, spectrum = True, (float("nan"), float("nan"))
+        residuals: Array = np.zeros(1)
+    else:
+        precondition = system.factor()
+        # a right-hand side may hide an indefinite operator from conjugate gradients
+        products = [p for s in system.springs.values() for _, _, p in s.random]
+        if not all(p.definite for p in products):
+            if _smallest(system, precondition, 1e-3) <= 0.0:
+                raise system.indefinite()
+        seconds["factor"] = perf_counter() - began
+        began = perf_counter()
+        q, converged, residuals, spectrum = _conjugate_gradients(
+            system, precondition, rtol, max_iterations, callback
+        )
+        seconds["iterations"] = perf_counter() - began
+    size = np.linalg.norm(system.load)
+    residual = float(np.linalg.norm(system.load - system.apply(q)) / size) if size > 0.0 else 0.0
+    coefficients = {
+        m: body.Z[m] @ q[part] + system.offsets[m]
+        for body, part in zip(system.bodies, system.slices, strict=True)
+        for m in body.members
+    }
+    return SSFEMSolution(
+        problem,
+        system.random,
+        system.basis,
+        {name: coefficients[name] for name in problem.substructures},
+        q.size,
+        converged,
+        len(residuals) - 1,
+        residuals,
+        residual,
+        spectrum,
+        seconds,
+        system.springs,
+    )
+
+
+def _conjugate_gradients(
+    system: _System,
+    precondition: Callable[[Array], Array],
+    rtol: float,
+    max_iterations: int,
+    callback: Callable[[int, float], None] | None,
+) -> tuple[Array, bool, Array, tuple[float, float]]:
+    """Solution (n, P + 1), whether converged, residual history, extreme Ritz values."""
+    shape = system.load.shape
+    norms: list[float] = []
+
+    class Operator:
+        def mult(self, _: Any, x: Any, y: Any) -> None:
+            y.setArray(system.apply(x.getArray(readonly=True).reshape(shape)).ravel())
+
+    class MeanBlock:
+        def apply(self, _: Any, x: Any, y: Any) -> None:
+            y.setArray(precondition(x.getArray(readonly=True).reshape(shape)).ravel())
+
+    def monitor(_: Any, iteration: int, norm: float) -> None:
+        norms.append(norm)
+        if callback is not None:
+            callback(iteration, norm / norms[0] if norms[0] > 0.0 else 0.0)
+
+    size = system.load.size
+    A = PETSc.Mat().createPython(((size, size), (size, size)), Operator(), PETSc.COMM_SELF)
+    A.setUp()
+    x, b = A.createVecs()
+    b.setArray(system.load.ravel())
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.setOptionsPrefix(_PREFIX)
+    ksp.setOperators(A)
+    ksp.setType(PETSc.KSP.Type.CG)
+    ksp.setNormType(PETSc.KSP.NormType.NATURAL)
+    ksp.setTolerances(rtol=rtol, atol=0.0, max_it=max_iterations)
+    pc = ksp.getPC()
+    pc.setType(PETSc.PC.Type.PYTHON)
+    pc.setPythonContext(MeanBlock())
+    ksp.setComputeEigenvalues(True)
+    ksp.setMonitor(monitor)
+    ksp.setFromOptions()
+    try:
+        ksp.solve(b, x)
+    except PETSc.Error as error:
+        if error.__cause__ is not None:  # what the callback raised
+            raise error.__cause__ from None
+        raise
+    reason = ksp.getConvergedReason()
+    spectrum = (float("nan"), float("nan"))
+    if ksp.getIterationNumber() > 0 and ksp.getType() == PETSc.KSP.Type.CG:
+        ritz = np.real(ksp.computeEigenvalues())
+        spectrum = (float(ritz.min()), float(ritz.max()))
+    R = PETSc.KSP.ConvergedReason
+    if reason in (R.DIVERGED_INDEFINITE_MAT, R.DIVERGED_INDEFINITE_PC) or spectrum[0] <= 0.0:
+        raise system.indefinite()
+    residuals = np.array(norms) / norms[0] if norms[0] > 0.0 else np.zeros(1)
+    q = np.array(x.getArray()).reshape(shape)
+    for petsc in (ksp, A, x, b):
+        petsc.destroy()
+    return q, reason > 0, residuals, spectrum
+
+
+def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> float:
+    """Smallest eigenvalue of the monolithic operator relative to its mean block, no unit.
+
+    A x = lambda (K_mean (x) I) x by Lanczos with the factor of the mean block, without shifts.  The
+    operator is positive definite if and only if it is positive.  1 without randomness; for one
+    normal stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share
+    of the mean strain energy that a displacement can have in the springs.
+    """
+    system = _System(problem, chaos)
+    return _smallest(system, system.factor(), rtol)
+
+
+def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> float:
+    size = system.load.size
+    if not any(system.products):
+        return 1.0
+
+    def operator(function: Callable[[Array], Array]) -> Any:
+        def multiply(v: Array) -> Array:
+            return function(v.reshape(system.load.shape)).ravel()
+
+        return sparse_linalg.LinearOperator((size, size), matvec=multiply, dtype=np.float64)
+
+    values = sparse_linalg.eigsh(
+        operator(system.apply),
+        k=1,
+        M=operator(system.apply_mean),
+        Minv=operator(solve),
+        which="SA",
+        v0=np.random.default_rng(0).standard_normal(size),
+        tol=rtol,
+        return_eigenvectors=False,
+    )
+    return float(values[0])
+
+
+def energy_error_modes(
+    problem: Problem, coefficients: Mapping[str, Array], reference: Mapping[str, Array]
+) -> float:
+    """Relative error of displacement modes in the energy norm of the mean structure.
+
+    sqrt( a(u - ur) / a(ur) ), where a sums up v_j^T K v_j of the parts over all modes j, plus the
+    energy of the elastic interfaces with their mean stiffness, capped as in
+    :func:`reference.energy_error`.  Jumps of the reference count without the mean of imposed ones.
+
+    Parameters
+    ----------
+    problem
+        Assembled scene.
+    coefficients, reference
+        Substructure -> modes (n_e, P + 1) on the same basis; absent last modes count as 0.
+    """
+    columns = max(np.shape(u)[1] for group in (coefficients, reference) for u in group.values())
+
+    def padded(group: Mapping[str, Array], name: str) -> Array:
+        u = np.asarray(group[name], dtype=np.float64)
+        return np.pad(u, ((0, 0), (0, columns - u.shape[1])))
+
+    exact = {name: padded(reference, name) for name in problem.substructures}
+    error = {name: padded(coefficients, name) - exact[name] for name in exact}
+    above, below = _part_energy(problem, error), _part_energy(problem, exact)
+    for name, i in problem.interfaces.items():
+        if not isinstance(i.law, Elastic):
+            continue
+        parts = [problem.substructures[s.substructure] for s in i.sides]
+        cap = min(p.modulus / p.length for p in parts)
+        kappa = stiffnesses(i, i.law)
+        k = (i.weights[:, None] * kappa * cap / (kappa + cap))[:, :, None]
+        above += float(np.sum(k * _interface_jump(problem, name, error) ** 2))
+        stretch = _interface_jump(problem, name, exact)
+        stretch[:, :, 0] -= jumps(i, i.law)
+        below += float(np.sum(k * stretch**2))
+    if below == 0.0:
+        return 0.0 if above == 0.0 else float("inf")
+    return float(np.sqrt(max(above, 0.0) / below))
+
+
+def _part_energy(problem: Problem, u: Mapping[str, Array]) -> float:
+    return float(sum(np.sum(v * (problem.substructures[n].matrix @ v)) for n, v in u.items()))

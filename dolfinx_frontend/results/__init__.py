@@ -1,0 +1,1 @@
+"""What an answer gives: readings of interfaces, resultants, tables."""

@@ -1,0 +1,85 @@
+"""What a user wants to know of an assembly: the number whose error is asked about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+
+__all__ = ["Resultant"]
+
+Array = npt.NDArray[np.float64]
+Of = Literal["force", "jump"]
+_COMPONENTS = ("normal", "shear1", "shear2")
+
+
+@dataclass(frozen=True)
+class Resultant:
+    """A number of one interface: its total force, or its mean jump, in one local direction.
+
+    Attributes
+    ----------
+    interface
+        Name.
+    of
+        ``"force"``: integral of the force per area on side 1 (force), or ``"jump"``: mean of
+        w2 - w1 (length).
+    component
+        0 is normal (tension > 0), 1 and 2 are tangential, in the local frames of the points.
+
+    Raises
+    ------
+    SceneError
+        A word or component that is not known.
+    """
+
+    interface: str
+    of: Of = "force"
+    component: int = 0
+
+    def __post_init__(self) -> None:
+        if self.of not in get_args(Of):
+            raise SceneError(
+                f"interface {self.interface!r}: of={self.of!r} is not known, use 'force' or 'jump'"
+            )
+        if self.component not in (0, 1, 2):
+            raise SceneError(
+                f"interface {self.interface!r}: component {self.component!r} must be 0 (normal), 1 or 2"
+            )
+
+    def __str__(self) -> str:
+        what = "force" if self.of == "force" else "mean jump"
+        return f"{_COMPONENTS[self.component]} {what} of {self.interface}"
+
+    def field(self, source: Any) -> Array:
+        """The field that is summed, (..., points, components): force or jump of a result or of samples."""
+        read = source.force if self.of == "force" else source.jump
+        return np.asarray(read(self.interface))
+
+    def total(self, field: Array, weights: Array) -> Array:
+        """The number from such a field, for each of its leading axes; `weights` are the areas (points,)."""
+        if self.component >= field.shape[-1]:
+            raise SceneError(
+                f"interface {self.interface!r} carries {field.shape[-1]} component(s), not component "
+                f"{self.component}"
+            )
+        total = field[..., self.component] @ weights
+        return np.asarray(total if self.of == "force" else total / weights.sum())
+
+    def value(self, result: Any) -> Array:
+        """The number in a result: (), (T,) of a history, (N,) of samples.
+
+        Parameters
+        ----------
+        result
+            Anything with ``problem``, ``force(interface)`` and ``jump(interface)``.
+        """
+        interfaces = result.problem.interfaces
+        if self.interface not in interfaces:
+            raise unknown_name("interface", self.interface, interfaces, "problem")
+        weights = interfaces[self.interface].weights
+        return self.total(self.field(result), weights)

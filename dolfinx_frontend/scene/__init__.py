@@ -1,0 +1,1 @@
+"""What is computed, as the user says it: amplitudes, laws, materials, parts and interfaces."""

@@ -1,0 +1,196 @@
+"""Values that change in time: loads, jumps and preloads of a load history.
+
+A history is quasi-static: time is only the order in which loads come (its unit is whatever the
+amplitudes are given in). Its time steps are columns of the LATIN iteration, which works on the whole
+history at once (P. Ladeveze, Nonlinear Computational Structural Mechanics, 1999: large time increment).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError
+
+__all__ = ["Amplitude", "Combination", "Varying", "amplitudes_of", "check_step", "check_times"]
+
+Array = npt.NDArray[np.float64]
+
+
+class Amplitude:
+    """A factor that changes in time; ``amplitude * value`` is a value of a law that does.
+
+    Parameters
+    ----------
+    times
+        Increasing times; or a function time -> factor, and no `values`.
+    values
+        Factors at the times: linear in between, constant before the first and after the last.
+
+    Raises
+    ------
+    SceneError
+        Times that do not increase, another number of values, numbers that are not finite.
+
+    Examples
+    --------
+    >>> tighten = Amplitude([0, 1], [0, 1])
+    >>> shear = Amplitude([1, 2, 4, 6], [0, 1, -1, 1])
+    >>> scene.traction("plate:end", shear * (20.0, 0.0, 0.0))
+    """
+
+    __array_ufunc__ = None  # NumPy leaves array * amplitude to __rmul__
+
+    def __init__(
+        self,
+        times: Sequence[float] | Array | Callable[[float], float],
+        values: Sequence[float] | Array | None = None,
+    ) -> None:
+        self._function: Callable[[float], float] | None = None
+        if callable(times):
+            if values is not None:
+                raise SceneError("Amplitude: a function of time and values are given: give one")
+            self._function = times
+            return
+        self._times = np.array(times, dtype=np.float64).ravel()
+        self._values = np.array([] if values is None else values, dtype=np.float64).ravel()
+        if len(self._times) != len(self._values) or not len(self._times):
+            raise SceneError(
+                f"Amplitude: {len(self._times)} times and {len(self._values)} values; give one value a time"
+            )
+        if not (np.all(np.isfinite(self._times)) and np.all(np.isfinite(self._values))):
+            raise SceneError("Amplitude: times and values are finite numbers")
+        if np.any(np.diff(self._times) <= 0.0):
+            where = int(np.argmax(np.diff(self._times) <= 0.0))
+            raise SceneError(
+                f"Amplitude: times increase, but {self._times[where]:g} is followed by "
+                f"{self._times[where + 1]:g}"
+            )
+
+    def __call__(self, time: float) -> float:
+        """The factor at a time."""
+        if self._function is None:
+            return float(np.interp(time, self._times, self._values))
+        factor = float(self._function(time))
+        if not np.isfinite(factor):
+            raise SceneError(f"Amplitude: the function returned {factor} at time {time:g}")
+        return factor
+
+    def __mul__(self, value: Any) -> Varying:
+        if isinstance(value, (Amplitude, Varying)):
+            raise SceneError(
+                "Amplitude: multiply an amplitude by a value; use Amplitude(function) for products"
+            )
+        return Varying(((self, value),))
+
+    __rmul__ = __mul__
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if not isinstance(other, Amplitude) or self._function or other._function:
+            return False
+        return np.array_equal(self._times, other._times) and np.array_equal(
+            self._values, other._values
+        )
+
+    def __hash__(self) -> int:
+        if self._function is not None:
+            return hash(self._function)
+        return hash((self._times.tobytes(), self._values.tobytes()))
+
+    def __repr__(self) -> str:
+        if self._function is not None:
+            return f"Amplitude({short(self._function)})"
+        return f"Amplitude({short(self._times.tolist())}, {short(self._values.tolist())})"
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Sum of coefficient * value; what a varying value is at one time."""
+
+    terms: tuple[tuple[float, Any], ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Varying:
+    """Sum of amplitude * value; None is the constant amplitude 1.
+
+    Built by ``amplitude * value`` and ``+``; the values are those that laws take (numbers, vectors, arrays
+    by point, callables of the points).
+    """
+
+    terms: tuple[tuple[Amplitude | None, Any], ...]
+
+    __array_ufunc__ = None
+
+    def __add__(self, other: Any) -> Varying:
+        if isinstance(other, Varying):
+            return Varying(self.terms + other.terms)
+        return Varying((*self.terms, (None, other)))
+
+    __radd__ = __add__
+
+    def __repr__(self) -> str:
+        return " + ".join(short(v) if a is None else f"{a!r} * {short(v)}" for a, v in self.terms)
+
+    def at(self, time: float) -> Combination:
+        """The value at a time."""
+        return Combination(tuple((1.0 if a is None else a(time), v) for a, v in self.terms))
+
+    @property
+    def nominal(self) -> Combination:
+        """The value with every amplitude at 1."""
+        return Combination(tuple((1.0, v) for _, v in self.terms))
+
+    def pattern(self, amplitude: Amplitude | None) -> Combination:
+        """What is multiplied by one amplitude."""
+        return Combination(tuple((1.0, v) for a, v in self.terms if a == amplitude))
+
+
+def amplitudes_of(values: Sequence[Any]) -> list[Amplitude]:
+    """The different amplitudes of some values, in order of appearance."""
+    found: list[Amplitude] = []
+    for value in values:
+        for amplitude, _ in value.terms if isinstance(value, Varying) else ():
+            if amplitude is not None and amplitude not in found:
+                found.append(amplitude)
+    return found
+
+
+def check_times(times: npt.ArrayLike) -> Array:
+    """Times of a history as an array (T,).
+
+    Raises
+    ------
+    SceneError
+        No times, or times that do not increase.
+    """
+    data = np.array(times, dtype=np.float64)
+    if data.ndim != 1 or not data.size or not np.all(np.isfinite(data)):
+        raise SceneError(f"times = {times!r}: give a list of increasing numbers")
+    if np.any(np.diff(data) <= 0.0):
+        where = int(np.argmax(np.diff(data) <= 0.0))
+        raise SceneError(
+            f"times increase, but {data[where]:g} is followed by {data[where + 1]:g}"
+        )
+    return data
+
+
+def check_step(times: Array | None, step: int, where: str) -> int:
+    """A step of a history counted from its beginning; without a history (None) there is one, 0 or -1.
+
+    Raises
+    ------
+    SceneError
+        No such step.
+    """
+    count = 1 if times is None else len(times)
+    if not -count <= step < count:
+        raise SceneError(f"{where}: there is no step {step}, the history has {count}")
+    return step % count

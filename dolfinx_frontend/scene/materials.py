@@ -1,0 +1,263 @@
+"""Linear elastic materials as UFL integrands.
+
+A material of a scene is an object with ``bilinear(u, v)``, or any callable (u, v) that returns a
+UFL integrand or a whole form.  Constants become ``fem.Constant``: parts that differ only in numbers
+share one compiled form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import dolfinx.fem as fem
+import numpy as np
+import numpy.typing as npt
+import ufl
+from ufl.domain import extract_unique_domain
+
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
+from dolfinx_frontend.scene.laws import Parameter, is_plain
+
+__all__ = ["LinearElastic", "Material", "OrthotropicElastic", "strain"]
+
+
+@runtime_checkable
+class Material(Protocol):
+    """What a scene needs to know of a material."""
+
+    def bilinear(self, u: Any, v: Any) -> Any:
+        """UFL integrand sigma(u) : eps(v)."""
+
+
+def strain(u: Any) -> Any:
+    """Linearised strain, UFL (d, d)."""
+    return ufl.sym(ufl.grad(u))
+
+
+def _constant(u: Any, value: npt.ArrayLike) -> Any:
+    return fem.Constant(extract_unique_domain(u), np.asarray(value, dtype=np.float64))
+
+
+def _dim(u: Any) -> int:
+    return int(u.ufl_shape[0])
+
+
+def _check_plane(name: str, plane: str) -> None:
+    if plane not in ("strain", "stress"):
+        raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress'")
+
+
+def _check_known(name: str, constant: str, value: Any) -> None:
+    """Refuse what only laws and loads can be: random, swept, or a function of time."""
+    if is_plain(value) or not isinstance(value, (Parameter, Amplitude, Combination, Varying)):
+        return
+    raise SceneError(
+        f"{name}: {constant} = {value!r}; the stiffness of a part is neither random nor does it change in "
+        "time: give a number or a UFL expression, and solve once for each value, or let a law carry it"
+    )
+
+
+_LOCKS = 0.45
+"""Poisson's ratio from which on a bent part of linear elements is more than a third too stiff."""
+
+
+@dataclass(frozen=True)
+class LinearElastic:
+    """Isotropic linear elasticity: sigma = lambda tr(eps) I + 2 mu eps.
+
+    Parameters
+    ----------
+    E
+        Young's modulus, force / area: a number > 0 or a UFL expression.
+    nu
+        Poisson's ratio: a number in (-1, 1/2) or a UFL expression.
+    plane
+        ``"strain"`` or ``"stress"``, in 2D; 3D parts take ``"strain"`` (the default) only.
+    """
+
+    E: Any
+    nu: Any
+    plane: str = "strain"
+
+    def __post_init__(self) -> None:
+        _check_plane("LinearElastic", self.plane)
+        for name in ("E", "nu"):
+            _check_known("LinearElastic", name, getattr(self, name))
+        if isinstance(self.E, (int, float, np.number)) and not 0.0 < self.E < np.inf:
+            raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
+        if isinstance(self.nu, (int, float, np.number)) and not -1.0 < self.nu < 0.5:
+            raise SceneError(f"LinearElastic: nu = {self.nu!r}; admissible: -1 < nu < 0.5")
+
+    def check(self, dim: int) -> None:
+        """Whether the material fits a part of `dim` dimensions.
+
+        Raises
+        ------
+        SceneError
+            Plane stress in 3D.
+        """
+        if dim == 3 and self.plane == "stress":
+            raise SceneError("LinearElastic: plane='stress' in 3D; it is for 2D parts only")
+
+    def locks(self, dim: int) -> bool:
+        """Whether linear elements are too stiff for it: nu > 0.45, lambda > 9 mu, and volume is kept."""
+        known = isinstance(self.nu, (int, float, np.number))
+        return known and float(self.nu) > _LOCKS and not (dim == 2 and self.plane == "stress")
+
+    def stress(self, u: Any) -> Any:
+        """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
+        self.check(_dim(u))
+        E, nu = (
+            _constant(u, c) if isinstance(c, (int, float, np.number)) else c
+            for c in (self.E, self.nu)
+        )
+        if self.plane == "stress":
+            lmbda = E * nu / (1 - nu**2)
+        else:
+            lmbda = E * nu / ((1 + nu) * (1 - 2 * nu))
+        eps = strain(u)
+        return lmbda * ufl.tr(eps) * ufl.Identity(_dim(u)) + E / (1 + nu) * eps
+
+    def bilinear(self, u: Any, v: Any) -> Any:
+        """UFL integrand sigma(u) : eps(v)."""
+        return ufl.inner(self.stress(u), strain(v))
+
+
+_VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+def _strain_rotation(axes: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(6, 6): global engineering strains -> engineering strains along the rows of `axes`."""
+    out = np.zeros((6, 6))
+    for a, (i, j) in enumerate(_VOIGT):
+        for b, (k, l) in enumerate(_VOIGT):
+            sym = 0.5 * (axes[i, k] * axes[j, l] + axes[i, l] * axes[j, k])
+            # a shear strain of the column enters twice as a tensor component of half its value
+            out[a, b] = sym * (2.0 if i != j else 1.0)
+    return out
+
+
+@dataclass(frozen=True)
+class OrthotropicElastic:
+    """Orthotropic linear elasticity, from the compliance in the material axes 1, 2, 3.
+
+    eps_11 = s_11/E1 - nu12 s_22/E1 - nu13 s_33/E1, ..., 2 eps_12 = s_12/G12.
+
+    Parameters
+    ----------
+    E
+        (E1, E2, E3), force / area; (E1, E2) suffices for plane stress.
+    nu
+        (nu12, nu13, nu23); nu12 alone suffices for plane stress.  nu_ij / E_i = nu_ji / E_j.
+    G
+        (G12, G13, G23), force / area; G12 alone suffices in 2D.
+    axes
+        Rows are the material axes in global components, (3, 3) in 3D, (2, 2) in 2D; None: global.
+    plane
+        ``"strain"`` or ``"stress"``, in 2D.
+    """
+
+    E: tuple[float, ...]
+    nu: tuple[float, ...] | float
+    G: tuple[float, ...] | float
+    axes: Any = None
+    plane: str = "strain"
+
+    def __post_init__(self) -> None:
+        _check_plane("OrthotropicElastic", self.plane)
+        for name in ("E", "nu", "G"):
+            for entry in np.atleast_1d(np.asarray(getattr(self, name), dtype=object)):
+                _check_known("OrthotropicElastic", name, entry)
+            value = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
+            if not np.all(np.isfinite(value)):
+                raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()} is not finite")
+            if name != "nu" and value.min() <= 0.0:
+                raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()}; give values > 0")
+            object.__setattr__(self, name, tuple(float(v) for v in value))
+        if len(self.E) not in (2, 3):
+            raise SceneError(f"OrthotropicElastic: E has {len(self.E)} values; give 3 (2D: 2 or 3)")
+        if self.axes is not None:
+            axes = np.asarray(self.axes, dtype=np.float64)
+            d = len(axes)
+            if axes.shape not in ((2, 2), (3, 3)) or (
+                np.abs(axes @ axes.T - np.eye(d)).max() > 1e-9
+            ):
+                raise SceneError("OrthotropicElastic: axes are not orthonormal rows (d, d)")
+        for dim in (2, 3) if self._is_full() else (2,):
+            if dim == 2 or self.plane == "strain":
+                self._elasticity(dim)
+
+    def _is_full(self) -> bool:
+        nu, G = np.atleast_1d(self.nu), np.atleast_1d(self.G)
+        return len(self.E) == 3 and len(nu) == 3 and len(G) == 3
+
+    def check(self, dim: int) -> None:
+        """Whether the material fits a part of `dim` dimensions.
+
+        Raises
+        ------
+        SceneError
+            Plane stress or too few constants in 3D, axes of another dimension.
+        """
+        if dim == 3 and self.plane == "stress":
+            raise SceneError("OrthotropicElastic: plane='stress' in 3D; it is for 2D parts")
+        if dim == 3 and not self._is_full():
+            raise SceneError("OrthotropicElastic: 3D needs three values each of E, nu and G")
+        if self.axes is not None and len(np.asarray(self.axes)) != dim:
+            raise SceneError(f"OrthotropicElastic: axes are not ({dim}, {dim})")
+
+    def _elasticity(self, dim: int) -> npt.NDArray[np.float64]:
+        """Stiffness in the material axes: (6, 6), or (3, 3) for 11, 22, 12 in 2D."""
+        E = np.asarray(self.E)
+        nu, G = np.atleast_1d(self.nu), np.atleast_1d(self.G)
+        if dim == 2 and self.plane == "stress":
+            s12 = -nu[0] / E[0]
+            S = np.array([[1 / E[0], s12, 0.0], [s12, 1 / E[1], 0.0], [0.0, 0.0, 1 / G[0]]])
+        else:
+            if len(E) < 3 or len(nu) < 3:
+                raise SceneError("OrthotropicElastic: plane strain needs three values of E and nu")
+            S = np.zeros((6, 6))
+            S[0, 1], S[0, 2], S[1, 2] = -nu[0] / E[0], -nu[1] / E[0], -nu[2] / E[1]
+            S += S.T
+            shear = [G[2], G[1], G[0]] if len(G) == 3 else [G[0]] * 3
+            S += np.diag(np.concatenate([1 / E, 1 / np.asarray(shear)]))
+        scale = 1 / np.sqrt(np.diag(S))
+        if np.linalg.eigvalsh(scale[:, None] * S * scale).min() <= 1e-12:
+            raise SceneError(
+                f"OrthotropicElastic: nu = {self.nu!r} with E = {self.E!r} is not positive "
+                "definite; |nu_ij| < sqrt(E_i / E_j) is necessary"
+            )
+        C = np.linalg.inv(S)
+        if dim == 2 and self.plane == "strain":
+            C = C[np.ix_([0, 1, 5], [0, 1, 5])]
+        return C
+
+    def _global_elasticity(self, dim: int) -> npt.NDArray[np.float64]:
+        C = self._elasticity(dim)
+        if self.axes is None:
+            return C
+        axes = np.eye(3)
+        axes[:dim, :dim] = np.asarray(self.axes, dtype=np.float64)
+        R = _strain_rotation(axes)
+        if dim == 2:
+            R = R[np.ix_([0, 1, 5], [0, 1, 5])]
+        out: npt.NDArray[np.float64] = R.T @ C @ R
+        return out
+
+    def stress(self, u: Any) -> Any:
+        """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
+        dim = _dim(u)
+        self.check(dim)
+        C = _constant(u, self._global_elasticity(dim))
+        eps = strain(u)
+        if dim == 2:
+            s = ufl.dot(C, ufl.as_vector([eps[0, 0], eps[1, 1], 2 * eps[0, 1]]))
+            return ufl.as_matrix([[s[0], s[2]], [s[2], s[1]]])
+        s = ufl.dot(C, ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in _VOIGT]))
+        return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])
+
+    def bilinear(self, u: Any, v: Any) -> Any:
+        """UFL integrand sigma(u) : eps(v)."""
+        return ufl.inner(self.stress(u), strain(v))

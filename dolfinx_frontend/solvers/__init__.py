@@ -1,0 +1,1 @@
+"""How an answer is found: one solve, chaos, samples, sweeps."""

@@ -1,0 +1,529 @@
+"""Parts that lose their support: loads that no forces of the interfaces can balance, parts left free.
+
+Interfaces in contact push and rub but do not pull. Take the rigid motions u that all other interfaces
+leave free (none, if contact is not needed to hold a part: then there is nothing to check), g and v the
+opening and the slip that u makes at an interface point, F the loads. Three questions:
+
+**No equilibrium.** Normal forces p >= 0 and |t| <= mu p + tau balance the loads unless some u has
+
+    g >= mu |v| at every point,   F u > sum w tau |v|
+
+(Farkas' lemma: the work of no admissible force could make up for that of the loads). Such a u is a
+proof that the scene as it is discretised has no solution, whatever an iteration says, so it is an error.
+
+**Slipping.** Friction is only as strong as the normal forces are: with the bounds b = mu |f_n| + tau of
+the forces that were reached there is no balance if some u has
+
+    g >= 0 at every point,   F u > sum w b |v|.
+
+These forces may be wrong in a run that has not converged, so that it is a warning.
+
+**Undetermined.** A converged answer in which a part touches nothing that holds it and carries no load is
+one of many: a warning.
+
+Displacements are small: points stay where they are meshed, a contact that would be met later does not
+count unless it is an interface of the scene.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import lsq_linear
+
+from dolfinx_frontend.assembly.assemble import Problem, forces, held
+from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.plan.translate import law_fields
+from dolfinx_frontend.scene.laws import Array, Contact, Perfect, Preload, Pressure, Traction
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.solvers.solve import Result
+
+__all__ = ["check_support"]
+
+_CERTAIN = 1e-6
+"""Share of the loads that must be out of balance for an error: what rounding cannot make."""
+
+_DOUBTFUL = 2e-3
+"""The same for a warning that rests on the forces of an iteration."""
+
+_ROUNDS = 300
+"""Most rounds of the search for the motion that the loads drive."""
+
+_CONVEX = 100.0
+"""Weight of the condition that shares of bounded forces sum up to 1."""
+
+_JAMMED = 1e-6
+"""Cosine below which a force counts as perpendicular to a motion."""
+
+_TOUCHING = 1e-6
+"""Opening, as a share of the face's size, below which two faces touch."""
+
+
+Flags = npt.NDArray[np.bool_]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class _Grip:
+    """What an interface in contact can bear at its points, and how they move.
+
+    Attributes
+    ----------
+    weights
+        (m,), areas of the points.
+    opening, slip
+        (m, q), (m, d - 1, q): relative motion made by each of the free motions.
+    friction, threshold
+        (m,): the tangential force per area is at most friction * pressure + threshold.
+    """
+
+    weights: Array
+    opening: Array
+    slip: Array
+    friction: Array
+    threshold: Array
+
+    def with_bounds(self, bounds: Array) -> _Grip:
+        """The same with given bounds of the tangential force."""
+        return _Grip(self.weights, self.opening, self.slip, np.zeros_like(bounds), bounds)
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """What is known of a time step before it is solved: grips, work of the loads, sum of their sizes."""
+
+    grips: dict[str, _Grip]
+    work: Array
+    size: float
+
+
+@dataclass(frozen=True)
+class _Check:
+    """What is free at a time step, what holds the rest, and the loads."""
+
+    motions: FreeMotions
+    resistances: dict[str, Resistance]
+    balance: _Balance
+
+
+@dataclass(frozen=True)
+class _Reached:
+    """An interface in contact in the answer, at one time step.
+
+    Attributes
+    ----------
+    force
+        (m, components), force per area.
+    holds
+        What it resists where it presses (of a history: where it touches).
+    closed
+        Whether that is the case anywhere.
+    """
+
+    force: Array
+    holds: Resistance
+    closed: bool
+
+
+def _unilateral(interface: Interface) -> bool:
+    return isinstance(interface.law, Contact)
+
+
+def _given_preload(interface: Interface, time: float | None) -> bool:
+    """Whether an interface is a pretension section whose force is given at a time."""
+    law = interface.law
+    return isinstance(law, Preload) and (time is None or law.controlled(time))
+
+
+def _locked(interface: Interface, given: frozenset[str]) -> Interface:
+    """The interface, as a rigid one if it is a pretension section that keeps its length."""
+    if isinstance(interface.law, Preload) and interface.name not in given:
+        return replace(interface, law=Perfect())
+    return interface
+
+
+def _decide(problem: Problem, work: Callable[[], T]) -> T:
+    """Work of the first rank, whose outcome all get: rounding must not divide them."""
+    spread = problem.distribution
+    if spread is None:
+        return work()
+    outcome: list[T] = []
+    with agreement(spread.comm):
+        if spread.rank == 0:
+            outcome.append(work())
+    shared: list[T] = spread.comm.bcast(outcome)
+    return shared[0]
+
+
+def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
+    parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
+    motions = free_motions(parts, list(resistances.values()))
+    if not len(motions):
+        return motions
+    groups, r, q = motions.basis.shape
+    basis = np.linalg.qr(motions.basis.reshape(groups * r, q))[0]
+    return FreeMotions(motions.groups, motions.origins, basis.reshape(groups, r, -1))
+
+
+def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[str, Array]:
+    """Jumps (m, d, q) that the motions make, in the local frame, at interfaces with a side here."""
+    shares: dict[tuple[str, int], Array] = {}
+    for name in names:
+        interface = problem.interfaces[name]
+        for k, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False)):
+            if side.substructure not in problem.substructures:
+                continue
+            nodes = problem.substructures[side.substructure].dof_coordinates
+            moved = motions.at(side.substructure, nodes).reshape(len(nodes), -1)
+            share = sign * (side.shape @ moved).reshape(interface.num_points, interface.dim, -1)
+            shares[name, k] = np.einsum("pij,pjq->piq", interface.frames, share)
+    if problem.distribution is not None:
+        cuts = {key: share for key, share in shares.items() if key[0] in problem.cuts}
+        for found in problem.distribution.comm.allgather(cuts):
+            shares.update(found)
+    return {
+        name: sum(
+            (shares[name, k] for k in range(len(problem.interfaces[name].sides))),
+            start=np.zeros(()),
+        )
+        for name in names
+        if name in problem.own.interfaces
+    }
+
+
+def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[Array, float]:
+    """Work (q,) of the loads in the motions, and the sum of their sizes."""
+    nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
+    for name, interface in problem.own.interfaces.items():
+        if _given_preload(problem.interfaces[name], time):
+            force = law_fields(interface, time=time).parameters["force"][:, :1]
+            pull = interface.weights[:, None] * force * interface.normals
+            for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
+                if side.substructure in nodal:
+                    nodal[side.substructure] += sign * (side.shape.T @ pull)
+        elif isinstance(interface.law, (Pressure, Traction)):
+            local = forces(interface, interface.law) * interface.weights[:, None]
+            vectors = np.einsum("pij,pi->pj", interface.frames, local)
+            side = interface.sides[0]
+            nodal[side.substructure] += side.shape.T @ vectors
+    work, size = np.zeros(len(motions)), 0.0
+    for name, f in nodal.items():
+        size += float(np.linalg.norm(f, axis=1).sum())
+        loaded = np.flatnonzero(np.any(f != 0.0, axis=1))
+        at = motions.at(name, problem.substructures[name].dof_coordinates[loaded])
+        work += np.einsum("nd,ndq->q", f[loaded], at)
+    if problem.distribution is not None:
+        work, size = (problem.distribution.comm.allreduce(each) for each in (work, size))
+    return work, size
+
+
+def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
+    out = {}
+    for name, jump in jumps.items():
+        interface = problem.interfaces[name]
+        if not problem.speaks_for(name):
+            continue
+        given = law_fields(interface).parameters
+        nothing = np.zeros((interface.num_points, 1))
+        bounds = (given.get(key, nothing)[:, 0] for key in ("friction", "threshold"))
+        out[name] = _Grip(interface.weights, jump[:, 0], jump[:, 1:], *bounds)
+    return problem.gather(out)
+
+
+def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | None:
+    """The motion (q,) in which the loads push hardest against what the interfaces can bear; None if that
+    is less than `least` per unit of motion.
+
+    It is what remains of the loads when the nearest admissible forces are taken away: a cone of pressures
+    with their friction and a sum of discs of bounded friction, from which the forces that do most against
+    the motion are added one by one (P. Wolfe, Finding the nearest point in a polytope, Math. Programming
+    11 (1976) 128-149). What is returned has been verified point by point.
+    """
+    points = [g for g in grips.values() if len(g.weights)]
+    opening = np.concatenate([g.opening for g in points])
+    slip = np.concatenate([g.slip for g in points])
+    friction = np.concatenate([g.friction for g in points])
+    bounds = np.concatenate([g.threshold * g.weights for g in points])
+    place = np.cumsum([0, *(len(g.opening) for g in points)])
+    sizes = np.sqrt(np.sum(opening**2, axis=1) + np.sum(slip**2, axis=(1, 2)))
+    sizes = np.where(sizes > 0.0, sizes, 1.0) * np.hypot(1.0, friction)
+    scale = float(np.linalg.norm(work))
+    if scale <= least:
+        return None
+    target = np.append(work / scale, _CONVEX)
+    rays: Array = np.zeros((len(work) + 1, 0))
+    discs: Array = np.zeros((len(work) + 1, 1))
+    discs[-1] = _CONVEX
+    motion: Array = target[:-1]
+    for _ in range(_ROUNDS):
+        slipped = slip @ motion
+        speed = np.linalg.norm(slipped, axis=1)
+        push = (friction * speed - opening @ motion) / sizes
+        length = float(np.linalg.norm(motion))
+        gain = float(motion @ work - bounds @ speed) / length
+        if push.max() <= _JAMMED * length and gain >= 0.999 * length * scale:
+            found = np.asarray(motion / length, dtype=np.float64)
+            return found if gain > least else None
+        along = slipped / np.where(speed > 0.0, speed, 1.0)[:, None]
+        hardest = np.unique(
+            np.concatenate(
+                [a + np.argsort(push[a:b])[-8:] for a, b in zip(place[:-1], place[1:], strict=True)]
+            )
+        )
+        hardest = hardest[push[hardest] > _JAMMED * length]
+        ray = friction[hardest, None] * np.einsum("pi,piq->pq", along[hardest], slip[hardest])
+        ray = (ray - opening[hardest]) / sizes[hardest, None]
+        rays = np.hstack([rays, np.vstack([ray.T, np.zeros((1, len(ray)))])])
+        disc = np.einsum("p,pi,piq->q", bounds, along, slip) / scale
+        discs = np.hstack([discs, np.append(disc, _CONVEX)[:, None]])
+        forces_now = np.hstack([rays, discs])
+        # not scipy.optimize.nnls: that of version 1.15 misses the minimum in one case of a hundred
+        fitted = lsq_linear(
+            forces_now, target, (0.0, np.inf), "bvls", tol=1e-14, max_iter=20 * forces_now.shape[1]
+        )
+        share = fitted.x
+        motion = (target - forces_now @ share)[:-1]
+        if np.linalg.norm(motion) * scale <= least:
+            return None
+        if len(share) > 50 + 20 * len(work):
+            # what carries nothing now is found again if it is needed
+            used = share > 0.0
+            used[rays.shape[1]] = True
+            rays, discs = rays[:, used[: rays.shape[1]]], discs[:, used[rays.shape[1] :]]
+    return None
+
+
+def _events(grips: Mapping[str, _Grip], motion: Array) -> list[str]:
+    """What the interfaces do in a motion."""
+    out = []
+    for name, grip in grips.items():
+        g, v = grip.opening @ motion, np.linalg.norm(grip.slip @ motion, axis=1)
+        size = max(float(np.abs(g).max()), float(v.max()))
+        if size < 1e-6:
+            continue
+        slips = v > 1e-3 * size
+        # friction makes the motion of the proof climb: that is slip, and not opening
+        opens = g > 1e-3 * size + 1.01 * grip.friction * v
+        if opens.all():
+            out.append(f"{name!r} opens everywhere")
+        elif opens.any():
+            share = 100.0 * grip.weights[opens].sum() / grip.weights.sum()
+            out.append(f"{name!r} opens on {share:.0f} % of its area")
+        elif slips.any():
+            rubs = bool(np.any(grip.friction > 0.0) or np.any(grip.threshold > 0.0))
+            out.append(f"{name!r} slips" + ("" if rubs else " (it has no friction)"))
+    return out
+
+
+def _without_climb(grips: Mapping[str, _Grip], motion: Array) -> Array:
+    """The motion less the opening of the points that slip, where something is left of it."""
+    rows = []
+    for grip in grips.values():
+        g, v = grip.opening @ motion, np.linalg.norm(grip.slip @ motion, axis=1)
+        climbs = (v > 0.0) & (g > 0.0) & (g <= 1.01 * grip.friction * v)
+        rows.append(grip.opening[climbs])
+    G = np.concatenate(rows) if rows else np.zeros((0, len(motion)))
+    if not len(G):
+        return motion
+    left = motion - np.linalg.pinv(G, rcond=1e-6) @ (G @ motion)
+    return left if np.linalg.norm(left) > 0.3 * np.linalg.norm(motion) else motion
+
+
+def _names(motions: FreeMotions, motion: Array) -> tuple[str, str]:
+    """Who moves, and how."""
+    moving = motions.describe(motion[:, None])
+    who = "; ".join(quoted(names) for names, _ in moving[:4])
+    how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
+    return who, how
+
+
+_MEND = (
+    "hold it in that direction (scene.fix, scene.symmetry, Perfect or Elastic between parts), or change the "
+    "loads"
+)
+
+
+def _check_loads(
+    motions: FreeMotions, grips: Mapping[str, _Grip], work: Array, size: float, when: str
+) -> None:
+    """Raise if nothing can balance the loads."""
+    motion = _driven(work, grips, _CERTAIN * size)
+    if motion is None:
+        return
+    shown = _without_climb(grips, motion)
+    who, how = _names(motions, shown)
+    events = "; ".join(_events(grips, motion)) or "no interface holds it"
+    raise SceneError(
+        f"no equilibrium{when}: {who} has lost its support: the loads move it by {how}, and no forces of "
+        f"its interfaces balance them: {events}; {_MEND}"
+    )
+
+
+def _check_slip(
+    motions: FreeMotions,
+    grips: Mapping[str, _Grip],
+    work: Array,
+    size: float,
+    reached: Mapping[str, Array],
+    when: str,
+) -> bool:
+    """Warn if friction, with the normal forces reached, does not balance the loads."""
+    bounded = {}
+    for name, grip in grips.items():
+        pressure = np.maximum(-reached[name][:, 0], 0.0)
+        bounded[name] = grip.with_bounds(grip.friction * pressure + grip.threshold)
+    motion = _driven(work, bounded, _DOUBTFUL * size)
+    if motion is None:
+        return False
+    who, how = _names(motions, motion)
+    events = "; ".join(_events(bounded, motion)) or "no interface holds it"
+    warnings.warn(
+        f"{who} has lost its support{when}: with the normal forces that the iteration has reached, "
+        f"friction does not balance the loads, which move it by {how}: {events}; "
+        f"raise preload or friction, or {_MEND}",
+        SceneWarning,
+        stacklevel=6,
+    )
+    return True
+
+
+def _touching(interface: Interface, jump: Array) -> Flags:
+    """(m,): whether the faces touch, with or without force."""
+    given = law_fields(interface).parameters
+    opening = jump[:, 0] - given["jump"].reshape(len(jump), -1)[:, 0] + given["gap"][:, 0]
+    return np.asarray(opening <= _TOUCHING * np.sqrt(interface.area))
+
+
+def _check_undetermined(
+    problem: Problem, always: Mapping[str, Resistance], reached: Mapping[str, _Reached], when: str
+) -> bool:
+    """Warn of parts that nothing holds in the answer."""
+    resistances = {**always, **{name: each.holds for name, each in reached.items()}}
+    motions = _free(problem, {name: resistances[name] for name in problem.interfaces})
+    if not len(motions):
+        return False
+    moving = motions.describe(np.eye(len(motions)))
+    who = "; ".join(quoted(names) for names, _ in moving[:4])
+    how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
+    open_ones = [name for name, each in reached.items() if not each.closed]
+    where = f": {quoted(open_ones)} is open everywhere" if open_ones else ""
+    warnings.warn(
+        f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
+        f"one of many ({how}); hold it if that is not meant",
+        SceneWarning,
+        stacklevel=6,
+    )
+    return True
+
+
+def check_support(result: Result) -> None:
+    """Look for parts that have lost their support; call it once a run has ended, whatever its status.
+
+    Parameters
+    ----------
+    result
+        Of a deterministic solve; of a load history the first step that has something to say is named.
+
+    Raises
+    ------
+    SceneError
+        No admissible forces of the interfaces balance the loads: there is no equilibrium.
+
+    Warns
+    -----
+    SceneWarning
+        Friction does not balance the loads with the normal forces of a run that did not converge; or it
+        converged, and a part without loads touches nothing (of a static answer: presses on nothing).
+    """
+    problem = result.problem
+    contacts = [name for name, i in problem.interfaces.items() if _unilateral(i)]
+    if not contacts:
+        return
+    times = result.plan.times
+    steps: list[tuple[str, float | None, Problem]] = [("", None, problem)]
+    if times is not None:
+        numbered = [(k, float(t)) for k, t in enumerate(times)]
+        steps = [(f" at step {k}, t = {t:g}", t, problem.at(t)) for k, t in numbered]
+    # what is free depends on the preloads that are locked, and on no other time
+    alike: dict[frozenset[str], list[int]] = {}
+    for k, (_, time, _) in enumerate(steps):
+        given = frozenset(n for n, i in problem.interfaces.items() if _given_preload(i, time))
+        alike.setdefault(given, []).append(k)
+    checks: dict[int, _Check] = {}
+    for given, members in alike.items():
+        own = {
+            name: held(problem, _locked(i, given))
+            for name, i in problem.own.interfaces.items()
+            if name not in contacts and problem.speaks_for(name)
+        }
+        resistances = problem.gather(own)
+        motions = _decide(problem, partial(_free, problem, resistances))
+        if not len(motions):
+            continue
+        jumps = _relative(problem, contacts, motions)
+        for k in members:
+            _, time, now = steps[k]
+            balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
+            checks[k] = _Check(motions, resistances, balance)
+    if not checks:
+        return
+
+    def loads_are_balanced() -> None:
+        for k, each in sorted(checks.items()):
+            balance = each.balance
+            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0])
+
+    _decide(problem, loads_are_balanced)
+    if result.status == "diverged":
+        return  # its forces say nothing
+    answers = problem.gather(
+        {
+            name: _answers(result, problem.interfaces[name], [now for _, _, now in steps])
+            for name in contacts
+            if name in problem.own.interfaces and problem.speaks_for(name)
+        },
+    )
+    if not all(np.all(np.isfinite(each.force)) for found in answers.values() for each in found):
+        return
+
+    def parts_are_held() -> None:
+        for k, each in sorted(checks.items()):
+            when, balance = steps[k][0], each.balance
+            reached = {name: found[k] for name, found in answers.items()}
+            pushed = {name: one.force for name, one in reached.items()}
+            if _check_slip(each.motions, balance.grips, balance.work, balance.size, pushed, when):
+                return
+            loaded = balance.size > 0.0 or any(np.any(force) for force in pushed.values())
+            if not (result.converged and loaded):
+                continue
+            if _check_undetermined(problem, each.resistances, reached, when):
+                return
+
+    _decide(problem, parts_are_held)
+
+
+def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list[_Reached]:
+    """What an interface has reached at every step."""
+    force, jump = (
+        each.reshape(len(steps), interface.num_points, -1)
+        for each in (result.force(interface.name), result.jump(interface.name))
+    )
+    found = []
+    for k, now in enumerate(steps):
+        closed = force[k, :, 0] < 0.0
+        if result.plan.times is not None:  # what is loaded later on may well lie there unloaded at first
+            closed |= _touching(now.interfaces[interface.name], jump[k])
+        found.append(
+            _Reached(force[k], held(result.problem, interface, closed), bool(closed.any()))
+        )
+    return found
