@@ -18,7 +18,6 @@ import basix
 import dolfinx.fem as fem
 import dolfinx.fem.petsc as fem_petsc
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from dolfinx import mesh as dmesh
@@ -45,20 +44,12 @@ from dolfinx_frontend.assembly.ranks import (
     swap,
 )
 from dolfinx_frontend.assembly.rigid import Resistance, check_resistances, resistance, rigid_modes
+from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import (
-    Array,
-    Displacement,
-    Elastic,
-    Law,
-    Perfect,
-    Pressure,
-    Traction,
-    evaluate,
-)
+from dolfinx_frontend.scene.laws import Displacement, Elastic, Law, Perfect, Pressure, Traction, evaluate
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import PartLike, Scene, SubstructureSpec, check_face
 
@@ -77,7 +68,6 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 T = TypeVar("T")
-Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, repr=False)

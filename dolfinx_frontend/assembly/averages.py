@@ -34,12 +34,11 @@ from typing import TYPE_CHECKING, Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.laws import Array
 from dolfinx_frontend.scene.scene import Overlap
 
 if TYPE_CHECKING:
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Averages", "Polygons", "average", "clip", "means", "polygons"]
 
-Ints = npt.NDArray[np.int64]
 
 UNCOVERED = 0.01
 """Largest share of side 1 that may be left uncovered without ``overlap="partial"``.

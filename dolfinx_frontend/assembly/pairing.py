@@ -16,16 +16,16 @@ from typing import Any
 
 import basix
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import mesh as dmesh
 from petsc4py import PETSc as _PETSc
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.averages import OPPOSED, Averages, average
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.scene.laws import Array, Elastic, Law
+from dolfinx_frontend.scene.laws import Elastic, Law
 from dolfinx_frontend.scene.scene import Overlap, PartLike, Space
 
 __all__ = [
@@ -46,7 +46,6 @@ __all__ = [
 
 PETSc: Any = _PETSc  # its stubs know no members
 
-Ints = npt.NDArray[np.int64]
 
 MAX_DISTANCE = 0.25
 """Default of the largest distance between the sides, as a fraction of the facet size."""

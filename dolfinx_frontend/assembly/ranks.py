@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import Array
 from dolfinx_frontend.scene.scene import SubstructureSpec
 from latin_core import bound_threads
 

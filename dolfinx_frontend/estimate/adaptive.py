@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.kernel.running import iterate
 from dolfinx_frontend.plan.cost import shown
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 __all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments", "solve_to_accuracy"]
 
 _log = logging.getLogger(__name__)
-Array = npt.NDArray[np.float64]
 Index = tuple[int, ...]
 Interest = Resultant | str | None
 

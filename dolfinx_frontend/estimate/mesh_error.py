@@ -19,11 +19,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.assembly.assemble import Problem, Substructure, stiffnesses
 from dolfinx_frontend.assembly.pairing import Interface, frames
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
@@ -37,7 +37,6 @@ from dolfinx_frontend.solvers.solve import Result
 
 __all__ = ["DiscretisationError", "estimate"]
 
-Array = npt.NDArray[np.float64]
 
 LINEAR = (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)
 SMALL = 1e-3

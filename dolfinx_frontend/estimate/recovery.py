@@ -16,7 +16,6 @@ from typing import Any
 import basix
 import dolfinx.fem as fem
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
@@ -24,14 +23,12 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 
 from dolfinx_frontend.assembly.assemble import Substructure
 from dolfinx_frontend.assembly.pairing import coordinate_element, quadrature, tabulate
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["Recovery", "recovery"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
-Flags = npt.NDArray[np.bool_]
 
 SIMPLICES = ("triangle", "tetrahedron")
 POINTS_A_TERM = 1.5

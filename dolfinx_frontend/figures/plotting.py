@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array, Ints
+
 if TYPE_CHECKING:
     from dolfinx import fem
 
@@ -48,8 +50,6 @@ __all__ = [
     "response_surface",
 ]
 
-Array = npt.NDArray[np.float64]
-Index = npt.NDArray[np.int64]
 
 KIND_COLOURS = {
     "perfect": "#2166ac",
@@ -85,9 +85,9 @@ class _Skin:
     """
 
     points: Array
-    triangles: Index
-    patch: Index
-    segments: Index
+    triangles: Ints
+    patch: Ints
+    segments: Ints
     border: npt.NDArray[np.bool_]
     values: Array | None
 
@@ -97,7 +97,7 @@ class _Skin:
         return _Solid(points, self.triangles, colours, thin, thick)
 
 
-def _lattice(corners: int) -> tuple[Array, Index, list[tuple[int, int, list[int]]]]:
+def _lattice(corners: int) -> tuple[Array, Ints, list[tuple[int, int, list[int]]]]:
     """Midpoint subdivision of a triangle or quadrilateral.
 
     Returns the weights of the corners at the points, (points, corners), the small triangles, and
@@ -119,7 +119,7 @@ def _lattice(corners: int) -> tuple[Array, Index, list[tuple[int, int, list[int]
 
 def _skin(
     mesh: Any, tag_of_facet: Mapping[int, int] | None = None, function: Any = None
-) -> tuple[_Skin, Index]:
+) -> tuple[_Skin, Ints]:
     """The skin of a mesh and the facets (cells in 2D) of its patches."""
     import basix
     import basix.ufl
@@ -195,7 +195,7 @@ def _skin(
     return skin, facets
 
 
-def _normals(x: Array, triangles: Index) -> Array:
+def _normals(x: Array, triangles: Ints) -> Array:
     """Mean unit normals of the patches, sign undefined, (patches, 3)."""
     corner = x[:, triangles]
     normal = np.cross(corner[:, :, 1] - corner[:, :, 0], corner[:, :, 2] - corner[:, :, 0]).sum(1)
@@ -203,7 +203,7 @@ def _normals(x: Array, triangles: Index) -> Array:
 
 
 def _borders(
-    pairs: Index, normals: Array, facets: Index, tag_of_facet: Mapping[int, int] | None
+    pairs: Ints, normals: Array, facets: Ints, tag_of_facet: Mapping[int, int] | None
 ) -> npt.NDArray[np.bool_]:
     """Edges of patches that are edges of the solid: one patch only, another face, or a corner.
 
@@ -237,10 +237,10 @@ class _Solid:
     """
 
     points: Array
-    triangles: Index
+    triangles: Ints
     colours: Array
-    thin: Index
-    thick: Index
+    thin: Ints
+    thick: Ints
 
 
 def _joined(solids: Sequence[_Solid]) -> _Solid:
@@ -301,7 +301,7 @@ def _draw_with_vtk(data: str, out: str) -> None:
     surface = pyvista.PolyData(points, faces.reshape(-1))
     colours = (255 * solid["colours"]).astype(np.uint8)
 
-    def lines(segments: Index) -> Any:
+    def lines(segments: Ints) -> Any:
         cells = np.column_stack([np.full(len(segments), 2), segments]).reshape(-1)
         return pyvista.PolyData(points, lines=cells)
 
@@ -544,7 +544,7 @@ def _plane_assembly(
     return _save(figure, path)
 
 
-def _vertex_nodes(part: Part) -> Index:
+def _vertex_nodes(part: Part) -> Ints:
     """Geometry node of every vertex."""
     from dolfinx_frontend.common.compat import cell_nodes
 
@@ -783,7 +783,7 @@ def _facet_lines(
     axis: Any,
     part: Any,
     face: str,
-    numbers: Index,
+    numbers: Ints,
     values: Array,
     displacement: fem.Function,
     scale: float,
@@ -1121,7 +1121,7 @@ class FrontPanel:
     floor: float = 0.0
 
 
-def pareto_front(cost: npt.ArrayLike, error: npt.ArrayLike) -> Index:
+def pareto_front(cost: npt.ArrayLike, error: npt.ArrayLike) -> Ints:
     """Indices of the points that no other one beats in cost and in error, by rising cost."""
     c, e = np.asarray(cost, dtype=float), np.asarray(error, dtype=float)
     best, out = np.inf, []

@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.parts import (
     FREE,
@@ -27,7 +27,6 @@ from dolfinx_frontend.geometry.parts import (
 
 __all__ = ["LapJoint", "LapShape", "lap_joint"]
 
-Array = npt.NDArray[np.float64]
 
 _SIZES = {"coarse": 12.0, "medium": 5.5}  # mm, for bolts of radius 6 mm
 _OPTIONS = {

@@ -36,6 +36,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh, gmsh_cell_permutation
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
@@ -58,7 +59,6 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
-Array = npt.NDArray[np.float64]
 Marker = Callable[[Array], npt.NDArray[np.bool_]]
 
 FREE = "free"

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.averages import clip
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "vector",
 ]
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["touching", "near", "cut"]
 
 _OPPOSED = -0.5

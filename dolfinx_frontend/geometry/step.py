@@ -25,7 +25,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
@@ -49,7 +48,6 @@ from dolfinx_frontend.scene.scene import Overlap, Scene, Space
 
 __all__ = ["Cut", "Solid", "StepAssembly", "Surface", "Touch", "read_step"]
 
-Array = npt.NDArray[np.float64]
 
 GAP = 1e-4
 """Default of the gap up to which faces count as nearly touching, as a share of the assembly's diagonal."""

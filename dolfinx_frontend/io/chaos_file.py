@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.uncertainty.random import CorrelatedParameter, RandomParameter, RandomSpace, Sobol
 
@@ -38,7 +39,6 @@ __all__ = [
     "to_openturns",
 ]
 
-Array = npt.NDArray[np.float64]
 Map = Literal["affine", "exponential", "table"]
 Tree: TypeAlias = dict[str, Any]
 

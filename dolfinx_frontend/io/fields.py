@@ -28,6 +28,7 @@ from dolfinx import fem, plot
 from dolfinx_frontend.assembly.assemble import Substructure
 from dolfinx_frontend.assembly.averages import means
 from dolfinx_frontend.assembly.pairing import FacetMap, Interface
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io.saved import SavedResult
 from dolfinx_frontend.io.vtk import CELLS, Blocks, Grid, Values, check_target, vertices, write_blocks
@@ -42,7 +43,6 @@ from dolfinx_frontend.solvers.solve import Result
 
 __all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
 
-Array = npt.NDArray[np.float64]
 Materials = Mapping[str, Material | Callable[[Any, Any], Any]]
 AnyResult: TypeAlias = Result | SampleResult | SavedResult
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.io import chaos_file
 from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Tree
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ResultFileError", "SavedInterface", "SavedResult", "load", "save_result", "save_samples"]
 
-Array = npt.NDArray[np.float64]
 
 FORMAT = "latin-result"
 VERSION = 1

@@ -19,10 +19,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array, Ints
+
 __all__ = ["CELLS", "Blocks", "Grid", "check_target", "vertices", "write_blocks"]
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Values: TypeAlias = tuple[npt.NDArray[np.float64] | npt.NDArray[np.int64], str]
 """Numbers (rows,) or (rows, components), and the labels of the components: "XYZ" or "XX YY XY"."""
 

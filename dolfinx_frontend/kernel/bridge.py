@@ -12,11 +12,11 @@ from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.assembly.assemble import Problem, resolve, stiffnesses
 from dolfinx_frontend.assembly.pairing import Interface
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
@@ -44,7 +44,6 @@ __all__ = [
     "law_fields",
 ]
 
-Array = npt.NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 

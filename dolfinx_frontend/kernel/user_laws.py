@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import UserLaw
 
 __all__ = ["batched"]
 
-Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Batched: TypeAlias = Callable[[Array, Array, dict[str, Array], int], Array]
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array
 
 __all__ = ["Moments", "basis"]
 
-Array = npt.NDArray[np.float64]
 
 Moments = Literal["resultants", "linear"]
 """Constant fields (the resultants of the forces), or linear ones (their moments, too)."""

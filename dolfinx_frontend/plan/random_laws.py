@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.translate import kernel_values, law_fields
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
@@ -20,7 +20,6 @@ from dolfinx_frontend.uncertainty.random import DiscretisedField, RandomField, R
 
 __all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random"]
 
-Array = npt.NDArray[np.float64]
 Source = RandomParameter | DiscretisedField
 
 LINEAR = ("perfect", "elastic", "force")

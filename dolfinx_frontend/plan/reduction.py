@@ -12,16 +12,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
 from dolfinx_frontend.assembly.pairing import Interface, frames
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import (
-    Array,
     Displacement,
     Elastic,
     Law,
@@ -42,7 +41,6 @@ __all__ = [
     "spring_operator",
 ]
 
-Ints = npt.NDArray[np.int64]
 
 FLATNESS = 1e-5
 """Largest difference of unit normals on a symmetry plane."""

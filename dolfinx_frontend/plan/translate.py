@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.assembly.assemble import forces, jumps, resolve, stiffnesses
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import (
@@ -27,7 +27,6 @@ from dolfinx_frontend.scene.laws import (
 
 __all__ = ["KERNEL_NAMES", "LawFields", "kernel_parameter", "kernel_values", "law_fields"]
 
-Array = npt.NDArray[np.float64]
 
 TOUCHING = 1e-6
 """Interpenetration, as a share of the face's size, that is rounding of the mesh."""

@@ -18,9 +18,10 @@ from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
 from dolfinx_frontend.assembly.pairing import petsc_matrix
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.reduction import Body, body_load, body_matrix, displacements, reduce, spring_jump
-from dolfinx_frontend.scene.laws import Array, Elastic, Law, Pressure, Traction
+from dolfinx_frontend.scene.laws import Elastic, Law, Pressure, Traction
 
 __all__ = [
     "Cholesky",

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
 __all__ = ["Resultant"]
 
-Array = npt.NDArray[np.float64]
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")
 

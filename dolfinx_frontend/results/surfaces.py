@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.scene.laws import Contact, Law
 from dolfinx_frontend.solvers.collocation import sampled_parameters
@@ -45,8 +45,6 @@ __all__ = [
     "vectors",
 ]
 
-Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 OPEN, CLOSED, SLIPS = 0.0, 1.0, 2.0
 """States of a contact; closed with friction is stick."""

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.assemble import Problem, Substructure, resolve
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.surfaces import (
@@ -58,7 +59,6 @@ __all__ = [
     "with_known_force",
 ]
 
-Array = npt.NDArray[np.float64]
 
 QUANTILES = (0.05, 0.5, 0.95)
 ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] to have it)"

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["Amplitude", "Combination", "Varying", "amplitudes_of", "check_step", "check_times"]
-
-Array = npt.NDArray[np.float64]
 
 
 class Amplitude:

@@ -21,12 +21,12 @@ from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_ch
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
 
 __all__ = [
-    "Array",
     "Contact",
     "Debonding",
     "Displacement",
@@ -44,8 +44,6 @@ __all__ = [
     "is_plain",
     "number",
 ]
-
-Array: TypeAlias = npt.NDArray[np.float64]
 
 
 SAME_TIME = 1e-9

@@ -31,6 +31,7 @@ from latin_core import Iteration, Options, State, stochastic
 from latin_core import Problem as Kernel
 
 from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io import saved
 from dolfinx_frontend.io.chaos_file import Field, save_chaos, to_openturns
@@ -61,7 +62,6 @@ __all__ = [
     "solve_chaos",
 ]
 
-Array = npt.NDArray[np.float64]
 
 NEAR = 0.1
 """A smallest eigenvalue below this share of the mean is reported."""

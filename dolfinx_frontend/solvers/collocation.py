@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import stochastic
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
@@ -26,7 +27,6 @@ from dolfinx_frontend.uncertainty.random import Chaos
 
 __all__ = ["MOST_TENSOR", "Collocation", "collocation", "sampled_parameters"]
 
-Array = npt.NDArray[np.float64]
 
 MOST_TENSOR = 4096
 """Points up to which a tensor Gauss rule is the default..."""

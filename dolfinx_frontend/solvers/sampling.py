@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.io import saved
@@ -51,7 +52,6 @@ __all__ = [
     "tensor_quadrature",
 ]
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["random", "qmc", "quadrature"]
 
 

@@ -16,6 +16,7 @@ from dolfinx import fem
 
 from dolfinx_frontend.assembly.assemble import Problem, stiffnesses
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io import saved
 from dolfinx_frontend.kernel import bridge
@@ -39,7 +40,6 @@ __all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
 _log = logging.getLogger(__name__)
 _OF_RANDOM = ("field_moments", "force_moments", "quantity", "sobol", "truncation")
 """What only random answers have."""
-Array = npt.NDArray[np.float64]
 
 
 @dataclass

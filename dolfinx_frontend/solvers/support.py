@@ -34,16 +34,16 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import lsq_linear
 
 from dolfinx_frontend.assembly.assemble import Problem, forces, held
 from dolfinx_frontend.assembly.pairing import Interface
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
+from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.translate import law_fields
-from dolfinx_frontend.scene.laws import Array, Contact, Perfect, Preload, Pressure, Traction
+from dolfinx_frontend.scene.laws import Contact, Perfect, Preload, Pressure, Traction
 
 if TYPE_CHECKING:
     from dolfinx_frontend.solvers.solve import Result
@@ -69,7 +69,6 @@ _TOUCHING = 1e-6
 """Opening, as a share of the face's size, below which two faces touch."""
 
 
-Flags = npt.NDArray[np.bool_]
 T = TypeVar("T")
 
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.assemble import Problem
 from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
@@ -35,7 +36,6 @@ from latin_core import sweep as kernel_sweep
 
 __all__ = ["PointFields", "SweepResult", "sweep"]
 
-Array = npt.NDArray[np.float64]
 Key = str | tuple[str, ...]
 
 STATUSES = ("converged", "max_iterations", "stagnated", "diverged", "interrupted")

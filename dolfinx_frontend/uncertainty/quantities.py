@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.uncertainty.random import RandomSpace
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["random", "qmc", "quadrature"]
 
 

@@ -36,11 +36,12 @@ from typing import Any, Literal, NamedTuple, Protocol, TypeAlias, cast
 import numpy as np
 import numpy.typing as npt
 from latin_core import stochastic as core
-from latin_core.stochastic import Array, ChaosBasis, Germ, IndexSet, MultiIndexSet, Rule
+from latin_core.stochastic import ChaosBasis, Germ, IndexSet, MultiIndexSet, Rule
 from scipy import linalg, optimize, special, stats
 from scipy.sparse import linalg as sparse_linalg
 from scipy.stats import qmc
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
