@@ -41,22 +41,23 @@ from dolfinx_frontend.scene.laws import (
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers import sampling
-from dolfinx_frontend.solvers.chaos import (
-    ChaosResult,
+from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
+from dolfinx_frontend.solvers.galerkin import (
     IndefiniteError,
     NearlyIndefiniteWarning,
-    TruncationError,
     TruncationWarning,
 )
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sampling import (
-    SampleResult,
     monte_carlo,
     quasi_monte_carlo,
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
-from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solving import solve
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 from dolfinx_frontend.uncertainty.random import (
     Beta,

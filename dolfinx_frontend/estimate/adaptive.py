@@ -27,9 +27,11 @@ from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results import surfaces
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on, solve_chaos
-from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
+from dolfinx_frontend.results.chaos import ChaosResult, NOISE
+from dolfinx_frontend.solvers.galerkin import carry_on, IndefiniteError, solve_chaos
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.random import Chaos
 
 if TYPE_CHECKING:
