@@ -12,7 +12,7 @@ from dolfinx_frontend.assembly.pairing import Interface
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.estimate import mesh_error as discretisation
-from dolfinx_frontend.estimate.adaptive import Errors
+from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.figures import plotting
 from dolfinx_frontend.geometry import lap_joint, step
 from dolfinx_frontend.io import chaos_file, fields
@@ -40,7 +40,6 @@ from dolfinx_frontend.scene.laws import (
 )
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import (
     IndefiniteError,
@@ -48,16 +47,18 @@ from dolfinx_frontend.solvers.galerkin import (
     TruncationWarning,
 )
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.sampling import (
+from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solving import (
+    errors,
     monte_carlo,
     quasi_monte_carlo,
+    sample,
+    solve,
     sparse_quadrature,
+    sweep,
     tensor_quadrature,
 )
-from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.solving import solve
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 from dolfinx_frontend.uncertainty.random import (
     Beta,
@@ -131,6 +132,7 @@ __all__ = [
     "assemble",
     "chaos_file",
     "discretisation",
+    "errors",
     "fields",
     "geometry",
     "lap_joint",
@@ -141,7 +143,7 @@ __all__ = [
     "progress",
     "quasi_monte_carlo",
     "reference",
-    "sampling",
+    "sample",
     "solve",
     "sparse_quadrature",
     "ssfem",

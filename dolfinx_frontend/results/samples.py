@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,18 +16,19 @@ from dolfinx_frontend.assembly.assemble import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io import saved
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
+from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import Moments
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
+from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.uncertainty.quantities import Quantity
 from dolfinx_frontend.uncertainty.random import RandomSpace
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.adaptive import Errors
-    from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = ["Kind", "SampleFields", "SampleResult"]
 
@@ -52,8 +54,8 @@ class SampleFields:
         return self._result.jump(interface)
 
 
-@dataclass
-class SampleResult(PointResults, StochasticResult):
+@dataclass(frozen=True, eq=False, repr=False)
+class SampleResult(Value, PointResults, StochasticResult):
     """Answers at points of the germs.
 
     Attributes
@@ -68,19 +70,24 @@ class SampleResult(PointResults, StochasticResult):
         Iterations, estimated errors, statuses and interface fields of every point.
     seconds
         Wall time: ``setup``, ``solve``.
+    solver, laws
+        The factorised structure, which other results may share, and the laws where nothing is random.
+    found
+        Errors that ``solve(accuracy=...)`` has measured on its way.
     """
 
     problem: Problem
     plan: Plan
-    random: RandomLaws = field(repr=False)
-    germs: Array = field(repr=False)
-    weights: Array | None = field(repr=False)
+    random: RandomLaws
+    germs: Array
+    weights: Array | None
     kind: Kind
-    points: SweepPoints = field(repr=False)
-    seconds: dict[str, float]
-    core: Any = field(repr=False)
-    _moments: dict[str, tuple[Array, Array]] | None = field(default=None, repr=False)
-    _errors: Errors | None = field(default=None, repr=False)
+    points: SweepPoints
+    seconds: Mapping[str, float]
+    solver: Solver
+    laws: KernelLaws
+    found: Errors | None = field(default=None, kw_only=True)
+    estimator: Estimator = field(default=not_measured, kw_only=True)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -134,7 +141,7 @@ class SampleResult(PointResults, StochasticResult):
             data, traces = np.moveaxis(states, 0, 2).reshape(2, states.shape[2], -1)
             state = State(np.asfortranarray(data), np.asfortranarray(traces))
             amplitudes = np.asfortranarray(np.tile(self.plan.amplitudes, (1, len(states))))
-            fields = self.core.displacements(state, amplitudes)
+            fields = self.solver.displacements(self.laws, state, amplitudes)
             yield part, {
                 name: timed(self.plan, values.reshape(len(values), len(states), -1))
                 for name, values in fields.items()
@@ -144,14 +151,16 @@ class SampleResult(PointResults, StochasticResult):
         """Mean and standard deviation ([T,] n) of the unknowns of a substructure, length."""
         if substructure not in self.problem.substructures:
             raise unknown_name("substructure", substructure, self.problem.substructures, "samples")
-        if self._moments is None:
-            self.check_complete()
-            moments = Moments()
-            for part, fields in self.displacements():
-                samples = {name: np.moveaxis(values, -1, 0) for name, values in fields.items()}
-                moments.add(samples, None if self.weights is None else self.weights[part])
-            self._moments = moments.found()
         return self._moments[substructure]
+
+    @cached_property
+    def _moments(self) -> dict[str, tuple[Array, Array]]:
+        self.check_complete()
+        moments = Moments()
+        for part, fields in self.displacements():
+            samples = {name: np.moveaxis(values, -1, 0) for name, values in fields.items()}
+            moments.add(samples, None if self.weights is None else self.weights[part])
+        return {name: (read_only(m), read_only(s)) for name, (m, s) in moments.found().items()}
 
     def force_moments(self, interface: str) -> tuple[Array, Array]:
         """Mean and standard deviation ([T,] m, components) of the force per area on side 1."""
@@ -184,9 +193,7 @@ class SampleResult(PointResults, StochasticResult):
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
-        from dolfinx_frontend.estimate.adaptive import errors  # which builds on this module
-
-        return errors(self, quantity)
+        return self.estimator(self, quantity)
 
     def table(
         self,

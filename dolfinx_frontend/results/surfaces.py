@@ -16,7 +16,7 @@ from dolfinx_frontend.assembly.pairing import Interface
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.scene.laws import Contact, Law
-from dolfinx_frontend.solvers.collocation import sampled_parameters
+from dolfinx_frontend.kernel.columns import sampled_parameters
 
 if TYPE_CHECKING:
     from dolfinx_frontend.io.saved import SavedResult

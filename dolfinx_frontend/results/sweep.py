@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import Problem as Kernel, State, SweepPoints
+from latin_core import State, SweepPoints
 
 from dolfinx_frontend.assembly.assemble import Problem
 from dolfinx_frontend.assembly.pairing import Interface
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.kernel.bridge import KernelLaws
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.value import Value
 
 __all__ = ["PointFields", "PointResults", "SweepResult", "in_time"]
 
@@ -81,8 +85,8 @@ class PointResults(ABC):
         )
 
 
-@dataclass
-class SweepResult(PointResults):
+@dataclass(frozen=True, eq=False, repr=False)
+class SweepResult(Value, PointResults):
     """Answers over the grid; every array has the grid's shape first, then the time steps of a history.
 
     Attributes
@@ -93,14 +97,17 @@ class SweepResult(PointResults):
         Raw arrays by point number (C order of the grid).
     seconds
         Wall time: ``setup``, ``first`` (first point), ``rest``.
+    solver, laws
+        The factorised structure, and the laws where nothing is swept.
     """
 
     problem: Problem
     plan: Plan
-    axes: dict[str, Array]
+    axes: Mapping[str, Array]
     points: SweepPoints
-    seconds: dict[str, float]
-    core: Kernel = field(repr=False)
+    seconds: Mapping[str, float]
+    solver: Solver
+    laws: KernelLaws
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -126,7 +133,7 @@ class SweepResult(PointResults):
             raise SceneError("the states of the points were not kept: sweep with keep_states=True")
         data, traces = self.points.states[np.ravel_multi_index(index, self.shape)]
         state = State(np.asfortranarray(data), np.asfortranarray(traces))
-        fields = self.core.displacements(state, self.plan.amplitudes)
+        fields = self.solver.displacements(self.laws, state, self.plan.amplitudes)
         if self.plan.times is None:
             return {name: values[:, 0] for name, values in fields.items()}
         return {name: self.plan.in_time(values) for name, values in fields.items()}

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import Iteration, Options, Summary, SweptParameter, snake_order, sweep as kernel_sweep
+from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.assemble import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.results.sweep import PointFields, SweepResult
 
@@ -41,6 +43,43 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
     if not axes:
         raise SceneError("sweep: the grid is empty; give {'interface.parameter': values}")
     return axes
+
+
+def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tuple[str, str]]:
+    """Swept name -> interface and parameter."""
+    targets: dict[str, tuple[str, str]] = {}
+    for name in (name for key in axes for name in key):
+        interface, _, parameter = name.rpartition(".")
+        if interface not in problem.interfaces or name not in problem.law_parameters:
+            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
+        if name in targets:
+            raise SceneError(f"sweep: {name!r} is on two axes")
+        targets[name] = (interface, parameter)
+    return targets
+
+
+def _swept(
+    problem: Problem,
+    plan: Plan,
+    axes: Mapping[tuple[str, ...], Array],
+    targets: Mapping[str, tuple[str, str]],
+) -> list[SweptParameter]:
+    """The swept values at all points of the grid."""
+    mesh = np.meshgrid(*axes.values(), indexing="ij")
+    parameters = []
+    for key, values in zip(axes, mesh, strict=True):
+        for name in key:
+            interface, parameter = targets[name]
+            kernel_name, pattern, factors = bridge.kernel_values(
+                problem.interfaces[interface], parameter, values.reshape(1, -1)
+            )
+            if parameter in ("normal", "tangential") and values.min() < 0.0:
+                raise SceneError(
+                    f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
+                )
+            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
+            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
+    return parameters
 
 
 def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> str:
@@ -139,39 +178,17 @@ def sweep(
     if checkpoint is not None:
         problem.on_one_rank("a checkpoint")
     axes = _axes(grid)
-    names = [name for key in axes for name in key]
-    targets: dict[str, tuple[str, str]] = {}
-    for name in names:
-        interface, _, parameter = name.rpartition(".")
-        if interface not in problem.interfaces or name not in problem.law_parameters:
-            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
-        if name in targets:
-            raise SceneError(f"sweep: {name!r} is on two axes")
-        targets[name] = (interface, parameter)
+    targets = _targets(problem, axes)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
         plan = make_plan(problem, method, active, swept, direction, options, times=times)
     missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
-
-    mesh = np.meshgrid(*axes.values(), indexing="ij")
-    parameters = []
-    for key, values in zip(axes, mesh, strict=True):
-        for name in key:
-            interface, parameter = targets[name]
-            kernel_name, pattern, factors = bridge.kernel_values(
-                problem.interfaces[interface], parameter, values.reshape(1, -1)
-            )
-            if parameter in ("normal", "tangential") and values.min() < 0.0:
-                raise SceneError(
-                    f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
-                )
-            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
-            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
+    parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
-    core = bridge.build(problem, plan)
+    solver = Solver(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
     header = None
@@ -196,25 +213,24 @@ def sweep(
         bar.step(iterations=iterations)
 
     with Interrupt() as interrupt, Bar(len(order), "sweep", "point", shown, stays=True) as bar:
-        points = kernel_sweep(
-            core,
+        points = solver.walk(
+            solver.laws,
             plan.amplitudes,
             parameters,
             order,
-            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
-            checkpoint,
-            header,
-            point_done,
-            interrupt.watch(callback),
-            keep_states,
-            keep_fields,
-            {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
+            checkpoint=checkpoint,
+            header=header,
+            progress=point_done,
+            callback=interrupt.watch(callback),
+            keep_states=keep_states,
+            keep_fields=keep_fields,
+            outputs={name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
         )
     report_points("sweep", interrupt, points, checkpoint)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
-    named = {", ".join(key): values for key, values in axes.items()}
-    return SweepResult(problem, plan, named, points, seconds, core)
+    named = {", ".join(key): read_only(values) for key, values in axes.items()}
+    return SweepResult(problem, plan, named, points, seconds, solver, solver.laws)
 
 
 def _reading(

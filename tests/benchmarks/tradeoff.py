@@ -66,7 +66,7 @@ from dolfinx_frontend import (
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.estimate.adaptive import moments
+from dolfinx_frontend.estimate.errors import moments
 from dolfinx_frontend.figures import plotting
 from dolfinx_frontend.geometry.lap_joint import lap_joint
 from dolfinx_frontend.reference import ssfem
@@ -446,7 +446,7 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
     }
     others = {k: knobs.pop(k) for k in ("snapshots", "together", "acceleration") if k in knobs}
     drawn = samplers[method](
-        plan_options=scene.options.with_(rtol=rtol, **others), times=scene.times, progress=False
+        options=scene.options.with_(rtol=rtol, **others), times=scene.times, progress=False
     )
     status = "converged" if drawn.converged else "not converged"
     return Answer(of_samples(scene, drawn), status, int(drawn.iterations.sum()))

@@ -34,7 +34,7 @@ from dolfinx_frontend import (
 )
 from dolfinx_frontend.io import fields
 from dolfinx_frontend.reference.monolithic import monolithic
-from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solving import sample
 
 PARTS = 5
 WORLD = MPI.COMM_WORLD

@@ -21,7 +21,7 @@ from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import sweep
 from latin_core import CheckpointError, Options, snake_order
 
 TIGHT = Options(rtol=1e-10)

@@ -22,7 +22,7 @@ from dolfinx_frontend.reference.monolithic import (
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import sweep
 from latin_core import Options
 from tests.verification import scenes
 
