@@ -13,7 +13,7 @@ from typing import Literal, TypedDict, Unpack, overload
 import numpy.typing as npt
 from latin_core import Iteration, Options, State
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
@@ -27,7 +27,7 @@ from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.solvers.sweep import sweep
-from dolfinx_frontend.uncertainty.random import Chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = [
     "SampleSettings",

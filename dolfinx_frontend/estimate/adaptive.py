@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -48,7 +48,7 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
-from dolfinx_frontend.uncertainty.random import Chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["solve_to_accuracy"]
 

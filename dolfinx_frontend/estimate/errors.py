@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.estimate.mesh_error import estimate
+from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results import surfaces
@@ -30,7 +30,7 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_on
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on
-from dolfinx_frontend.uncertainty.random import Chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = [
     "DIGIT",
@@ -389,7 +389,7 @@ def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Error
 def error_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
     """The error of the meshes, where it can be estimated."""
     try:
-        found = estimate(result, quantity)
+        found = discretisation_error(result, quantity)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None

@@ -20,9 +20,11 @@ from time import perf_counter
 import numpy as np
 from latin_core import State
 
-from dolfinx_frontend.assembly.assemble import Problem, Substructure, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface, frames
+from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
@@ -44,7 +46,7 @@ from dolfinx_frontend.scene.laws import (
     Traction,
 )
 
-__all__ = ["DiscretisationError", "estimate"]
+__all__ = ["DiscretisationError", "discretisation_error"]
 
 
 LINEAR = (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)
@@ -99,7 +101,7 @@ class DiscretisationError:
             No quantity was named.
         """
         if self.quantity is None or self.value is None:
-            raise SceneError("no quantity of interest: estimate(result, Resultant('interface'))")
+            raise SceneError("no quantity of interest: discretisation_error(result, Resultant('interface'))")
         if self.value == 0.0:
             return 0.0 if self.quantity == 0.0 else float("inf")
         return self.quantity / abs(self.value)
@@ -112,7 +114,7 @@ class DiscretisationError:
         return f"{text}; quantity of interest {self.value:.6g} +- {self.quantity:.2g}"
 
 
-def estimate(
+def discretisation_error(
     result: Result, quantity: Resultant | str | None = None, step: int = -1
 ) -> DiscretisationError:
     """Estimate the error of the meshes in a result; collective on several ranks.
@@ -397,8 +399,8 @@ class _Dual:
                 raise Interrupted
         raise SceneError(
             f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "
-            f"error {summary.error:.1e}); estimate(result) without a quantity needs none, and the same scene "
-            "on a finer mesh tells the error of a quantity as well"
+            f"error {summary.error:.1e}); discretisation_error(result) without a quantity needs "
+            "none, and the same scene on a finer mesh tells the error of a quantity as well"
         )
 
     def _changed(self, laws: KernelLaws, pattern: int, amount: float) -> KernelLaws:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.kernel.bridge import ColumnGroup
-from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
 
-__all__ = ["Collocation", "nominal_fields", "sampled_parameters"]
+__all__ = ["Collocation", "nominal_fields"]
 
 
 @dataclass(frozen=True)
@@ -76,25 +74,3 @@ def nominal_fields(random: RandomLaws, name: str) -> LawFields:
     """Law of an interface in kernel terms, with what varies at nominal values."""
     interface = random.problem.interfaces[name]
     return law_fields(interface, interface.law.nominal)
-
-
-def sampled_parameters(
-    random: RandomLaws, name: str, points: Array, fields: LawFields, steps: int = 1
-) -> dict[str, Array]:
-    """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
-
-    What is the same everywhere keeps its one column.
-
-    Parameters
-    ----------
-    fields
-        The law, with one column or one a time step.
-    """
-    values = {}
-    for parameter, block in fields.parameters.items():
-        values[parameter] = np.tile(block, (1, len(points))) if block.shape[1] > 1 else block
-    for interface, parameter in random.sources:
-        if interface == name:
-            each = random.sampled(name, parameter, points)
-            values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
-    return {parameter: np.asfortranarray(block) for parameter, block in values.items()}

@@ -15,11 +15,18 @@ from time import perf_counter
 from typing import Any
 
 import numpy.typing as npt
-from latin_core import Iteration, Options, State, Summary, SweepPoints, SweptParameter
-from latin_core import Problem as Kernel
-from latin_core import sweep as kernel_sweep
+from latin_core import (
+    Iteration,
+    Options,
+    Problem as Kernel,
+    State,
+    Summary,
+    SweepPoints,
+    SweptParameter,
+    sweep as kernel_sweep,
+)
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError

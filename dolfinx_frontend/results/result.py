@@ -14,11 +14,11 @@ import numpy.typing as npt
 from dolfinx import fem
 from latin_core import State, Summary
 
-from dolfinx_frontend.assembly.assemble import Problem, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io import saved
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
 from dolfinx_frontend.kernel.solver import Solver
@@ -186,6 +186,8 @@ side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_m
         ResultFileError
             The file cannot be written.
         """
+        from dolfinx_frontend.io import saved
+
         saved.save_result(path, self, tables.read(self), fields)
 
     def _local(self, name: str) -> tuple[Array, Array]:

@@ -12,10 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import State, SweepPoints, stochastic
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io import saved
 from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
@@ -28,7 +27,7 @@ from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.uncertainty.quantities import Quantity
-from dolfinx_frontend.uncertainty.random import RandomSpace
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["Kind", "SampleFields", "SampleResult"]
 
@@ -218,6 +217,8 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     def save(self, path: str | Path, fields: bool = True) -> None:
         """As :meth:`dolfinx_frontend.Result.save`; fields: force and jump of every sample."""
+        from dolfinx_frontend.io import saved
+
         saved.save_samples(path, self, tables.read_samples(self), fields)
 
     def _count(self) -> str:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.plan.random_laws import sampled_parameters
 from dolfinx_frontend.scene.laws import Contact, Law
-from dolfinx_frontend.kernel.columns import sampled_parameters
 
 if TYPE_CHECKING:
     from dolfinx_frontend.io.saved import SavedResult

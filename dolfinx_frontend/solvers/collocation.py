@@ -22,7 +22,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.kernel.columns import Collocation, nominal_fields
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.uncertainty.random import Chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["MOST_TENSOR", "collocation"]
 

@@ -9,7 +9,7 @@ from time import perf_counter
 
 from latin_core import Iteration, State
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.errors import Estimator, not_measured

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Iteration, Options, State, stochastic
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
@@ -41,7 +41,9 @@ from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.solvers.collocation import collocation
 from dolfinx_frontend.solvers.deterministic import start_states
 from dolfinx_frontend.solvers.sampling import sample_chaos
-from dolfinx_frontend.uncertainty.random import Chaos, DiscretisedField, RandomSpace
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = [
     "Galerkin",

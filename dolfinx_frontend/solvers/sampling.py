@@ -19,11 +19,12 @@ from latin_core import Iteration, Options, State, SweptParameter
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.bridge import read_only
+from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
@@ -31,7 +32,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import Kind, SampleResult
-from dolfinx_frontend.solvers.sweep import fingerprint, warn_unconverged
+from dolfinx_frontend.solvers.sweep import warn_unconverged
 
 __all__ = [
     "sample",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,18 +12,19 @@ import numpy as np
 import numpy.typing as npt
 from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import read_only
+from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.results.sweep import PointFields, SweepResult
 
-__all__ = ["fingerprint", "sweep", "warn_unconverged"]
+__all__ = ["sweep", "warn_unconverged"]
 
 Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
@@ -80,43 +80,6 @@ def _swept(
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
             parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
     return parameters
-
-
-def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> str:
-    """Hash of what makes two runs the same: parts, loads, interfaces, laws, times, plan, swept values.
-
-    Numbers count with nine digits, so that another order of summation is no other run.
-    """
-    digest = hashlib.sha256()
-
-    def add(name: str, values: npt.ArrayLike) -> None:
-        data = np.asarray(values, dtype=np.float64).ravel()
-        size = float(np.abs(data).max(initial=0.0))
-        digits = np.round(data / (size or 1.0), 9) + 0.0  # no negative zeros
-        digest.update(f"{name} {data.size} {size:.9e}".encode() + digits.tobytes())
-
-    for part in problem.substructures.values():
-        add(part.name, part.size)
-        for what in (part.volume, part.stiffness.norm(), part.load, *part.varying_loads.values()):
-            add("part", what)
-    moments = np.zeros(0) if plan.times is None else plan.times
-    add("times", moments)
-    add("factors", plan.factors())
-    for name, interface in problem.interfaces.items():
-        law = interface.law
-        kind = bridge.law_fields(interface, law.nominal).kind
-        add(f"{name} {type(law).__name__} {kind}", interface.weights)
-        columns = [bridge.law_fields(interface, law.at(t), t) for t in moments]
-        if not columns or not (law.varying or law.history):
-            columns = [bridge.law_fields(interface)]
-        for fields in columns:
-            for parameter, values in sorted(fields.parameters.items()):
-                add(parameter, values)
-    for each in parameters:
-        add(f"{each.interface} {each.parameter}", each.pattern)
-        add("values", each.values)
-    digest.update(f"{plan.method} {plan.active} {plan.direction}".encode())
-    return digest.hexdigest()
 
 
 def sweep(

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.assembly.assemble import Problem, assemble
-from dolfinx_frontend.assembly.pairing import FacetMap
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Contact
 from dolfinx_frontend.scene.materials import LinearElastic
-from dolfinx_frontend.scene.scene import Scene, Space
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.specs import Space
 from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block

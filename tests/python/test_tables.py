@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -358,7 +359,9 @@ def test_chaos_and_samples_are_read_again(tmp_path: Path) -> None:
     mean = chaos.mean("left").x.array
     np.testing.assert_allclose(found.displacements["left"].ravel(), mean)
     samples = monte_carlo(problem, 5)
-    samples.points.status[1:4] = ["max_iterations", "diverged", "stagnated"]
+    status = samples.points.status.copy()
+    status[1:4] = ["max_iterations", "diverged", "stagnated"]
+    samples = replace(samples, points=replace(samples.points, status=status))
     samples.save(tmp_path / "samples.h5")
     found = load(tmp_path / "samples.h5")
     assert found.status == samples.status == "diverged" and not found.converged
@@ -425,7 +428,7 @@ def test_other_files_are_refused(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(saved.chaos_file, "write_tree", full)
+        patch.setattr(saved.hdf5, "write_tree", full)
         with pytest.raises(saved.ResultFileError, match="cannot be written .*No space left.*has room"):
             solve(problem).save(kept)
     assert [each.read_bytes() for each in kept.parent.iterdir()] == [b"before"]

@@ -18,7 +18,8 @@ import pytest
 from latin_core import InputError, Options
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.plan import Direction
@@ -28,9 +29,10 @@ from dolfinx_frontend.scene.laws import Contact, Debonding, Elastic, Law, Preloa
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import monte_carlo
-from dolfinx_frontend.solving import solve
 from dolfinx_frontend.solving import sweep
-from dolfinx_frontend.uncertainty.random import LogNormal, RandomField
+from dolfinx_frontend.solving import solve
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import LogNormal
 
 Array = npt.NDArray[np.float64]
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "laws.md"
