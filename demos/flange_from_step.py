@@ -62,7 +62,8 @@ from dolfinx_frontend import (
 )
 from dolfinx_frontend.figures import plotting
 from dolfinx_frontend.geometry.parts import Assembly, Connection
-from dolfinx_frontend.geometry.step import Cut, StepAssembly
+from dolfinx_frontend.geometry.solids import Cut
+from dolfinx_frontend.geometry.step import StepAssembly
 from dolfinx_frontend.io import fields
 from dolfinx_frontend.solvers import sampling
 

@@ -10,7 +10,7 @@ from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
+from dolfinx_frontend.common import release as _release
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.estimate import mesh_error as discretisation
@@ -43,25 +43,20 @@ from dolfinx_frontend.scene.laws import (
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers import sampling
-from dolfinx_frontend.solvers.chaos import (
-    ChaosResult,
-    IndefiniteError,
-    NearlyIndefiniteWarning,
-    TruncationError,
-    TruncationWarning,
-)
+from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sampling import (
-    SampleResult,
     monte_carlo,
     quasi_monte_carlo,
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
-from dolfinx_frontend.solvers.sweep import SweepResult, sweep
-from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.correlated import Correlated
-from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solving import solve
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 from dolfinx_frontend.uncertainty.parameters import (
     Beta,
     FromDistribution,

@@ -27,9 +27,11 @@ from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results import surfaces
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on, solve_chaos
-from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
+from dolfinx_frontend.results.chaos import ChaosResult, NOISE
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
 if TYPE_CHECKING:
@@ -485,7 +487,7 @@ def _errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Erro
 
 def _of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
     """The error of the meshes, where it can be estimated."""
-    from dolfinx_frontend.estimate.mesh_error import estimate  # slow to import, and not always asked for
+    from dolfinx_frontend.estimate.mesh_error import estimate
 
     try:
         found = estimate(result, quantity)

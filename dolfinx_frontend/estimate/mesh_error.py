@@ -34,7 +34,7 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Preload, Pressure, Symmetry, Traction
-from dolfinx_frontend.solvers.solve import Result
+from dolfinx_frontend.results.result import Result
 
 
 __all__ = ["DiscretisationError", "estimate"]

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from dolfinx import fem
 
     from dolfinx_frontend.geometry.parts import Assembly, Part
-    from dolfinx_frontend.solvers.sampling import SampleResult
-    from dolfinx_frontend.solvers.solve import Result
+    from dolfinx_frontend.results.samples import SampleResult
+    from dolfinx_frontend.results.result import Result
 
 __all__ = [
     "KIND_COLOURS",

@@ -38,9 +38,9 @@ from dolfinx_frontend.results.tables import with_known_force
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import ChaosResult
-from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import Result
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.results.result import Result
 
 __all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
 

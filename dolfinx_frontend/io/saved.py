@@ -20,16 +20,16 @@ from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.io import chaos_file
 from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Tree
 from dolfinx_frontend.results import tables
-from dolfinx_frontend.results.surfaces import ContactValues, contact_values
+from dolfinx_frontend.results.contact import ContactValues, contact_values
 from dolfinx_frontend.scene.laws import Displacement
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 if TYPE_CHECKING:
     from dolfinx_frontend.assembly.interface import Interface
     from dolfinx_frontend.plan.plan import Plan
-    from dolfinx_frontend.solvers.chaos import ChaosResult
-    from dolfinx_frontend.solvers.sampling import SampleResult
-    from dolfinx_frontend.solvers.solve import Result
+    from dolfinx_frontend.results.chaos import ChaosResult
+    from dolfinx_frontend.results.samples import SampleResult
+    from dolfinx_frontend.results.result import Result
 
 __all__ = ["ResultFileError", "SavedInterface", "SavedResult", "load", "save_result", "save_samples"]
 
@@ -241,7 +241,9 @@ def _common(result: Result | SampleResult, plan: Plan, readings: tables.Readings
 def save_result(path: str | Path, result: Result, readings: tables.Readings, fields: bool = True) -> None:
     """Write a deterministic or chaos result, see :meth:`dolfinx_frontend.Result.save`."""
     target = _target(path)
-    from dolfinx_frontend.solvers.chaos import ChaosResult  # which builds on modules that use this one
+    from dolfinx_frontend.results.chaos import (
+        ChaosResult,
+    )
 
     random = isinstance(result, ChaosResult)
     kind = "chaos" if random else "deterministic" if result.plan.times is None else "history"

@@ -28,7 +28,8 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal, Uniform
 

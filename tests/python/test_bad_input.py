@@ -31,7 +31,7 @@ from dolfinx_frontend.scene.laws import (
 )
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 
 STEEL = LinearElastic(2e5, 0.3)

@@ -24,7 +24,7 @@ from dolfinx_frontend.reference.monolithic import monolithic
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block, face_mass, polynomial, wavy
 

@@ -21,7 +21,8 @@ from dolfinx_frontend.reference.monolithic import energy_error, monolithic
 from dolfinx_frontend.scene.laws import Elastic, Law, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import phase_seconds, solve
+from dolfinx_frontend.results.result import phase_seconds
+from dolfinx_frontend.solving import solve
 from latin_core import InputError, NumericalError, Options, available_backends
 
 TIGHT = Options(rtol=1e-10)

@@ -20,8 +20,9 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
-from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.solving import solve
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solvers.sweep import sweep
 from latin_core import CheckpointError, Options, snake_order
 
 TIGHT = Options(rtol=1e-10)

@@ -18,9 +18,9 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import ChaosResult
-from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal

@@ -15,7 +15,8 @@ from dolfinx_frontend.reference.monolithic import ReferenceSolution, energy_erro
 from dolfinx_frontend.scene.laws import Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block, wavy
 from tests.verification import scenes

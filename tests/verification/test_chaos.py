@@ -18,14 +18,14 @@ from dolfinx_frontend.reference.ssfem import energy_error_modes, ssfem
 from dolfinx_frontend.scene.laws import Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
 from dolfinx_frontend.solvers.sampling import (
     monte_carlo,
     quasi_monte_carlo,
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField

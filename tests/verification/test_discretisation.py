@@ -20,7 +20,8 @@ from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Preload
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic, strain
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.sampling import monte_carlo
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 from tests.python.helpers import DIMENSION, block, wavy
 from tests.verification import scenes

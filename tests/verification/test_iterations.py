@@ -19,8 +19,10 @@ from dolfinx_frontend.reference.monolithic import (
     energy_error,
     monolithic,
 )
-from dolfinx_frontend.solvers.solve import Result, solve
-from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solving import solve
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solvers.sweep import sweep
 from latin_core import Options
 from tests.verification import scenes
 

@@ -19,7 +19,8 @@ from dolfinx_frontend.reference.monolithic import energy_error, monolithic
 from dolfinx_frontend.scene.laws import Contact, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.verification import scenes
 

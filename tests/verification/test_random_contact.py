@@ -23,13 +23,11 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import ChaosResult, TruncationWarning
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.solvers.galerkin import TruncationWarning
 from dolfinx_frontend.solvers.collocation import MOST_TENSOR, collocation
 from dolfinx_frontend.solvers.sampling import sample
-from dolfinx_frontend.solvers.solve import solve
-from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.fields import RandomField
-from dolfinx_frontend.uncertainty.parameters import FromSamples, LogNormal, Normal, TruncatedNormal, Uniform
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.quantities import Quantity
 
 Array = npt.NDArray[np.float64]
@@ -92,7 +90,7 @@ def in_norm(problem: Problem, name: str, values: Array) -> float:
     return float(np.sqrt(np.einsum("p,pc->", weights, values**2)))
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("kind", ["stiffness and preload", "gap and preload"])
 def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
@@ -117,7 +115,7 @@ def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
     assert ("NOT TRUSTED" in repr(result)) != result.trusted
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 def test_chance_that_the_joint_opens() -> None:
     # TARGETS 2.6: P = Phi((Q / (K D) - 1) / d1), whatever the stiffness of the joint
     bolt = bolt_law(Normal("K", BOLT, cov=0.1))
@@ -158,7 +156,7 @@ def test_a_joint_that_never_opens_has_the_galerkin_solution() -> None:
             assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 @pytest.mark.parametrize(
     ("joint", "screw", "trusted"),
     [
@@ -254,7 +252,7 @@ def test_a_gap_that_varies_from_place_to_place(vessel: Problem) -> None:
         assert in_norm(problem, "joint", each) < 0.01 * in_norm(problem, "joint", whole)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 def test_only_germs_that_reach_an_interface_are_paid_for() -> None:
     scene = Scene()
     joint = Contact(stiffness=JOINT / AREA)

@@ -17,7 +17,8 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.solvers.support import _Grip, _driven
 
 SIDE = 10.0  # mm, cubes of steel

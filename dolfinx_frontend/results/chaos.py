@@ -1,18 +1,4 @@
-"""LATIN with polynomial chaos: the columns of the iteration are chaos modes (paper, section 4.3).
-
-The global stage does not change: P + 1 right-hand sides of one factorisation. On an interface with a random
-stiffness kappa = sum_i kappa_i Psi_i the law f = kappa (j - Delta) becomes, mode by mode,
-
-    f_k = sum_j A_kj (j_j - Delta_j),     A_kj = sum_i kappa_i E[Psi_i Psi_j Psi_k],
-
-one system of size P + 1 a point and direction. A = V diag(lambda) V^T decouples it: in the columns j V the
-law is the deterministic one with the stiffness lambda_q. So the kernel runs the same laws and the same
-iteration as for one column, and its fixed point is the stochastic Galerkin solution (equations 17 and 19).
-
-A law that is not linear (contact, friction) is evaluated at stochastic quadrature points instead, see
-:mod:`dolfinx_frontend.solvers.collocation`. The response then has kinks, and its chaos converges slowly:
-such an answer is compared with deterministic solves at check points before it is handed out.
-"""
+"""The answer of a chaos run: its modes, samples of them, and how far it is from the truth."""
 
 from __future__ import annotations
 
@@ -21,291 +7,45 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from latin_core import Iteration, Options, State, stochastic
-from latin_core import Problem as Kernel
+from latin_core import State, stochastic
 
-from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.io import saved
 from dolfinx_frontend.io.chaos_file import Field, save_chaos, to_openturns
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.running import iterate
-from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
-from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
-from dolfinx_frontend.solvers.collocation import Collocation, collocation, sampled_parameters
-from dolfinx_frontend.solvers.solve import Result, fields_of_cuts, start_states
-from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.solvers.collocation import Collocation, sampled_parameters
 from dolfinx_frontend.uncertainty.quantities import Quantity
+from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.solvers.sampling import SampleResult
+    from dolfinx_frontend.results.samples import SampleResult
+    from dolfinx_frontend.solvers.galerkin import Columns
 
-__all__ = [
-    "ChaosResult",
-    "FieldSamples",
-    "Galerkin",
-    "IndefiniteError",
-    "NearlyIndefiniteWarning",
-    "TruncationError",
-    "TruncationWarning",
-    "carry_on",
-    "galerkin",
-    "solve_chaos",
-]
+__all__ = ["NOISE", "ChaosResult", "FieldSamples", "TruncationError"]
 
-
-NEAR = 0.1
-"""A smallest eigenvalue below this share of the mean is reported."""
 SAMPLES_OF_MOMENTS = 2**12
 """Sobol points from which the moments of the force of a law that is not linear are computed."""
+
 CHUNK = 512
 """Samples of a field that are evaluated at once."""
-MOST_CHECKS = 4
-"""Times ``check_points`` that a check takes at most."""
+
 STARTS = 256
 """Samples at most for which the chaos predicts a start."""
 
-
-class IndefiniteError(SceneError):
-    """A random stiffness whose Galerkin matrix is not positive definite: its chaos means nothing."""
-
-
-class NearlyIndefiniteWarning(UserWarning):
-    """A random stiffness whose Galerkin matrix is close to losing definiteness."""
-
-
-class TruncationWarning(UserWarning):
-    """The chaos of a scene that is not linear is further from deterministic solves than was asked for."""
-
-
-@dataclass(frozen=True)
-class Galerkin:
-    """Galerkin matrix of one random stiffness, in its eigenbasis.
-
-    Attributes
-    ----------
-    interface, parameter, source
-        Whose it is.
-    forward
-        One V (P + 1, P + 1), or one for each interface point if the source is a field.
-    values
-        (1 or m, P + 1) eigenvalues, per area.
-    """
-
-    interface: str
-    parameter: str
-    source: Source
-    forward: list[Array] = field(repr=False)
-    values: Array = field(repr=False)
-
-    @property
-    def smallest(self) -> float:
-        """Smallest eigenvalue, force / length^3."""
-        return float(self.values.min())
-
-
-def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str, str], Galerkin]:
-    """Galerkin matrices of all random stiffnesses, by (interface, parameter)."""
-    done: dict[int, tuple[list[Array], Array]] = {}
-    matrices = {}
-    for (name, parameter), source in random.sources.items():
-        if parameter not in ("normal", "tangential") or not random.linear(name):
-            continue
-        if id(source) not in done:
-            coefficients, indices = random.space.expansion(source, basis)
-            transforms = [
-                stochastic.galerkin_transform(stochastic.galerkin_matrix(basis, row, indices))
-                for row in coefficients
-            ]
-            done[id(source)] = (
-                [np.asfortranarray(t.forward) for t in transforms],
-                np.array([t.values for t in transforms]),
-            )
-        forward, values = done[id(source)]
-        scale = random.area_factor(name, parameter)
-        matrices[name, parameter] = Galerkin(name, parameter, source, forward, scale * values)
-    return matrices
-
-
-def _limit(source: Source, basis: stochastic.ChaosBasis, space: RandomSpace) -> str:
-    """What the coefficient of variation would have to be, where that is known."""
-    if isinstance(source, DiscretisedField) or not source.affine:
-        return ""
-    column = space.germ_names.index(source.name)
-    order = int(basis.indices.table[:, column].max(initial=0))
-    limit = stochastic.critical_cov(source.germ, order)
-    return (
-        f" (order {order} in its germ allows a coefficient of variation below {limit:.5f}, "
-        f"this one has {source.cov:.5g})"
-    )
-
-
-def _guard(
-    problem: Problem,
-    random: RandomLaws,
-    basis: stochastic.ChaosBasis,
-    matrices: dict[tuple[str, str], Galerkin],
-    indefinite: Literal["refuse", "prove"],
-) -> tuple[str, ...]:
-    """Refuse indefinite stiffnesses before anything is iterated on; the overrides that were proven."""
-    bad = []
-    for matrix in matrices.values():
-        source = matrix.source
-        mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
-        where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
-        limit = _limit(source, basis, random.space)
-        if matrix.smallest <= 0.0:
-            bad.append(
-                f"{where}: its Galerkin matrix is indefinite, smallest eigenvalue "
-                f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}"
-            )
-        elif matrix.smallest < NEAR * mean:
-            warnings.warn(
-                f"{where}: its Galerkin matrix is nearly indefinite, smallest eigenvalue "
-                f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "
-                "LogNormal, Gamma and TruncatedNormal stay positive at every order",
-                NearlyIndefiniteWarning,
-                stacklevel=4,
-            )
-    if not bad:
-        return ()
-    mend = (
-        "use a positive law (LogNormal, Gamma, TruncatedNormal with a positive lower bound), a smaller "
-        "coefficient of variation or a lower order"
-    )
-    if indefinite == "refuse":
-        raise IndefiniteError(
-            "\n".join(bad) + f"\n{mend}; or pass indefinite='prove' to go on if the structure as a "
-            "whole is proven definite"
-        )
-    floors = {
-        key: np.broadcast_to(
-            matrix.values.min(axis=1), (problem.interfaces[key[0]].num_points,)
-        )
-        for key, matrix in matrices.items()
-    }
-    problem.on_one_rank("the proof that the structure is definite (indefinite='prove')")
-    if not bridge.definite(problem, floors):
-        raise IndefiniteError(
-            "\n".join(bad) + "\nthe structure as a whole could not be proven definite either (Cholesky "
-            f"with every random stiffness at its smallest eigenvalue breaks down); {mend}"
-        )
-    return tuple(bad)
-
-
-@dataclass(frozen=True)
-class Columns:
-    """How one active interface sees the columns: its parameters in them, and column transforms."""
-
-    parameters: dict[str, Array]
-    groups: list[dict[str, Any]]
-
-
-def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
-    """Columns (rows, modes * steps), time steps fastest, times one matrix for all points or one for each."""
-    if not by:
-        return block
-    steps = block.shape[1] // modes
-    parted = block.reshape(points, -1, modes, steps)
-    if len(by) == 1:
-        result: Array = np.einsum("pcjs,jq->pcqs", parted, by[0])
-    else:
-        result = np.einsum("pcjs,pjq->pcqs", parted, np.array(by))
-    return result.reshape(len(block), -1)
-
-
-def _each_step(values: Array, columns: int, steps: int) -> Array:
-    """Values (rows, 1), (rows, steps) or (rows, columns) in all columns * steps; one column stays one."""
-    if values.shape[1] == 1:
-        return values
-    return np.tile(values, (1, columns)) if values.shape[1] == steps else np.repeat(values, steps, axis=1)
-
-
-def _linear_parameters(
-    random: RandomLaws, basis: stochastic.ChaosBasis, name: str, plan: Plan, steps: int
-) -> dict[str, Array]:
-    """Parameters of a linear law in the columns of the run: modes x steps, the steps fastest.
-
-    Jumps and forces enter linearly: what is fixed fills mode 0, what is random is constant in time.
-    """
-    interface = random.problem.interfaces[name]
-    modes = len(basis)
-    values = {}
-    for kernel, block in bridge.active_fields(interface, plan).parameters.items():
-        if kernel in ("normal", "tangential"):
-            values[kernel] = _each_step(block, modes, steps) if block.shape[1] == steps else block
-            continue
-        values[kernel] = np.zeros((len(block), modes * steps))
-        values[kernel][:, :steps] = block
-    # of the columns of a history, those that a constant value is part of
-    constant = np.array([a is None for a in plan.patterns]) if plan.history == "patterns" else np.ones(steps)
-    for parameter in interface.law.parameters():
-        source = random.source(name, parameter)
-        if source is None or parameter in ("normal", "tangential"):
-            continue
-        kernel, unit = bridge.kernel_parameter(interface, parameter)
-        coefficients = random.space.coefficients(source, basis)
-        if len(coefficients) > 1:
-            coefficients = np.repeat(coefficients, len(unit) // len(coefficients), axis=0)
-        values[kernel] = np.kron(unit * coefficients, constant)
-    return values
-
-
-def _columns(
-    random: RandomLaws,
-    basis: stochastic.ChaosBasis,
-    name: str,
-    matrices: dict[tuple[str, str], Galerkin],
-    plan: Plan,
-    steps: int,
-) -> Columns:
-    """Parameters and column transforms of an active interface with a linear law."""
-    interface = random.problem.interfaces[name]
-    fields = bridge.active_fields(interface, plan)
-    linear = _linear_parameters(random, basis, name, plan, steps)
-    if fields.kind != "elastic" or not any(key[0] == name for key in matrices):
-        return Columns(linear, [])
-    normal, tangential = (matrices.get((name, p)) for p in ("normal", "tangential"))
-    spans: list[tuple[int, int, Galerkin | None]] = [(0, 1, normal)]
-    if fields.components > 1:
-        shared = normal is not None and tangential is not None
-        if shared and normal.source is tangential.source:  # type: ignore[union-attr]
-            spans = [(0, fields.components, normal)]
-        else:
-            spans.append((1, fields.components, tangential))
-    groups = []
-    for begin, end, matrix in spans:
-        parameters = {}
-        forward = matrix.forward if matrix is not None else []
-        for key in ("normal", "tangential"):
-            own = matrices.get((name, key))
-            if own is not None and matrix is not None and own.source is matrix.source:
-                parameters[key] = np.repeat(own.values, steps, axis=1)
-            else:
-                parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
-        parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
-        groups.append(
-            {
-                "begin": begin,
-                "end": end,
-                "forward": forward,
-                "backward": [np.asfortranarray(v.T) for v in forward],
-                "parameters": parameters,
-            }
-        )
-    # the law beside its groups keeps what it was built with: nothing reads it
-    return Columns({}, groups)
+NOISE = 100.0
+"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -418,10 +158,6 @@ class TruncationError:
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
-
-
-NOISE = 100.0
-"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
 
 
 def _relative(difference: Array, whole: Array, weights: Array) -> float:
@@ -743,6 +479,8 @@ class ChaosResult(Result, StochasticResult):
 
     def resume(self) -> None:
         """Give the kernel back the laws of this result, after :func:`carry_on` has used it for another."""
+        from dolfinx_frontend.solvers.galerkin import _make_deterministic, _make_stochastic
+
         self.core.set_steps(self._steps)
         _make_deterministic(self.core, self.problem, self.plan)
         _make_stochastic(self.core, self._columns)
@@ -791,6 +529,8 @@ class ChaosResult(Result, StochasticResult):
     @contextmanager
     def at_mean(self) -> Iterator[None]:
         """The factorised problem with every random parameter at its mean, as long as the context lasts."""
+        from dolfinx_frontend.solvers.galerkin import _make_deterministic, _make_stochastic
+
         _make_deterministic(self.core, self.problem, self.plan)
         try:
             yield
@@ -881,6 +621,8 @@ class ChaosResult(Result, StochasticResult):
 
         More points are taken while the estimates pass and only their standard errors do not.
         """
+        from dolfinx_frontend.solvers.galerkin import MOST_CHECKS, TruncationWarning
+
         count, tolerance = self.chaos.check_points, self.chaos.tolerance
         if count == 0 or not self.converged:
             return
@@ -932,210 +674,3 @@ class ChaosResult(Result, StochasticResult):
 def _amplitudes(plan: Plan, modes: int) -> Array:
     """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
     return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)
-
-
-def _make_deterministic(core: Kernel, problem: Problem, plan: Plan) -> None:
-    """Give the active interfaces of a kernel problem back the laws that they were built with."""
-    for name in problem.own.interfaces:
-        if name not in plan.active:
-            continue
-        core.set_columns(name, [])
-        for parameter, values in bridge.active_fields(problem.interfaces[name], plan).parameters.items():
-            core.set_parameter(name, parameter, values)
-
-
-def _make_stochastic(core: Kernel, columns: dict[str, Columns]) -> None:
-    for name, each in columns.items():
-        for parameter, values in each.parameters.items():
-            core.set_parameter(name, parameter, values)
-        core.set_columns(name, each.groups)
-
-
-def _with_collocations(
-    plan: Plan, random: RandomLaws, collocations: dict[str, Collocation], chaos: Chaos
-) -> Plan:
-    """The plan with what it means that laws are not linear."""
-    if not collocations:
-        return plan
-    decisions = [
-        Decision(
-            f"law of {name}",
-            f"at {len(each)} points in {len(each.germs)} germs ({each.rule}), "
-            f"{each.bytes(random, plan.steps) / 1e6:.3g} MB",
-            "it is not linear: evaluated at stochastic quadrature points and projected on the modes",
-        )
-        for name, each in collocations.items()
-    ]
-    decisions.append(
-        Decision(
-            "check",
-            f"{chaos.check_points} to {MOST_CHECKS * chaos.check_points} deterministic solves"
-            if chaos.check_points
-            else "none: not asked for",
-            f"laws with kinks: trusted if mean and deviation are within {_percent(chaos.tolerance)}",
-        )
-    )
-    return replace(plan, decisions=plan.decisions + tuple(decisions))
-
-
-def solve_chaos(
-    problem: Problem,
-    chaos: Chaos | int,
-    method: Method = "auto",
-    *,
-    times: npt.ArrayLike | None = None,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-    plan: Plan | None = None,
-    start: Result | State | None = None,
-    indefinite: Literal["refuse", "prove"] = "refuse",
-    callback: Callable[[Iteration], None] | None = None,
-) -> ChaosResult:
-    """Solve for the chaos coefficients of everything.
-
-    Parameters
-    ----------
-    chaos
-        Order and index set; a number is the order of a total-degree set.
-    method, active, direction, options, plan, start, callback
-        As for :func:`dolfinx_frontend.solve`; interfaces with random parameters are always active.
-    times
-        Times (T,) of a load history; random values do not change in it.
-    indefinite
-        ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"`` first that the
-        structure as a whole is definite and go on (the result carries the fact).
-
-    Raises
-    ------
-    SceneError
-        Nothing is random, or the basis needs more memory than there is.
-    IndefiniteError
-        A Galerkin stiffness is indefinite.
-
-    Warns
-    -----
-    NearlyIndefiniteWarning
-        A Galerkin stiffness is close to that.
-    TruncationWarning
-        A law is not linear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
-    """
-    if indefinite not in ("refuse", "prove"):
-        raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
-    chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
-    random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError(
-            "chaos: nothing is random: give a law a random parameter, or solve without chaos"
-        )
-    options = options or (Options.plain() if method == "latin" else Options())
-    rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
-    history = len(np.atleast_1d(np.asarray(times))) if times is not None and problem.amplitudes else 1
-    needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
-    basis = random.space.basis(chaos, rows=needed)
-    if plan is None:
-        plan = make_plan(
-            problem,
-            method,
-            active,
-            random.interfaces,
-            direction,
-            options,
-            random,
-            len(basis),
-            times=times,
-        )
-    return _run(problem, random, chaos, basis, plan, None, start_states(start), indefinite, callback)
-
-
-def _run(
-    problem: Problem,
-    random: RandomLaws,
-    chaos: Chaos,
-    basis: stochastic.ChaosBasis,
-    plan: Plan,
-    core: Kernel | None,
-    start: list[State],
-    indefinite: Literal["refuse", "prove"] = "refuse",
-    callback: Callable[[Iteration], None] | None = None,
-) -> ChaosResult:
-    """One run of a plan, on a kernel problem that is factorised already if there is one."""
-    began = perf_counter()
-    steps = plan.amplitudes.shape[1]
-    curved = [name for name in plan.active if not random.linear(name)]
-    collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
-    plan = _with_collocations(plan, random, collocations, chaos)
-    matrices = galerkin(random, basis)
-    proven = _guard(problem, random, basis, matrices, indefinite)
-    columns = {}
-    for name in (n for n in plan.active if n in problem.own.interfaces):
-        if name in collocations:
-            fields = bridge.active_fields(problem.interfaces[name], plan)
-            columns[name] = Columns({}, [collocations[name].group(random, fields, steps)])
-        else:
-            columns[name] = _columns(random, basis, name, matrices, plan, steps)
-    core = core or bridge.build(problem, plan)
-    core.set_steps(steps)
-    _make_stochastic(core, columns)
-    built = perf_counter()
-    summary, state = iterate(
-        problem, plan, core, _amplitudes(plan, len(basis)), start, callback
-    )
-    seconds = {"setup": built - began, "solve": perf_counter() - built}
-    result = ChaosResult(
-        problem,
-        plan,
-        summary,
-        state,
-        seconds,
-        core,
-        _cuts=fields_of_cuts(problem, core, state),
-        random=random,
-        chaos=chaos,
-        basis=basis,
-        proven=proven,
-        collocations=collocations,
-        _columns=columns,
-    )
-    if collocations:
-        result._check()
-    return result
-
-
-def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
-    """The run of another chaos or tolerance on the factorised problem of a result, started from its answer.
-
-    The modes that both have are taken over, the others start from zero. The kernel is left with the laws of
-    the new result; of the old one only :meth:`ChaosResult.resume` brings them back.
-
-    Raises
-    ------
-    IndefiniteError
-        A Galerkin stiffness is indefinite in the new basis.
-    """
-    problem, random, old = result.problem, result.random, result.plan
-    rows = result.core.rows
-    needed = result._steps * (problem.size + rows * (4 + 3 * old.options.acceleration))
-    basis = random.space.basis(chaos, rows=needed)
-    plan = make_plan(
-        problem,
-        old.method if old.method == "latin" else "auto",
-        old.active,
-        random.interfaces,
-        old.direction,
-        old.options.with_(rtol=rtol),
-        random,
-        len(basis),
-        times=old.times,
-    )
-    steps = result._steps
-    states = []
-    for block in (result.state.data, result.state.traces):
-        wider = np.zeros((len(block), len(basis) * steps), order="F")
-        for mode, index in enumerate(np.asarray(result.basis.indices.table)):
-            place = basis.indices.find([int(i) for i in np.atleast_1d(index)])
-            if place is not None:
-                wider[:, place * steps : (place + 1) * steps] = block[:, mode * steps : (mode + 1) * steps]
-        states.append(wider)
-    indefinite: Literal["refuse", "prove"] = "prove" if result.proven else "refuse"
-    return _run(problem, random, chaos, basis, plan, result.core, [State(*states)], indefinite)
