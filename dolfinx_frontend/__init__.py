@@ -18,7 +18,7 @@ from dolfinx_frontend.estimate.adaptive import Errors
 from dolfinx_frontend.figures import plotting
 from dolfinx_frontend.geometry import lap_joint, step
 from dolfinx_frontend.io import chaos_file, fields
-from dolfinx_frontend.io.saved import ResultFileError, SavedResult, load
+from dolfinx_frontend.results.saved import ResultFileError, SavedResult, load
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.reference import ssfem

@@ -45,84 +45,13 @@ from dolfinx_frontend.results.result import Result
 __all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
 
 Materials = Mapping[str, Material | Callable[[Any, Any], Any]]
-AnyResult: TypeAlias = Result | SampleResult | SavedResult
+Answer: TypeAlias = Result | SampleResult | SavedResult
 
 _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
 """Components of a symmetric tensor in VTK's order."""
 
 
-def _broken(function: fem.Function, shape: tuple[int, ...], degree: int) -> fem.FunctionSpace:
-    """Discontinuous Lagrange space with equispaced nodes, which are those of VTK's cells."""
-    mesh = function.function_space.mesh
-    element = basix.ufl.element(
-        "Lagrange",
-        mesh.topology.cell_name(),
-        degree,
-        lagrange_variant=basix.LagrangeVariant.equispaced,
-        discontinuous=True,
-        shape=shape,
-    )
-    return fem.functionspace(mesh, element)
-
-
-def stress_function(
-    displacement: fem.Function, material: Material, degree: int | None = None
-) -> fem.Function:
-    """Stress of a displacement, force / area, interpolated cell by cell.
-
-    Parameters
-    ----------
-    displacement
-        Vector-valued Lagrange function.
-    material
-        With a method ``stress(u)``, as the materials of this package have.
-    degree
-        Of the discontinuous Lagrange space; None: the displacement's.
-
-    Returns
-    -------
-    dolfinx.fem.Function
-        (d, d), symmetric; in 2D the components in the plane.
-
-    Raises
-    ------
-    SceneError
-        The material gives a bilinear form only.
-    """
-    if getattr(material, "stress", None) is None:
-        raise SceneError(
-            f"material {material!r} gives no stress: it needs a method stress(u) that returns a "
-            "UFL expression of shape (d, d)"
-        )
-    if degree is None:
-        degree = int(displacement.function_space.element.basix_element.degree)
-    return _stress_of(displacement, material, degree)()
-
-
-def _stress_of(
-    displacement: fem.Function, material: Material, degree: int
-) -> Callable[[], fem.Function]:
-    """The stress of what a function holds when it is called: compiled once."""
-    d = int(displacement.function_space.mesh.geometry.dim)
-    function = fem.Function(_broken(displacement, (d, d), degree), name="stress")
-    points = function.function_space.element.basix_element.points
-    expression = fem.Expression(material.stress(displacement), points)  # type: ignore[attr-defined]
-
-    def stress() -> fem.Function:
-        function.interpolate(expression)
-        return function
-
-    return stress
-
-
-def von_mises(stress: Array) -> Array:
-    """Von Mises stress (points,) of stresses (points, 3, 3)."""
-    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
-    equivalent: Array = np.sqrt(1.5 * np.einsum("pij,pij->p", deviator, deviator))
-    return equivalent
-
-
-def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
+def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
     """Write parts and interfaces of a result into a folder, of a load history at all times.
 
     Parameters
@@ -137,18 +66,14 @@ def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> t
     tuple
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
-    ending = "vtm" if _times(result) is None else "pvd"
+    ending = "vtm" if result.times is None else "pvd"
     parts = write_fields(result, Path(folder) / f"parts.{ending}", modes=modes)
     return parts, write_interfaces(result, Path(folder) / f"interfaces.{ending}")
 
 
-def _times(result: AnyResult) -> Array | None:
-    return result.times if isinstance(result, SavedResult) else result.plan.times
-
-
 # --- parts -----------------------------------------------------------------------------------------
 def write_fields(
-    fields: AnyResult | Mapping[str, fem.Function],
+    fields: Answer | Mapping[str, fem.Function],
     path: str | Path,
     materials: Scene | Materials | None = None,
     *,
@@ -214,7 +139,7 @@ def write_fields(
     return write_blocks(target, times, step, blocks, rank)
 
 
-def _parts(fields: AnyResult | Mapping[str, fem.Function]) -> tuple[list[str], int]:
+def _parts(fields: Answer | Mapping[str, fem.Function]) -> tuple[list[str], int]:
     """Names of all parts, and this rank."""
     if isinstance(fields, Mapping):
         return list(fields), 0
@@ -224,7 +149,7 @@ def _parts(fields: AnyResult | Mapping[str, fem.Function]) -> tuple[list[str], i
 
 
 def _part_grids(
-    fields: AnyResult | Mapping[str, fem.Function], materials: Materials | None, modes: Sequence[int]
+    fields: Answer | Mapping[str, fem.Function], materials: Materials | None, modes: Sequence[int]
 ) -> Iterator[tuple[str, Callable[[int], Grid]]]:
     """Part -> its grid at a step."""
     if isinstance(fields, SavedResult):
@@ -274,13 +199,13 @@ class _PartWriter:
         self._u = fem.Function(space)
         self._d = int(space.mesh.geometry.dim)
         degree = int(space.element.basix_element.degree)
-        self._nodal = fem.Function(_broken(self._u, (self._d,), degree))
+        self._nodal = fem.Function(broken(self._u, (self._d,), degree))
         topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
         self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
         self._type = int(types[0])
         self._stress: Callable[[], fem.Function] | None = None
         if hasattr(material, "stress"):
-            self._stress = _stress_of(self._u, material, degree)
+            self._stress = stress_of(self._u, material, degree)
 
     def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
         """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
@@ -331,7 +256,7 @@ class _PartWriter:
 
 # --- interfaces ------------------------------------------------------------------------------------
 def write_interfaces(
-    result: AnyResult,
+    result: Answer,
     path: str | Path,
     *,
     interfaces: Sequence[str] | str | None = None,
@@ -442,7 +367,7 @@ def facet_fields(
 
 
 def _with_known_force(
-    result: AnyResult, wanted: Sequence[str] | str | None, where: str
+    result: Answer, wanted: Sequence[str] | str | None, where: str
 ) -> list[str]:
     """The wanted interfaces (None: all), whose force is known."""
     if isinstance(result, SavedResult):

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.uncertainty.quantities import Kind
 
@@ -27,6 +28,7 @@ __all__ = [
     "chunks",
     "one_number_a_sample",
     "stepped",
+    "timed",
 ]
 
 T = TypeVar("T")
@@ -173,7 +175,7 @@ class Answer(Protocol):
         """How the samples are to be read: ``"value"`` is one that is not random, ``"grid"`` those of a sweep."""
 
     @property
-    def axes(self) -> Mapping[str, Array]:
+    def coordinates(self) -> Mapping[str, Array]:
         """Of a sweep: swept parameters -> their values at all points, (n,)."""
 
     def surface(self, interface: str) -> Surface:
@@ -226,6 +228,11 @@ class Answer(Protocol):
 
     def everywhere(self, interface: str, read: Callable[[], T]) -> T:
         """What the rank of an interface's first side reads, on all ranks; collective."""
+
+
+def timed(plan: Plan, block: Array) -> Array:
+    """Fields (..., columns of a history) as ([T,] ...): T only where the plan has times."""
+    return block[..., 0] if plan.times is None else plan.in_time(block)
 
 
 def stepped(values: Array, times: Array | None, leading: int = 0) -> Array:

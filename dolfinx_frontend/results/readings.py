@@ -8,7 +8,7 @@ force of a bolt); moments are about the centroid of the interface unless a point
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -80,7 +80,7 @@ class Readings:
         (T,) of a load history, or None.
     weights
         (N,) of a quadrature, or None.
-    axes
+    coordinates
         Of a sweep: swept parameters -> (N,) values.
     missing
         Interface -> why it has no row.
@@ -90,8 +90,20 @@ class Readings:
     statistics: Kind = "value"
     times: Array | None = None
     weights: Array | None = None
-    axes: Mapping[str, Array] = field(default_factory=dict)
+    coordinates: Mapping[str, Array] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+
+    def select(self, names: Sequence[str] | str | None) -> Readings:
+        """Some of the interfaces."""
+        if names is None:
+            return self
+        names = [names] if isinstance(names, str) else names
+        for name in names:
+            if name in self.missing:
+                raise SceneError(f"table: interface {name!r}: {self.missing[name]}")
+            if name not in self.interfaces:
+                raise unknown_name("interface", name, self.interfaces, "table")
+        return replace(self, interfaces={n: self.interfaces[n] for n in names}, missing={})
 
     @property
     def random(self) -> bool:
@@ -252,5 +264,5 @@ def read(
             raise SceneError(f"table: interface {name!r}: {why}")
     weights = [block.weights for block in blocks if block.weights is not None]
     return Readings(
-        found, answer.statistics, times, np.concatenate(weights) if weights else None, answer.axes, missing
+        found, answer.statistics, times, np.concatenate(weights) if weights else None, answer.coordinates, missing
     )

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
-from latin_core import Problem as Kernel, State, Summary
 
-from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.values import stiffnesses
-from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io import saved
-from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results import tables
-from dolfinx_frontend.scene.laws import Contact, Elastic, Law
+from dolfinx_frontend.results.answer import AnswerKind, Block, timed
+from dolfinx_frontend.results.face import Face
+from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.scene.laws import Contact
+from latin_core import Problem as Kernel
+from latin_core import State, Summary
 
 if TYPE_CHECKING:
     from dolfinx_frontend.estimate.adaptive import Errors
@@ -31,12 +28,12 @@ if TYPE_CHECKING:
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 
-_OF_RANDOM = ("field_moments", "force_moments", "quantity", "sobol", "truncation")
+_OF_RANDOM = ("coefficients", "sobol", "truncation")
 """What only random answers have."""
 
 
 @dataclass
-class Result:
+class Result(Face):
     """Answer of one solve.
 
     Attributes
@@ -92,28 +89,38 @@ class Result:
         return self.summary.error
 
     @property
-    def displacements(self) -> dict[str, Array]:
-        """Substructure -> (n,) unknowns; interior fields are recovered when first asked for."""
+    def kind(self) -> AnswerKind:
+        """``"deterministic"``, or ``"history"`` of a load history."""
+        return "deterministic" if self.times is None else "history"
+
+    def unknowns(self, part: str) -> Array:
+        """Unknowns ([T,] n) of a part, length; interior fields are recovered when first asked for."""
+        self._check_part(part)
         if self._displacements is None:
             fields = self.core.displacements(self.state, self.plan.amplitudes)
-            self._displacements = {name: fields[name][:, 0] for name in self.problem.substructures}
-        return self._displacements
-
-    def displacement(self, substructure: str) -> fem.Function:
-        """Displacement of a substructure as a dolfinx function (length)."""
-        if substructure not in self.problem.substructures:
-            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
-        function = fem.Function(self.problem.substructures[substructure].V, name="displacement")
-        function.x.array[:] = self.displacements[substructure]
-        return function
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 (m, components), length, in the local frame."""
-        return self._local(interface)[1]
+            self._displacements = {name: timed(self.plan, fields[name]) for name in self.problem.substructures}
+        return self._displacements[part]
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1, (m, components), in the local frame: column 0 is normal."""
+        """Force per area on side 1, ([T,] m, components), in the local frame: component 0 is normal."""
         return self._local(interface)[0]
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1 ([T,] m, components), length, in the local frame."""
+        return self._local(interface)[1]
+
+    def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
+        """The answer as one sample."""
+
+        def both(name: str) -> tuple[Array, Array]:
+            force, jump = self._local(name)
+            return force[None], jump[None]
+
+        yield Block(1, both, self._as_sample, partial(law_contact, self.problem, self.plan))
+
+    def _as_sample(self, part: str, unknowns: Ints | None) -> Array:
+        u = self.unknowns(part)[None]
+        return u if unknowns is None else u[..., unknowns]
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
@@ -135,104 +142,25 @@ class Result:
         """Where the time and the memory went, beside what the plan predicted, as a table."""
         return spent(self)
 
-    def table(
-        self,
-        interfaces: Sequence[str] | str | None = None,
-        step: int | None = -1,
-        about: npt.ArrayLike | None = None,
-    ) -> tables.Table:
-        """Resultants, pressures and areas of the interfaces: ``print`` it, ``to_csv``, ``to_pandas``.
- Columns (see :mod:`dolfinx_frontend.results.tables` for signs): area; ``force_x`` ..., ``moment_x`` ... on
-side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``, ``_mean``, ``_max``;
-``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its limit) of
-        contacts. Of interfaces that were eliminated as supports or glue, the reactions; their points carry
-        no pressure that is known. Collective on several ranks.
-
-        Parameters
-        ----------
-        interfaces
-            Names; None: all.
-        step
-            Of a load history; None: all, one row each.
-        about
-            Point (d,) of the moments; None: the centroid of each interface.
-        """
-        return tables.summarise(tables.read(self).select(interfaces), step, about)
-
-    def bolts(self, interfaces: Sequence[str] | str | None = None) -> tables.Table:
-        """Bolt forces of a load history before and after loading, see
-        :func:`dolfinx_frontend.results.tables.bolts`."""
-        return tables.bolts(tables.read(self).select(interfaces))
-
-    def save(self, path: str | Path, fields: bool = True) -> None:
-        """Write the result to one HDF5 file, which :func:`dolfinx_frontend.load` reads in any process.
-
-        Parameters
-        ----------
-        path
-            ``.h5`` or ``.hdf5``; an existing file is replaced when the new one is complete.
-        fields
-            False: only what the tables need, no forces, jumps and displacements.
-
-        Raises
-        ------
-        ResultFileError
-            The file cannot be written.
-        """
-        saved.save_result(path, self, tables.read(self), fields)
-
     @contextmanager
     def at_mean(self) -> Iterator[None]:
         """The factorised problem with its deterministic laws, as long as the context lasts."""
         yield
 
     def _local(self, name: str) -> tuple[Array, Array]:
-        """Force and jump (m, components) of an interface."""
-        if name not in self.problem.interfaces:
-            raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.here(name)
-        if name in self.plan.active:
-            force, jump = self._kernel_fields(name)
-            points = interface.num_points
-            return force.reshape(points, -1), jump.reshape(points, -1)
-        return self.eliminated(interface, interface.law, self.displacements)
+        """Force and jump ([T,] m, components) of an interface."""
+        self._check_interface(name)
+        if name not in self.plan.active:
+            force, jump = self._eliminated(name, self._as_sample)
+            return force[0], jump[0]
+        points = self.problem.here(name).num_points
+        force, jump = (
+            timed(self.plan, block.reshape(points, -1, block.shape[-1])) for block in self._kernel_fields(name)
+        )
+        return force, jump
 
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
         return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
-
-    def gathered(self, interface: str) -> tuple[Array, Array]:
-        """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
-
-        Collective: to be called on all of them.
-        """
-        return self.problem.everywhere(
-            interface, lambda: (self.force(interface), self.jump(interface))
-        )
-
-    def eliminated(
-        self, interface: Interface, law: Law, displacements: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
-        """Force and jump (m, components) of an interface that was assembled into the bodies."""
-        fields = bridge.law_fields(interface, law)
-        if fields.kind == "perfect":
-            name = interface.name
-            raise SceneError(
-                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
-                f"not an unknown: solve with active=[{name!r}] to have it"
-            )
-        points = interface.num_points
-        jump = sum(
-            (
-                sign * (interface.local_trace(i) @ displacements[side.substructure])
-                for i, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False))
-            ),
-            start=np.zeros(interface.dim * points),
-        ).reshape(points, -1)[:, : fields.components]
-        if not isinstance(law, Elastic):
-            return fields.parameters["force"].reshape(points, -1), jump
-        stiffness = stiffnesses(interface, law)[:, : fields.components]
-        imposed = fields.parameters["jump"].reshape(points, -1)
-        return stiffness * (jump - imposed), jump
 
     def __repr__(self) -> str:
         steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
@@ -246,37 +174,11 @@ side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_m
 class HistoryResult(Result):
     """Answer over a load history; every field has the time steps as its first axis."""
 
-    _all: dict[str, Array] | None = field(default=None, repr=False)
-
     @property
     def times(self) -> Array:
         """(T,)."""
         assert self.plan.times is not None  # a history has them
         return self.plan.times
-
-    @property
-    def displacements(self) -> dict[str, Array]:
-        """Substructure -> (T, n) unknowns; interior fields are recovered when first asked for."""
-        if self._all is None:
-            fields = self.core.displacements(self.state, self.plan.amplitudes)
-            self._all = {n: self.plan.in_time(fields[n]) for n in self.problem.substructures}
-        return self._all
-
-    def displacement(self, substructure: str, step: int = -1) -> fem.Function:
-        """Displacement of a substructure at a time step (the last by default) as a dolfinx function."""
-        if substructure not in self.problem.substructures:
-            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
-        function = fem.Function(self.problem.substructures[substructure].V, name="displacement")
-        function.x.array[:] = self.displacements[substructure][step]
-        return function
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 (T, m, components), length, in the local frame."""
-        return self._local(interface)[1]
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1, (T, m, components), in the local frame: component 0 is normal."""
-        return self._local(interface)[0]
 
     def work(self, interface: str) -> Array:
         """Work that an interface has taken up since the beginning, (T,), force * length.
@@ -311,22 +213,6 @@ class HistoryResult(Result):
         weights = self.problem.interfaces[interface].weights
         steps = np.diff(jump, axis=0, prepend=np.zeros_like(jump[:1]))
         return np.cumsum(np.einsum("p,tpc,tpc->t", weights, force, steps))
-
-    def _local(self, name: str) -> tuple[Array, Array]:
-        if name not in self.problem.interfaces:
-            raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.here(name)
-        if name in self.plan.active:
-            points = interface.num_points
-            blocks = self._kernel_fields(name)
-            force, jump = (self.plan.in_time(b.reshape(points, -1, b.shape[1])) for b in blocks)
-            return force, jump
-        fields = self.displacements
-        pairs = [
-            self.eliminated(interface, interface.law.at(t), {n: u[k] for n, u in fields.items()})
-            for k, t in enumerate(self.times)
-        ]
-        return np.array([f for f, _ in pairs]), np.array([j for _, j in pairs])
 
 
 def phase_seconds(result: Result) -> dict[str, Any]:

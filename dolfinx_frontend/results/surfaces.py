@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.plan.translate import law_fields
+from dolfinx_frontend.kernel.bridge import active_fields
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.translate import LawFields, law_fields
 from dolfinx_frontend.results.answer import Surface
+from dolfinx_frontend.results.contact import ContactValues, contact_values
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Preload
 
-__all__ = ["surface_of"]
+__all__ = ["law_contact", "surface_of"]
 
 
 def surface_of(interface: Interface, times: Array | None) -> Surface:
@@ -30,6 +34,29 @@ def surface_of(interface: Interface, times: Array | None) -> Surface:
         isinstance(law, Contact),
         _tightened(interface, times),
     )
+
+
+def law_contact(
+    problem: Problem,
+    plan: Plan,
+    name: str,
+    samples: int = 1,
+    sampled: Callable[[LawFields], Mapping[str, Array]] | None = None,
+) -> ContactValues | None:
+    """Values of a contact at all times; None: it is none.
+
+    Parameters
+    ----------
+    samples, sampled
+        Their number, and the fields of the law with its own values -> its parameters at the samples,
+        (rows, samples * steps), steps fastest; None: those of the law.
+    """
+    interface = problem.interfaces[name]
+    if not isinstance(interface.law, Contact):
+        return None
+    fields = active_fields(interface, plan)
+    parameters = fields.parameters if sampled is None else sampled(fields)
+    return contact_values(parameters, interface.num_points, samples)
 
 
 def _tightened(interface: Interface, times: Array | None) -> int | None:

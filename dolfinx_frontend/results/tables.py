@@ -203,9 +203,9 @@ def _collect(
             each = {column: dict(_statistics(v, readings, quantiles)) for column, v in values.items()}
             for statistic in next(iter(each.values())):
                 yield name, {"statistic": statistic}, {c: found[statistic] for c, found in each.items()}
-        elif readings.axes:
-            for point in range(len(next(iter(readings.axes.values())))):
-                at = {axis: float(v[point]) for axis, v in readings.axes.items()}
+        elif readings.coordinates:
+            for point in range(len(next(iter(readings.coordinates.values())))):
+                at = {axis: float(v[point]) for axis, v in readings.coordinates.items()}
                 yield name, at, {column: v[point] for column, v in values.items()}
         else:
             yield name, {}, dict(values)
@@ -237,7 +237,7 @@ def summarise(
     times = readings.times
     every = range(1 if times is None else len(times))
     chosen = every if step is None else [check_step(times, step, "table")]
-    labels = ["interface", *readings.axes]
+    labels = ["interface", *readings.coordinates]
     labels += ["time"] if times is not None else []
     labels += ["statistic"] if readings.random else []
     numbers = {name: m.about(about) for name, m in readings.interfaces.items()}
@@ -293,7 +293,7 @@ def bolts(readings: Readings, quantiles: Sequence[float] = QUANTILES) -> Table:
         raise SceneError(
             "bolts: no interface of the table is a bolt: a law Preload, or Elastic or Contact with a jump"
         )
-    labels = ("interface", *readings.axes, *(("statistic",) if readings.random else ()))
+    labels = ("interface", *readings.coordinates, *(("statistic",) if readings.random else ()))
     columns: dict[str, list[Any]] = {name: [] for name in (*labels, "tightened")}
     for name, at, values in _collect(readings, numbers, quantiles):
         row = {"interface": name, "tightened": float(readings.times[readings.interfaces[name].bolt])}  # type: ignore[index]

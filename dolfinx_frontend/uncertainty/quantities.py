@@ -25,7 +25,8 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
 
-Kind = Literal["random", "qmc", "quadrature"]
+Kind = Literal["random", "qmc", "quadrature", "value", "grid"]
+"""Samples that are independent, Sobol points, points of a rule; one value that is not random, those of a sweep."""
 
 
 class Estimate(NamedTuple):
