@@ -1,24 +1,23 @@
-"""The one dispatcher: which solver answers which request."""
+"""``solve``: which solver answers which request."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import Any, Literal, overload
 
 import numpy.typing as npt
 from latin_core import Iteration, Options, State
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
+from dolfinx_frontend.plan.plan import Direction, Method, Plan
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.solvers.deterministic import solve_once
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.solvers.galerkin import solve_chaos
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.results.chaos import ChaosResult
-    from dolfinx_frontend.results.resultant import Resultant
-    from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.solvers.deterministic import solve_deterministic
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["solve"]
 
@@ -161,8 +160,6 @@ def solve(
         Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
     """
     if accuracy is not None:
-        from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
-
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():
             if value is not None:
@@ -196,5 +193,14 @@ def solve(
             indefinite=indefinite,
             callback=callback,
         )
-    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
-    return solve_once(problem, plan, start, callback)
+    return solve_deterministic(
+        problem,
+        method,
+        times=times,
+        active=active,
+        direction=direction,
+        options=options,
+        plan=plan,
+        start=start,
+        callback=callback,
+    )

@@ -29,15 +29,15 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.reactions import eliminated_fields, is_glue, reaction
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Preload, Pressure, Symmetry, Traction
-from dolfinx_frontend.results.result import Result
 
 
-__all__ = ["DiscretisationError", "estimate"]
+__all__ = ["DiscretisationError", "discretisation_error"]
 
 
 LINEAR = (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)
@@ -105,7 +105,7 @@ class DiscretisationError:
         return f"{text}; quantity of interest {self.value:.6g} +- {self.quantity:.2g}"
 
 
-def estimate(
+def discretisation_error(
     result: Result, quantity: Resultant | str | None = None, step: int = -1
 ) -> DiscretisationError:
     """Estimate the error of the meshes in a result; collective on several ranks.
@@ -219,7 +219,7 @@ def _axes(interface: Interface, normals: Array) -> Array:
 
 def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
     """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d)."""
-    name, times = quantity.interface, result.plan.times
+    name = quantity.interface
     result.problem.on_one_rank(f"the reaction of {name!r}, which was assembled across,")
     if isinstance(result, StochasticResult):
         raise SceneError(
@@ -227,14 +227,13 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
             f"active=[{name!r}]"
         )
     interface = result.problem.interfaces[name]
-    steps = [None] if times is None else list(times)
-    found = tables.nodal_reaction(result, name, steps, tables.known_forces(result))
-    if found is None:
+    held = reaction(result, name)
+    if held is None:
         raise SceneError(
             f"interface {name!r} shares nodes with others that hold them, its own force is not known: solve "
             f"with active=[{name!r}]"
         )
-    number, nodal = found
+    number, nodal = held.side, held.forces(result.shown())[0]
     axes = _axes(interface, (1.0 - 2.0 * number) * interface.sides[number].node_normals)
     if quantity.component >= len(axes):
         raise SceneError(
@@ -244,7 +243,7 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
 
 
 def _is_reaction(result: Result, name: str) -> bool:
-    return name not in result.plan.active and tables.is_glue(result.problem.interfaces[name].law)
+    return name not in result.plan.active and is_glue(result.problem.interfaces[name].law)
 
 
 def _value(
@@ -261,7 +260,8 @@ def _value(
         if name in result.plan.active:
             return _at(result, result.force(name), step), _at(result, result.jump(name), step)
         law = interface.law if result.plan.times is None else interface.law.at(result.plan.times[step])
-        return result.eliminated(interface, law, fields)
+        force, jump = eliminated_fields(interface, [law], lambda part, rows: fields[part][None, None, rows])
+        return force[0, 0], jump[0, 0]
 
     force, jump = result.problem.everywhere(name, read)
     return float(quantity.total(force if quantity.of == "force" else jump, interface.weights))

@@ -178,6 +178,10 @@ class Answer(Protocol):
     def coordinates(self) -> Mapping[str, Array]:
         """Of a sweep: swept parameters -> their values at all points, (n,)."""
 
+    @property
+    def without_displacements(self) -> str | None:
+        """Why there are no displacements, and how to get them; None: there are."""
+
     def surface(self, interface: str) -> Surface:
         """An interface as the answer sees it."""
 

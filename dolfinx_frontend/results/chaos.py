@@ -16,7 +16,8 @@ from dolfinx import fem
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io.chaos_file import Field, content, save_chaos, to_openturns
+from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
+from dolfinx_frontend.formats.openturns import to_openturns
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -28,7 +29,8 @@ from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
-from dolfinx_frontend.solvers.collocation import Collocation, sampled_parameters
+from dolfinx_frontend.plan.random_laws import sampled_parameters
+from dolfinx_frontend.solvers.collocation import Collocation
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol

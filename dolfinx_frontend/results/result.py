@@ -23,7 +23,7 @@ from latin_core import Problem as Kernel
 from latin_core import State, Summary
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.adaptive import Errors
+    from dolfinx_frontend.estimate.errors import Errors
     from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
@@ -134,7 +134,7 @@ class Result(Face):
             A :class:`Resultant`, the name of an interface (its normal force), ``"energy"``; None: what was
             asked for, or the energy norm.
         """
-        from dolfinx_frontend.estimate.adaptive import errors
+        from dolfinx_frontend.estimate.errors import errors
 
         return errors(self, quantity)
 

@@ -20,13 +20,13 @@ from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult
-from dolfinx_frontend.solvers.collocation import sampled_parameters
+from dolfinx_frontend.plan.random_laws import sampled_parameters
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
 from latin_core import SweepPoints, stochastic
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.adaptive import Errors
+    from dolfinx_frontend.estimate.errors import Errors
     from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = ["SampleResult"]
@@ -165,7 +165,7 @@ class SampleResult(PointResults, StochasticResult):
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
-        from dolfinx_frontend.estimate.adaptive import errors  # which builds on this module
+        from dolfinx_frontend.estimate.errors import errors
 
         return errors(self, quantity)
 

@@ -14,9 +14,10 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import unknown_name
-from dolfinx_frontend.io import chaos_file
-from dolfinx_frontend.io.chaos_file import ChaosFile, Tree
-from dolfinx_frontend.io.meshes import StoredPart
+from dolfinx_frontend.formats import chaos_file, hdf5
+from dolfinx_frontend.formats.chaos_file import ChaosFile
+from dolfinx_frontend.formats.hdf5 import Tree
+from dolfinx_frontend.formats.meshes import StoredPart
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, chunks
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
@@ -515,9 +516,9 @@ def load(path: str | Path) -> SavedResult:
     if first == chaos_file.FORMAT.encode():
         raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
     try:
-        tree = chaos_file.read_tree(source, FORMAT)
+        tree = hdf5.read_tree(source, FORMAT)
         version = int(tree.pop("version"))
-    except chaos_file.DAMAGE as error:
+    except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
         ) from error
@@ -528,7 +529,7 @@ def load(path: str | Path) -> SavedResult:
         )
     try:
         return _read(source, _from_first(tree) if version == 1 else tree)
-    except chaos_file.DAMAGE as error:
+    except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error

@@ -13,10 +13,10 @@ from dolfinx import fem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["broken", "stress_function", "stress_of", "von_mises"]
+__all__ = ["broken_space", "stress_function", "stress_of", "von_mises"]
 
 
-def broken(function: fem.Function, shape: tuple[int, ...], degree: int) -> fem.FunctionSpace:
+def broken_space(function: fem.Function, shape: tuple[int, ...], degree: int) -> fem.FunctionSpace:
     """Discontinuous Lagrange space with equispaced nodes, which are those of VTK's cells."""
     mesh = function.function_space.mesh
     element = basix.ufl.element(
@@ -65,7 +65,7 @@ def stress_function(displacement: fem.Function, material: Any, degree: int | Non
 def stress_of(displacement: fem.Function, material: Any, degree: int) -> Callable[[], fem.Function]:
     """The stress of what a function holds when it is called: compiled once."""
     d = int(displacement.function_space.mesh.geometry.dim)
-    function = fem.Function(broken(displacement, (d, d), degree), name="stress")
+    function = fem.Function(broken_space(displacement, (d, d), degree), name="stress")
     points = function.function_space.element.basix_element.points
     expression = fem.Expression(material.stress(displacement), points)
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.io import chaos_file
-from dolfinx_frontend.io.chaos_file import ChaosFileError, Tree
-from dolfinx_frontend.io.meshes import facet_cells, part_arrays
+from dolfinx_frontend.formats import chaos_file, hdf5
+from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
+from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
 from dolfinx_frontend.results.readings import Readings
 
 __all__ = ["FORMAT", "VERSION", "ResultFileError", "save", "write"]
@@ -43,8 +43,8 @@ def write(path: str | Path, tree: Tree) -> None:
     """
     target = _target(path)
     try:
-        with chaos_file.replaced(target) as temporary:
-            chaos_file.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+        with hdf5.replaced(target) as temporary:
+            hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
     except ChaosFileError as error:  # no h5py, or the file cannot be written
         raise ResultFileError(str(error)) from error
 

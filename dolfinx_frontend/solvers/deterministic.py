@@ -1,33 +1,41 @@
-"""Solve one planned problem: one column, or those of a load history."""
+"""One solve of a planned problem."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
+from typing import Literal
 
-from latin_core import Iteration, Problem as Kernel, State
+import numpy.typing as npt
+from latin_core import Iteration, Options, Problem as Kernel, State
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import iterate
-from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.support import check_support
 
-__all__ = ["fields_of_cuts", "solve_once", "start_states"]
 
 _log = logging.getLogger(__name__)
 
 
-def solve_once(
+def solve_deterministic(
     problem: Problem,
-    plan: Plan,
+    method: Method = "auto",
+    *,
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
 ) -> Result:
-    """Build what a plan says and run its iteration; arguments as for :func:`dolfinx_frontend.solve`."""
+    """One solve, random parameters at their mean; arguments and errors of :func:`dolfinx_frontend.solve`."""
+    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
     began = perf_counter()
     core = bridge.build(problem, plan)
     built = perf_counter()

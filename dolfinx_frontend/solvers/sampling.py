@@ -26,7 +26,8 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.plan.plan import Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.results.samples import Kind, SampleResult
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers.sweep import fingerprint, warn_unconverged
 
 __all__ = [

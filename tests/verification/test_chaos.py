@@ -12,9 +12,9 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.io.chaos_file import load_chaos
+from dolfinx_frontend.formats.chaos_file import load_chaos
 from dolfinx_frontend.plan.plan import Direction
-from dolfinx_frontend.reference.ssfem import energy_error_modes, ssfem
+from dolfinx_frontend.reference.galerkin import energy_error_modes, ssfem
 from dolfinx_frontend.scene.laws import Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene

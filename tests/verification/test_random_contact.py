@@ -28,6 +28,9 @@ from dolfinx_frontend.solvers.galerkin import TruncationWarning
 from dolfinx_frontend.solvers.collocation import MOST_TENSOR, collocation
 from dolfinx_frontend.solvers.sampling import sample
 from dolfinx_frontend.solving import solve
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import FromSamples, LogNormal, Normal, TruncatedNormal, Uniform
 from dolfinx_frontend.uncertainty.quantities import Quantity
 
 Array = npt.NDArray[np.float64]
@@ -90,7 +93,7 @@ def in_norm(problem: Problem, name: str, values: Array) -> float:
     return float(np.sqrt(np.einsum("p,pc->", weights, values**2)))
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("kind", ["stiffness and preload", "gap and preload"])
 def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
@@ -115,7 +118,7 @@ def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
     assert ("NOT TRUSTED" in repr(result)) != result.trusted
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 def test_chance_that_the_joint_opens() -> None:
     # TARGETS 2.6: P = Phi((Q / (K D) - 1) / d1), whatever the stiffness of the joint
     bolt = bolt_law(Normal("K", BOLT, cov=0.1))
@@ -156,7 +159,7 @@ def test_a_joint_that_never_opens_has_the_galerkin_solution() -> None:
             assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 @pytest.mark.parametrize(
     ("joint", "screw", "trusted"),
     [
@@ -252,7 +255,7 @@ def test_a_gap_that_varies_from_place_to_place(vessel: Problem) -> None:
         assert in_norm(problem, "joint", each) < 0.01 * in_norm(problem, "joint", whole)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 def test_only_germs_that_reach_an_interface_are_paid_for() -> None:
     scene = Scene()
     joint = Contact(stiffness=JOINT / AREA)

@@ -1,0 +1,157 @@
+"""What acts on interfaces, over their facets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from dolfinx_frontend.assembly.averages import means
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
+from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.contact import OPEN, SLIPS
+from dolfinx_frontend.results.points import interface_fields
+from dolfinx_frontend.results.readings import known_interfaces
+from dolfinx_frontend.scene.amplitudes import check_step
+
+__all__ = ["InterfaceWriter", "facet_fields", "vector_values"]
+
+
+def vector_values(values: Array) -> Values:
+    """Vectors (m, d) with three components."""
+    out = np.zeros((len(values), 3))
+    out[:, : values.shape[1]] = values
+    return out, "XYZ"
+
+
+def facet_fields(
+    result: Answer, interface: str, step: int = -1
+) -> tuple[npt.NDArray[np.int64], dict[str, Array]]:
+    """What :func:`write_interfaces` writes on the facets of an interface, as arrays.
+
+    Returns
+    -------
+    facets
+        (k,), facets of the mesh of side 1, ascending.
+    fields
+        Name -> (k,) or (k, 3).
+
+    Raises
+    ------
+    SceneError
+        An interface that is unknown or whose force is not known, no such step.
+    """
+    known_interfaces(result, interface, "facet_fields")
+    at = check_step(result.times, step, "facet_fields")
+    side = result.problem.here(interface).sides[0]
+    part = result.problem.substructures[side.substructure].part
+    data = InterfaceWriter(result, interface).facets(at).cell_data
+    numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
+    covered = np.unique(result.problem.interfaces[interface].facets)
+    return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
+
+
+class _Surface(NamedTuple):
+    """The covered facets of side 1 of an interface, which are the same at all steps."""
+
+    x: Array  # (nodes, 3), facet by facet
+    cells: npt.NDArray[np.int64]  # (facets, nodes a facet)
+    type: int  # of VTK
+    trace: sp.csr_matrix  # (nodes, unknowns of a component of the displacement)
+    mean: sp.csr_matrix  # (facets, points), by area
+    area: Array  # (facets,)
+
+
+class InterfaceWriter:
+    """Grids of an interface of an answer: its points, and the facets of its first side."""
+
+    def __init__(self, answer: Answer, name: str) -> None:
+        self._surface, self._fields = answer.surface(name), interface_fields(answer, name)
+        self._interface = answer.problem.interfaces[name]
+        side = self._interface.sides[0]
+        self._part = answer.problem.substructures[side.substructure]
+        self._displacement: Array | None = None  # (T, n)
+        if answer.without_displacements is None and side.shape is not None:
+            self._displacement = stepped(answer.unknowns(side.substructure), answer.times)
+        self._function: Callable[[Array], Any] = partial(answer.function, side.substructure, name="")
+
+    def _data(self, step: int) -> dict[str, Values]:
+        out: dict[str, Values] = {"area": (self._surface.weights, "")}
+        for name, values in self._fields.items():
+            now = values[step]
+            if name == "state":
+                out[name] = (now.astype(np.int64), "")
+            else:
+                out[name] = (now, "") if now.ndim == 1 else vector_values(now)
+        return out
+
+    def points(self, step: int) -> Grid:
+        """The cloud of points."""
+        data = self._data(step)
+        if self._displacement is not None:
+            nodal = self._displacement[step].reshape(-1, self._surface.dim)
+            data["displacement"] = vector_values(self._interface.sides[0].shape @ nodal)
+        return vertices(self._surface.points, data)
+
+    @cached_property
+    def _mesh(self) -> _Surface:
+        part, interface = self._part, self._interface
+        face = FacetMap(part.part, interface.sides[0].face, f"interface {interface.name!r}")
+        covered, row = np.unique(interface.facets, return_inverse=True)
+        cell, order = face.facet_cell.name, min(face.order, 2)
+        nodes = _facet_nodes(cell, order)
+        index, s = np.repeat(covered, len(nodes)), np.tile(nodes, (len(covered), 1))
+        x = np.zeros((len(index), 3))
+        x[:, : part.dim] = face.push_forward(index, s)[0]
+        cells = np.arange(len(index), dtype=np.int64).reshape(-1, len(nodes))
+        trace = face.trace(part.space, index, s, len(part.dof_coordinates))
+        mean = means(row, self._surface.weights, len(covered))
+        area: Array = np.bincount(row, self._surface.weights).astype(np.float64)
+        return _Surface(x, cells, CELLS[cell, order], trace, mean, area)
+
+    def facets(self, step: int) -> Grid:
+        """The surface of side 1."""
+        mesh = self._mesh
+        point_data: dict[str, Values] = {}
+        if self._displacement is not None:
+            nodal = self._function(self._displacement[step]).x.array.reshape(-1, self._surface.dim)
+            point_data["displacement"] = vector_values(mesh.trace @ nodal)
+        return Grid(mesh.x, mesh.cells, mesh.type, point_data, self._on_facets(step))
+
+    def _on_facets(self, step: int) -> dict[str, Values]:
+        """Values of the facets: the means of their points; of one point what is there."""
+        mean = self._mesh.mean
+        single = mean.shape[0] == mean.shape[1]
+        out: dict[str, Values] = {"area": (self._mesh.area, "")}
+        for name, (values, labels) in self._data(step).items():
+            if name == "state" and not single:
+                out["open share"] = (mean @ (values == OPEN), "")
+                out["slip share"] = (mean @ (values == SLIPS), "")
+            elif name == "state":
+                out[name] = ((mean @ values).astype(np.int64), "")
+            elif name != "area":
+                out[name] = (mean @ values, labels)
+        return out
+
+
+def _facet_nodes(cell: str, order: int) -> Array:
+    """Nodes of a facet in its reference coordinates, in VTK's order, (k, d - 1)."""
+    corners = {
+        "interval": [[0.0], [1.0]],
+        "triangle": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+        "quadrilateral": [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
+    }[cell]
+    nodes = np.array(corners)
+    if order == 1:
+        return nodes
+    middles = 0.5 * (nodes + np.roll(nodes, -1, axis=0))
+    if cell == "interval":
+        return np.concatenate([nodes, middles[:1]])
+    centre = nodes.mean(axis=0, keepdims=True)
+    return np.concatenate([nodes, middles, centre] if cell == "quadrilateral" else [nodes, middles])

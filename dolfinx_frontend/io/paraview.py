@@ -1,0 +1,307 @@
+"""Displacements, stresses and what acts on the interfaces, as files that ParaView, VisIt and pyvista read.
+
+The format is VTK's XML: a multi-block index (``.vtm``) of unstructured grids (``.vtu``, which meshio reads
+as well), and for all times of a load history a collection (``.pvd``) of such. Nothing is projected: the
+cells of a part are Lagrange cells of the displacement's degree, so curved parts and quadratic fields are
+kept as they are, and every cell has nodes of its own, so stresses may jump between cells, as they do;
+values of interfaces are at the points where they are computed, beside their means over the facets.
+
+>>> fields.write(result, "out")                      # out/parts.vtm, out/interfaces.vtm; .pvd of a history
+>>> fields.write_fields(result, "out/parts.pvd")     # or one of the two, by name
+>>> fields.write_interfaces(result, "out/joint.vtm", interfaces="joint", step=3)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from dolfinx import fem, plot
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, write_blocks
+from dolfinx_frontend.io.facets import InterfaceWriter, vector_values
+from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.readings import known_interfaces
+from dolfinx_frontend.results.stress import broken_space, stress_of, von_mises
+from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.scene import Scene
+
+__all__ = ["write", "write_fields", "write_interfaces"]
+
+Materials = Mapping[str, Material | Callable[[Any, Any], Any]]
+
+_SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
+"""Components of a symmetric tensor in VTK's order."""
+
+
+def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
+    """Write parts and interfaces of a result into a folder, of a load history at all times.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there.
+    modes
+        Chaos modes of the displacement that are written as well.
+
+    Returns
+    -------
+    tuple
+        The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
+    """
+    ending = "vtm" if result.times is None else "pvd"
+    parts = write_fields(result, Path(folder) / f"parts.{ending}", modes=modes)
+    return parts, write_interfaces(result, Path(folder) / f"interfaces.{ending}")
+
+
+# --- parts -----------------------------------------------------------------------------------------
+def write_fields(
+    fields: Answer | Mapping[str, fem.Function],
+    path: str | Path,
+    materials: Scene | Materials | None = None,
+    *,
+    step: int = -1,
+    modes: Sequence[int] = (),
+) -> Path:
+    """Write displacements, and stresses where the materials are known.
+
+    The grid of each part has the point data ``displacement`` (length; 3 components), and, with a material
+    that has a method ``stress``, ``stress`` (force / area; XX, YY, ZZ, XY, YZ, XZ, in 2D XX, YY, XY) and in
+    3D ``von Mises``. Their units are those of the scene. Of a random answer ``displacement`` and ``stress``
+    are means, ``displacement std`` and ``stress std`` the standard deviations of every component (of
+    samples that of the displacement), ``von Mises`` is that of the mean stress, and ``displacement u3`` is
+    the chaos coefficient of mode 3.
+
+    Parameters
+    ----------
+    fields
+        Any answer (sweeps and samples with ``keep_states=True``), also a loaded one, or part -> displacement, a vector-valued Lagrange function. On several ranks each writes the grids of its parts.
+    path
+        Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
+        folder of the same name beside it.
+    materials
+        The scene, or part -> material; None: those that the result was solved with. Parts without one, or
+        with a UFL form as material, get no stress.
+    step
+        Of a load history in a ``.vtm`` file; the last by default.
+    modes
+        Chaos modes of the displacement that are written as well.
+
+    Returns
+    -------
+    Path
+        The index file: open this one.
+
+    Raises
+    ------
+    ValueError
+        Another ending of the file name, or there is nothing to write.
+    SceneError
+        No such step or mode; samples whose states were not kept.
+    """
+    times = None if isinstance(fields, Mapping) else fields.times
+    target = check_target(path, times is not None)
+    step = check_step(times, step, "write_fields")
+    if isinstance(materials, Scene):
+        materials = {name: spec.material for name, spec in materials.substructures.items()}
+    if isinstance(fields, Mapping):
+        names, rank, made = list(fields), 0, dict(_function_grids(fields, materials or {}))
+    else:
+        names, rank = list(fields.problem.parts), fields.problem.rank
+        made = dict(_part_grids(fields, materials, modes))
+    if not names:
+        raise ValueError("there are no displacements to write")
+
+    def blocks(at: int) -> Blocks:
+        return {name: partial(made[name], at) if name in made else None for name in names}
+
+    return write_blocks(target, times, step, blocks, rank)
+
+
+def _function_grids(
+    functions: Mapping[str, fem.Function], materials: Materials
+) -> Iterator[tuple[str, Callable[[int], Grid]]]:
+    """Part -> its grid from a function."""
+    for name, function in functions.items():
+        part = _PartWriter(function, materials.get(name))
+        yield name, partial(part.grid, function.x.array[None].copy(), [], {})
+
+
+def _part_grids(
+    answer: Answer, materials: Materials | None, modes: Sequence[int]
+) -> Iterator[tuple[str, Callable[[int], Grid]]]:
+    """Part -> its grid at a step."""
+    if modes and answer.kind != "chaos":
+        raise SceneError(f"fields: modes = {list(modes)}: only the result of a chaos has modes")
+    for name, s in answer.problem.substructures.items():
+        mean = answer.unknowns(name)
+        spread = answer.spread(name)
+        extra = {}
+        for mode in modes:
+            if not 0 <= mode <= len(spread):
+                raise SceneError(f"fields: there is no mode {mode}, the chaos has {len(spread) + 1}")
+            extra[f"u{mode}"] = spread[mode - 1] if mode else mean
+        deviation = answer.deviation(name) if not spread else None
+        if deviation is not None:
+            extra["std"] = deviation
+
+        def put(unknowns: Array, name: str = name) -> Array:
+            return np.asarray(answer.function(name, unknowns, "").x.array)
+
+        function = answer.function(name, stepped(mean, answer.times)[0], "")
+        part = _PartWriter(function, s.material if materials is None else materials.get(name), put)
+        in_time = partial(stepped, times=answer.times)
+        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], {k: in_time(v) for k, v in extra.items()})
+
+
+class _PartWriter:
+    """Grid of a part, and displacements and stresses at its nodes from unknowns."""
+
+    def __init__(
+        self, function: fem.Function, material: Any, put: Callable[[Array], Array] | None = None
+    ) -> None:
+        space = function.function_space
+        self._u, self._put = fem.Function(space), put
+        self._d = int(space.mesh.geometry.dim)
+        degree = int(space.element.basix_element.degree)
+        self._nodal = fem.Function(broken_space(self._u, (self._d,), degree))
+        topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
+        self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
+        self._type = int(types[0])
+        self._stress: Callable[[], fem.Function] | None = None
+        if hasattr(material, "stress"):
+            self._stress = stress_of(self._u, material, degree)
+
+    def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
+        """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
+        self._u.x.array[:] = unknowns if self._put is None else self._put(unknowns)
+        self._nodal.interpolate(self._u)
+        moved = self._nodal.x.array.reshape(-1, self._d).copy()
+        if self._stress is None:
+            return moved, None
+        return moved, self._stress().x.array.reshape(-1, self._d, self._d).copy()
+
+    def grid(
+        self, mean: Array, spread: Sequence[Array], extra: Mapping[str, Array], step: int
+    ) -> Grid:
+        """The grid at a step.
+
+        Parameters
+        ----------
+        mean, extra
+            Unknowns (T, n), the latter by what is added to the name.
+        spread
+            Deviations (T, n) from the mean, whose squares add up to the variance.
+        """
+        u, stress = self._at(mean[step])
+        data: dict[str, Values] = {"displacement": vector_values(u)}
+        for name, values in extra.items():
+            data[f"displacement {name}"] = vector_values(self._at(values[step])[0])
+        square, stress_square = np.zeros_like(u), 0.0 if stress is None else np.zeros_like(stress)
+        for away in spread:
+            moved, strained = self._at(away[step])
+            square += moved**2
+            if strained is not None:
+                stress_square += strained**2
+        if spread:
+            data["displacement std"] = vector_values(np.sqrt(square))
+        if stress is not None:
+            data["stress"] = self._symmetric(stress)
+            if self._d == 3:
+                data["von Mises"] = (von_mises(stress), "")
+            if spread:
+                data["stress std"] = self._symmetric(np.sqrt(stress_square))
+        return Grid(self._x, self._cells, self._type, data)
+
+    def _symmetric(self, tensor: Array) -> Values:
+        which = _SYMMETRIC[self._d]
+        values = np.stack([tensor[:, i, j] for i, j in which], axis=1)
+        return values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which)
+
+
+# --- interfaces ------------------------------------------------------------------------------------
+def write_interfaces(
+    result: Answer,
+    path: str | Path,
+    *,
+    interfaces: Sequence[str] | str | None = None,
+    step: int = -1,
+) -> Path:
+    """Write what acts on the interfaces.
+
+    There are two groups of blocks, with a block an interface each. ``points`` are the points at which the law
+    is evaluated: a cloud (with ``space="points"`` the quadrature points of the facets). ``facets`` is the
+    surface of side 1, facet by facet, with constant cell data: of interfaces with ``space="facets"`` what is
+    computed there, of others the means, by area, of the points of each facet. Both have
+
+    ========================  ====================================================================
+    ``pressure``              -f_n, force / area, positive where the sides press
+    ``shear``                 tangential force per area on side 1, global axes
+    ``opening``, ``slip``     normal and tangential part of the jump w2 - w1, length; slip in global axes
+    ``gap``                   of contacts: their distance, length
+    ``state``                 of contacts: 0 open, 1 closed (stick, with friction), 2 slip; on facets
+                              with several points the shares of its area, ``open share``, ``slip share``
+    ``area``                  that a point or facet stands for
+    ========================  ====================================================================
+
+    and the point data ``displacement`` of side 1, by which ParaView's filter "warp by vector" deforms them.
+    What a law does not have is left out. Of a random answer (chaos, samples) all are means, the standard
+    deviation is beside them (``pressure std``), and of contacts, instead of the state, ``open probability``
+    and ``slip probability``; on facets with several points the means of these. Of a loaded chaos they are from its
+    coefficients, without gaps and probabilities. Of a sweep they are those of its last point; ``point(...)`` has
+    those of any other.
+
+    Parameters
+    ----------
+    result
+        Of a solve, a sampling, or loaded. On several ranks each writes the interfaces whose first side it
+        has.
+    path
+        Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
+        folder of the same name beside it.
+    interfaces
+        Names; None: all whose force is known. (Glue and supports that the plan eliminated are not among
+        them: ``active=[...]`` keeps them; nor, of samples without their states, what is not active.)
+    step
+        Of a load history in a ``.vtm`` file; the last by default.
+
+    Returns
+    -------
+    Path
+        The index file: open this one.
+
+    Raises
+    ------
+    ValueError
+        Another ending of the file name, or there is nothing to write.
+    SceneError
+        An interface that is unknown or whose force is not known, no such step.
+    """
+    times = result.times
+    target = check_target(path, times is not None)
+    step = check_step(times, step, "write_interfaces")
+    chosen = known_interfaces(result, interfaces, "write_interfaces")
+    if not chosen:
+        raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
+    problem = result.problem
+    writers = {name: InterfaceWriter(result, name) for name in chosen if problem.speaks_for(name)}
+    # files of older versions know the points only
+    meshed = all(problem.interfaces[name].sides[0].shape is not None for name in chosen)
+    groups = ["facets", "points"] if meshed else ["points"]
+
+    def blocks(at: int) -> Blocks:
+        return {
+            group: {
+                name: partial(getattr(writers[name], group), at) if name in writers else None
+                for name in chosen
+            }
+            for group in groups
+        }
+
+    return write_blocks(target, times, step, blocks, problem.rank)
