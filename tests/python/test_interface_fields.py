@@ -244,7 +244,7 @@ def test_chaos_of_linear_interfaces(random: Any, tmp_path: Path) -> None:
     found = pyvista.read(interfaces)
     assert found["points"].keys() == list(random.plan.active) == ["joint"]
     cloud = found["points"]["joint"]
-    mean, std = random.force_moments("joint")
+    mean, std = random.moments("joint")
     assert cloud["pressure"] == pytest.approx(-mean[:, 0], rel=ROUNDING)
     assert cloud["pressure std"] == pytest.approx(std[:, 0], rel=ROUNDING)
     assert cloud["opening"] == pytest.approx(random.jump("joint")[:, 0], rel=ROUNDING)
@@ -252,7 +252,7 @@ def test_chaos_of_linear_interfaces(random: Any, tmp_path: Path) -> None:
     grid = pyvista.read(parts)["top"]
     nodes = random.problem.substructures["top"].dof_coordinates
     at = np.argmin(np.linalg.norm(grid.points[:, None] - nodes, axis=2), axis=1)
-    u, u_std = (block.reshape(-1, 3)[at] for block in random.field_moments("top"))
+    u, u_std = (block.reshape(-1, 3)[at] for block in random.moments("top"))
     assert grid["displacement"] == pytest.approx(u, abs=1e-12)
     assert grid["displacement std"] == pytest.approx(u_std, abs=1e-12)
     assert np.array_equal(grid["displacement u0"], grid["displacement"])
@@ -271,7 +271,7 @@ def test_chaos_and_samples_of_a_contact(tmp_path: Path) -> None:
     problem = assemble(scene)
     samples = quasi_monte_carlo(problem, 64, keep_states=True)
     cloud = pyvista.read(io.write(samples, tmp_path)[1])["points"]["joint"]
-    mean, std = samples.force_moments("joint")
+    mean, std = samples.moments("joint")
     size = float(np.abs(mean).max())
     assert cloud["pressure"] == pytest.approx(-mean[:, 0], rel=1e-9)
     assert cloud["pressure std"] == pytest.approx(std[:, 0], abs=1e-9 * size)
@@ -289,7 +289,7 @@ def test_chaos_and_samples_of_a_contact(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="not proven converged"):
         chaos = solve(problem, chaos=4)
     cloud = pyvista.read(io.write_interfaces(chaos, tmp_path / "c.vtm"))["points"]["joint"]
-    mean, std = chaos.force_moments("joint")
+    mean, std = chaos.moments("joint")
     assert cloud["pressure"] == pytest.approx(-mean[:, 0], rel=1e-9)
     assert cloud["pressure std"] == pytest.approx(std[:, 0], rel=1e-6)
     assert np.all(cloud["gap"] > -1e-9)  # a contact does not penetrate, in the mean neither

@@ -219,8 +219,8 @@ def test_statistics_of_an_interrupted_sampling_are_refused(problem: Any, monkeyp
     assert 0 < result.finished.sum() < 20
     for refused in (
         lambda: result.table(),
-        lambda: result.force_moments("layer"),
-        lambda: result.field_moments("left"),
+        lambda: result.moments("layer"),
+        lambda: result.moments("left"),
         lambda: result.quantity(lambda f: f.force("layer")[:, 0, 0]),
         lambda: result.save("never.h5"),
     ):

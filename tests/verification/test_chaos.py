@@ -192,7 +192,7 @@ def test_error_falls_with_the_order_against_quadrature(paper: Problem) -> None:
     truth = tensor_quadrature(
         paper, 10, plan_options=Options(rtol=1e-9), keep_states=True, progress=False
     )
-    moments = {name: truth.field_moments(name) for name in paper.substructures}
+    moments = {name: truth.moments(name) for name in paper.substructures}
     mean_size = np.sqrt(sum(np.sum(m**2) for m, _ in moments.values()))
     std_size = np.sqrt(sum(np.sum(s**2) for _, s in moments.values()))
     errors = []

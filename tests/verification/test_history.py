@@ -167,7 +167,7 @@ def test_sweeps_over_histories() -> None:
         weights = problem.interfaces["ground"].weights
         both = (np.tensordot(f, weights, (1, 0)) for f in (grid.force("ground")[k], alone.force("ground")))
         assert np.allclose(*both, atol=1e-6 * AREA)
-        assert np.allclose(grid.displacements(k)["block"], alone.displacements["block"], atol=1e-9)
+        assert np.allclose(grid.point(k).displacements["block"], alone.displacements["block"], atol=1e-9)
     # a swept value keeps its amplitude
     swept = sweep(problem, {"drive.jump": pulls}, times=STEPS, options=options, progress=False)
     assert swept.force("ground").shape == (2, len(STEPS), problem.interfaces["ground"].num_points, 3)

@@ -194,7 +194,7 @@ def test_vessel_against_512_samples(
         weights = problem.interfaces["joint"].weights
         ratio = moment(own[..., 0] @ weights) / moment(exact[..., 0] @ weights)
         assert ratio == pytest.approx(1.0, rel=0.005)
-    mean, deviation = result.force_moments("joint")
+    mean, deviation = result.moments("joint")
     # 512 Sobol points: deviations to a per cent
     assert in_norm(problem, "joint", mean - exact.mean(axis=0)) < local * in_norm(problem, "joint", mean)
     difference = deviation - exact.std(axis=0)
@@ -344,14 +344,14 @@ def test_history_of_preloaded_springs() -> None:
         error = np.sqrt(np.mean((found[:, k] + closed) ** 2))
         assert error < 0.02 * BOLT * PRELOAD * JOINT / (BOLT + JOINT)
     assert np.mean(found[:, 2] == 0.0) > 0.9 and np.all(found[:, 0] < 0.0)
-    mean, deviation = result.force_moments("joint")
+    mean, deviation = result.moments("joint")
     assert mean.shape == deviation.shape == (4, len(weights), 1)
     assert result.displacements["right"].shape[0] == 4
     assert result.mean("right", 1).x.array == pytest.approx(result.displacements["right"][1])
     assert samples.displacement("right").shape[:2] == (1000, 4)
     drawn = result.monte_carlo(20, keep_states=True)
     assert drawn.force("joint").shape == (20, 4, len(weights), 1)
-    assert drawn.field_moments("right")[0].shape[0] == 4
+    assert drawn.moments("right")[0].shape[0] == 4
     quantity = result.quantity(lambda f: f.force("joint")[:, 2, :, 0].min(axis=1), samples=100)
     assert len(quantity.values) == 100
 
