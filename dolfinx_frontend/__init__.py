@@ -13,7 +13,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import progress
-from dolfinx_frontend.estimate.errors import Errors
+from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
@@ -45,13 +45,8 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.sampling import (
-    monte_carlo,
-    quasi_monte_carlo,
-    sample,
-    sparse_quadrature,
-    tensor_quadrature,
-)
+from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solving import monte_carlo, quasi_monte_carlo, sparse_quadrature, tensor_quadrature
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +17,9 @@ from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
 from dolfinx_frontend.formats.openturns import to_openturns
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.columns import Collocation
+from dolfinx_frontend.plan.random_laws import sampled_parameters
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.translate import LawFields
@@ -26,30 +27,22 @@ from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, chunks, 
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Of
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
-from dolfinx_frontend.plan.random_laws import sampled_parameters
-from dolfinx_frontend.solvers.collocation import Collocation
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
-from latin_core import State, stochastic
+from latin_core import stochastic
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.results.samples import SampleResult
-    from dolfinx_frontend.solvers.galerkin import Columns
-
-__all__ = ["NOISE", "ChaosResult", "TruncationError"]
+__all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
 
 SAMPLES_OF_MOMENTS = 2**12
 """Sobol points from which the moments of the force of a law that is not linear are computed."""
 
 CHUNK = 512
 """Samples of a field that are evaluated at once."""
-
-STARTS = 256
-"""Samples at most for which the chaos predicts a start."""
 
 NOISE = 100.0
 """A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
@@ -103,13 +96,13 @@ class TruncationError:
 
     def __str__(self) -> str:
         return (
-            f"{self.interface}: resultant within {_percent(self.resultant_mean)} (mean) and "
-            f"{_percent(self.resultant_std)} (standard deviation), per point within "
-            f"{_percent(self.mean)} and {_percent(self.std)}"
+            f"{self.interface}: resultant within {percent(self.resultant_mean)} (mean) and "
+            f"{percent(self.resultant_std)} (standard deviation), per point within "
+            f"{percent(self.mean)} and {percent(self.std)}"
         )
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
@@ -154,7 +147,23 @@ def _moment_errors(
     return of_mean[1], of_std[1], max(of_mean[0], of_std[0])
 
 
-@dataclass
+class Sampler(Protocol):
+    """Deterministic solves at points of the germs on the factorised problem of a chaos."""
+
+    def __call__(
+        self,
+        result: ChaosResult,
+        germs: npt.ArrayLike,
+        weights: npt.ArrayLike | None = None,
+        kind: Kind = "random",
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult: ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ChaosResult(Result, StochasticResult):
     """Answer of one LATIN-PCE run; fields have one column a chaos mode.
 
@@ -173,18 +182,20 @@ class ChaosResult(Result, StochasticResult):
         Active interface -> its truncation, measured at the end of the run if a law is not linear.
     checked
         The deterministic solves of that measurement.
+    sampler
+        Solves deterministically at points of the germs, see :meth:`sample`.
     """
 
-    random: RandomLaws = field(kw_only=True, repr=False)
+    random: RandomLaws = field(kw_only=True)
     chaos: Chaos = field(kw_only=True)
-    basis: stochastic.ChaosBasis = field(kw_only=True, repr=False)
+    basis: stochastic.ChaosBasis = field(kw_only=True)
     proven: tuple[str, ...] = field(kw_only=True, default=())
-    collocations: dict[str, Collocation] = field(kw_only=True, default_factory=dict, repr=False)
-    checks: dict[str, TruncationError] = field(kw_only=True, default_factory=dict, repr=False)
-    checked: tuple[SampleResult, ...] = field(kw_only=True, default=(), repr=False)
-    _columns: dict[str, Columns] = field(kw_only=True, default_factory=dict, repr=False)
-    _blocks: dict[str, Array] | None = field(default=None, repr=False)
-    _moments: dict[str, tuple[Array, Array, Array, Array]] = field(default_factory=dict, repr=False)
+    collocations: Mapping[str, Collocation] = field(kw_only=True, default_factory=dict)
+    checks: Mapping[str, TruncationError] = field(kw_only=True, default_factory=dict)
+    checked: tuple[SampleResult, ...] = field(kw_only=True, default=())
+    sampler: Sampler = field(kw_only=True)
+
+    _notes = Result._notes | {"checks", "checked"}
 
     @property
     def space(self) -> RandomSpace:
@@ -209,6 +220,11 @@ class ChaosResult(Result, StochasticResult):
         return all(each.error <= self.chaos.tolerance for each in self.checks.values())
 
     @property
+    def mean_laws(self) -> KernelLaws:
+        """The laws with every random parameter at its mean."""
+        return self.solver.laws
+
+    @property
     def kind(self) -> AnswerKind:
         """``"chaos"``."""
         return "chaos"
@@ -221,13 +237,16 @@ class ChaosResult(Result, StochasticResult):
     def coefficients(self, substructure: str) -> Array:
         """Chaos coefficients ([T,] n, P + 1) of the unknowns of a substructure, length."""
         self._check_part(substructure)
-        if self._blocks is None:
-            blocks = self.core.displacements(self.state, _amplitudes(self.plan, self.modes))
-            self._blocks = {
-                name: timed(self.plan, block.reshape(len(block), self.modes, -1))
-                for name, block in blocks.items()
-            }
         return self._blocks[substructure]
+
+    @cached_property
+    def _blocks(self) -> dict[str, Array]:
+        amplitudes = amplitudes_of(self.plan, self.modes)
+        blocks = self.solver.displacements(self.laws, self.state, amplitudes)
+        return {
+            name: read_only(timed(self.plan, block.reshape(len(block), self.modes, -1)))
+            for name, block in blocks.items()
+        }
 
     def unknowns(self, part: str) -> Array:
         """Mean ([T,] n) of the unknowns of a part, length."""
@@ -287,7 +306,7 @@ class ChaosResult(Result, StochasticResult):
             origin = self.at(germs[:1]).force(interface)[0]
             total = self._resultant(interface, origin[None])[0]
             sums = [np.zeros_like(origin), np.zeros_like(origin), 0.0 * total, 0.0 * total]
-            chunk = max(1, CHUNK // self._steps)
+            chunk = max(1, CHUNK // self.steps)
             for i in range(0, len(germs), chunk):
                 force = self.at(germs[i : i + chunk]).force(interface)
                 for k, part in ((0, force - origin), (2, self._resultant(interface, force) - total)):
@@ -295,12 +314,17 @@ class ChaosResult(Result, StochasticResult):
                     sums[k + 1] += (part**2).sum(axis=0)
             first, second, r_first, r_second = (each / len(germs) for each in sums)
             self._moments[interface] = (
-                origin + first,
-                np.maximum(second - first**2, 0.0),
-                total + r_first,
-                np.maximum(r_second - r_first**2, 0.0),
+                read_only(origin + first),
+                read_only(np.maximum(second - first**2, 0.0)),
+                read_only(total + r_first),
+                read_only(np.maximum(r_second - r_first**2, 0.0)),
             )
         return self._moments[interface]
+
+    @cached_property
+    def _moments(self) -> dict[str, tuple[Array, Array, Array, Array]]:
+        """What was sampled already."""
+        return {}
 
     def _resultant(self, name: str, force: Array) -> Array:
         """Total normal and tangential force, (N, [T,] 1 + d), of forces (N, [T,] m, components)."""
@@ -312,7 +336,7 @@ class ChaosResult(Result, StochasticResult):
 
     def _flexibility(self, name: str) -> Array:
         """1/k1 (+ 1/k2) of an interface, (m, components)."""
-        return self.core.flexibility(name).reshape(self.problem.interfaces[name].num_points, -1)
+        return self.solver.flexibility(name).reshape(self.problem.interfaces[name].num_points, -1)
 
     def mode(self, part: str, index: int, step: int = -1) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
@@ -331,7 +355,7 @@ class ChaosResult(Result, StochasticResult):
         return np.moveaxis(self._modes_of(interface)[1], 0, -1)
 
     @property
-    def _steps(self) -> int:
+    def steps(self) -> int:
         """Columns of the run for each mode."""
         return self.state.data.shape[1] // self.modes
 
@@ -341,7 +365,7 @@ class ChaosResult(Result, StochasticResult):
             raise unknown_name("active interface", name, self.plan.active, "chaos result")
         points = self.problem.here(name).num_points
         force, jump = (
-            block.reshape(points, -1, self.modes, self._steps) for block in self._kernel_fields(name)
+            block.reshape(points, -1, self.modes, self.steps) for block in self._kernel_fields(name)
         )
         return force, jump
 
@@ -388,11 +412,8 @@ class ChaosResult(Result, StochasticResult):
             free = jump + self._flexibility(name)[..., None, None] * force
             fields = bridge.active_fields(self.problem.interfaces[name], self.plan)
             parameters = sampled_parameters(self.random, name, points, fields, shape[-1])
-            found = self.core.resolve_samples(
-                name,
-                np.asfortranarray(free.reshape(shape[0] * shape[1], -1)),
-                list(parameters.items()),
-            )
+            free = np.asfortranarray(free.reshape(shape[0] * shape[1], -1))
+            found = self.solver.resolve_samples(self.laws, name, free, parameters)
             force, jump = (block.reshape(shape) for block in found)
         force, jump = (timed(self.plan, block) for block in (force, jump))
         return np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0)
@@ -455,19 +476,11 @@ class ChaosResult(Result, StochasticResult):
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return to_openturns(self.space, self.basis, block, inputs=inputs)
 
-    def resume(self) -> None:
-        """Give the kernel back the laws of this result, after :func:`carry_on` has used it for another."""
-        from dolfinx_frontend.solvers.galerkin import _make_deterministic, _make_stochastic
-
-        self.core.set_steps(self._steps)
-        _make_deterministic(self.core, self.problem, self.plan)
-        _make_stochastic(self.core, self._columns)
-
     def sample(
         self,
         germs: npt.ArrayLike,
         weights: npt.ArrayLike | None = None,
-        kind: Literal["random", "qmc", "quadrature"] = "random",
+        kind: Kind = "random",
         *,
         keep_states: bool = False,
         progress: bool = False,
@@ -476,53 +489,35 @@ class ChaosResult(Result, StochasticResult):
         """Deterministic solves at points (N, L) of the germs: as
         :func:`dolfinx_frontend.solvers.sampling.sample`, on the factorised problem of this result and started
         from what its chaos predicts; to its tolerance, or to `rtol`."""
-        from dolfinx_frontend.solvers.sampling import sample_on
+        return self.sampler(
+            self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol
+        )
 
-        points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
-        every = -(-len(points) // STARTS)
-        psi = self.basis.evaluate(points[::every])
-        columns = np.kron(psi.T, np.eye(self._steps))  # modes to one point's time steps each
-        start = {
-            every * i: State(
-                np.asfortranarray(self.state.data @ one), np.asfortranarray(self.state.traces @ one)
-            )
-            for i, one in enumerate(np.split(columns, len(psi), axis=1))
-        }
-        plan = self.plan
-        if rtol is not None:
-            plan = replace(plan, options=plan.options.with_(rtol=rtol))
-        with self.at_mean():
-            return sample_on(
-                self.core,
-                self.random,
-                plan,
-                points,
-                None if weights is None else np.asarray(weights, dtype=np.float64),
-                kind,
-                keep_states=keep_states,
-                progress=progress,
-                start=start,
-            )
-
-    @contextmanager
-    def at_mean(self) -> Iterator[None]:
-        """The factorised problem with every random parameter at its mean, as long as the context lasts."""
-        from dolfinx_frontend.solvers.galerkin import _make_deterministic, _make_stochastic
-
-        _make_deterministic(self.core, self.problem, self.plan)
-        try:
-            yield
-        finally:
-            _make_deterministic(self.core, self.problem, self.plan)
-            _make_stochastic(self.core, self._columns)
-
-    def monte_carlo(self, samples: int, seed: int = 0, **settings: Any) -> SampleResult:
+    def monte_carlo(
+        self,
+        samples: int,
+        seed: int = 0,
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult:
         """As :func:`dolfinx_frontend.monte_carlo`, on this result's solver, started from its chaos."""
-        return self.sample(self.space.sample(samples, seed), **settings)
+        germs = self.space.sample(samples, seed)
+        return self.sample(germs, keep_states=keep_states, progress=progress, rtol=rtol)
 
-    def quasi_monte_carlo(self, samples: int, seed: int = 0, **settings: Any) -> SampleResult:
+    def quasi_monte_carlo(
+        self,
+        samples: int,
+        seed: int = 0,
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult:
         """As :func:`dolfinx_frontend.quasi_monte_carlo`, on this result's solver, started from its chaos."""
-        return self.sample(self.space.sample_sobol(samples, seed), kind="qmc", **settings)
+        germs = self.space.sample_sobol(samples, seed)
+        return self.sample(germs, kind="qmc", keep_states=keep_states, progress=progress, rtol=rtol)
 
     def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
         """Estimate the error of the truncation in the force of an interface.
@@ -594,46 +589,6 @@ class ChaosResult(Result, StochasticResult):
             max(estimate, total_estimate),
         )
 
-    def _check(self) -> None:
-        """Compare all forces with deterministic solves, and say so where they differ.
-
-        More points are taken while the estimates pass and only their standard errors do not.
-        """
-        from dolfinx_frontend.solvers.galerkin import MOST_CHECKS, TruncationWarning
-
-        count, tolerance = self.chaos.check_points, self.chaos.tolerance
-        if count == 0 or not self.converged:
-            return
-        # independent of the Sobol points at which the law may be evaluated
-        germs = self.space.sample(MOST_CHECKS * count, 1)
-        for first, last in ((0, 1), (1, 2), (2, MOST_CHECKS)):
-            part = self.sample(germs[first * count : last * count])
-            if not part.complete:
-                return  # Ctrl-C: not checked, so not trusted; the log says so
-            self.checked += (part,)
-            own = [name for name in self.plan.active if self.problem.speaks_for(name)]
-            self.checks = self.problem.gather({n: self.compared(n, self.checked) for n in own})
-            if self.trusted or any(not c.estimate <= tolerance for c in self.checks.values()):
-                break
-        self.seconds["check"] = sum(sum(part.seconds.values()) for part in self.checked)
-        if self.trusted or self.problem.rank > 0:
-            return
-        solves = sum(len(part.germs) for part in self.checked)
-        bad = [str(c) for c in self.checks.values() if not c.error <= tolerance]
-        lost = sum(int((part.points.status != "converged").sum()) for part in self.checked)
-        if lost:
-            bad.append(f"{lost} check solves did not converge")
-        warnings.warn(
-            f"the chaos of order {self.chaos.order} is not proven converged to {_percent(tolerance)} by "
-            f"{solves} deterministic solves:\n  "
-            + "\n  ".join(bad)
-            + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or "
-            "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
-            "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
-            TruncationWarning,
-            stacklevel=4,
-        )
-
     def __repr__(self) -> str:
         text = (
             f"ChaosResult({self.status}, {self.modes} modes of order {self.chaos.order} in "
@@ -641,7 +596,7 @@ class ChaosResult(Result, StochasticResult):
             f"{self.error:.1e}, {sum(self.seconds.values()):.2f} s"
         )
         if self.collocations:
-            limit = _percent(self.chaos.tolerance)
+            limit = percent(self.chaos.tolerance)
             verdict = f"trusted to {limit}" if self.trusted else f"NOT TRUSTED to {limit}"
             measured = "".join(f"\n  {c}" for c in self.checks.values()) or " not checked"
             solves = sum(len(part.germs) for part in self.checked)
@@ -649,6 +604,6 @@ class ChaosResult(Result, StochasticResult):
         return text + ")"
 
 
-def _amplitudes(plan: Plan, modes: int) -> Array:
+def amplitudes_of(plan: Plan, modes: int) -> Array:
     """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
     return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)

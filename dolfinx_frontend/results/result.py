@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,18 +12,18 @@ import numpy as np
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
+from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
 from dolfinx_frontend.results.face import Face
+from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Contact
-from latin_core import Problem as Kernel
 from latin_core import State, Summary
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.errors import Errors
-    from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 
@@ -32,8 +31,8 @@ _OF_RANDOM = ("coefficients", "sobol", "truncation")
 """What only random answers have."""
 
 
-@dataclass
-class Result(Face):
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Value, Face):
     """Answer of one solve.
 
     Attributes
@@ -46,17 +45,22 @@ class Result(Face):
         Interface data and traces: a later solve may start from them.
     seconds
         Phase -> wall time: ``setup`` (reduction, factorisation, condensation), ``solve``.
+    solver, laws
+        The factorised structure, which other results may share, and the laws it was solved with.
+    found
+        Errors that ``solve(accuracy=...)`` has measured on its way.
     """
 
     problem: Problem
     plan: Plan
     summary: Summary
     state: State
-    seconds: dict[str, float]
-    core: Kernel = field(repr=False)
-    _displacements: dict[str, Array] | None = field(default=None, repr=False)
-    _cuts: dict[str, tuple[Array, Array]] = field(default_factory=dict, repr=False)
-    _errors: Errors | None = field(default=None, repr=False)
+    seconds: Mapping[str, float]
+    solver: Solver
+    laws: KernelLaws
+    cuts: Mapping[str, tuple[Array, Array]]
+    found: Errors | None = field(default=None, kw_only=True)
+    estimator: Estimator = field(default=not_measured, kw_only=True)
 
     if not TYPE_CHECKING:
 
@@ -93,13 +97,20 @@ class Result(Face):
         """``"deterministic"``, or ``"history"`` of a load history."""
         return "deterministic" if self.times is None else "history"
 
+    @property
+    def mean_laws(self) -> KernelLaws:
+        """Laws without anything random."""
+        return self.laws
+
     def unknowns(self, part: str) -> Array:
         """Unknowns ([T,] n) of a part, length; interior fields are recovered when first asked for."""
         self._check_part(part)
-        if self._displacements is None:
-            fields = self.core.displacements(self.state, self.plan.amplitudes)
-            self._displacements = {name: timed(self.plan, fields[name]) for name in self.problem.substructures}
-        return self._displacements[part]
+        return self._recovered[part]
+
+    @cached_property
+    def _recovered(self) -> dict[str, Array]:
+        fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
+        return {name: read_only(timed(self.plan, fields[name])) for name in self.problem.substructures}
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1, ([T,] m, components), in the local frame: component 0 is normal."""
@@ -134,18 +145,11 @@ class Result(Face):
             A :class:`Resultant`, the name of an interface (its normal force), ``"energy"``; None: what was
             asked for, or the energy norm.
         """
-        from dolfinx_frontend.estimate.errors import errors
-
-        return errors(self, quantity)
+        return self.estimator(self, quantity)
 
     def spent(self) -> str:
         """Where the time and the memory went, beside what the plan predicted, as a table."""
         return spent(self)
-
-    @contextmanager
-    def at_mean(self) -> Iterator[None]:
-        """The factorised problem with its deterministic laws, as long as the context lasts."""
-        yield
 
     def _local(self, name: str) -> tuple[Array, Array]:
         """Force and jump ([T,] m, components) of an interface."""
@@ -160,7 +164,7 @@ class Result(Face):
         return force, jump
 
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
-        return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
+        return self.cuts[name] if name in self.cuts else self.solver.local_fields(self.laws, name, self.state)
 
     def __repr__(self) -> str:
         steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
@@ -170,7 +174,7 @@ class Result(Face):
         )
 
 
-@dataclass(repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HistoryResult(Result):
     """Answer over a load history; every field has the time steps as its first axis."""
 
@@ -217,7 +221,7 @@ class HistoryResult(Result):
 
 def phase_seconds(result: Result) -> dict[str, Any]:
     """Where the time went: assemble, factorise, condense (all bodies), global, local, other."""
-    costs = result.core.costs
+    costs = result.solver.costs
     return {
         "assemble": sum(c["assemble_s"] for c in costs),
         "factorise": sum(c["factorise_s"] for c in costs),
@@ -232,8 +236,8 @@ def spent(result: Result) -> str:
     """Seconds, rates and bytes of a run beside the prediction of its plan, as a table."""
     cost = result.plan.cost
     phases = phase_seconds(result)
-    numbers = sum(c["factor_numbers"] for c in result.core.costs)
-    dense = sum(c["dense_numbers"] for c in result.core.costs)
+    numbers = sum(c["factor_numbers"] for c in result.solver.costs)
+    dense = sum(c["dense_numbers"] for c in result.solver.costs)
     loop = phases["global"] + phases["local"] + phases["other"]
     lines = [f"{'phase':<12}{'seconds':>10}  predicted"]
     for name, seconds in phases.items():

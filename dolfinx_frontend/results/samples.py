@@ -2,38 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.plan.random_laws import sampled_parameters
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
 from dolfinx_frontend.results.moments import Accumulator
+from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult
-from dolfinx_frontend.plan.random_laws import sampled_parameters
+from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
 from latin_core import SweepPoints, stochastic
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.errors import Errors
-    from dolfinx_frontend.results.resultant import Resultant
-
 __all__ = ["SampleResult"]
 
 
-@dataclass
-class SampleResult(PointResults, StochasticResult):
+@dataclass(frozen=True, eq=False, repr=False)
+class SampleResult(Value, PointResults, StochasticResult):
     """Answers at points of the germs.
 
     Attributes
@@ -48,19 +50,24 @@ class SampleResult(PointResults, StochasticResult):
         Iterations, estimated errors, statuses and interface fields of every point.
     seconds
         Wall time: ``setup``, ``solve``.
+    solver, laws
+        The factorised structure, which other results may share, and the laws where nothing is random.
+    found
+        Errors that ``solve(accuracy=...)`` has measured on its way.
     """
 
     problem: Problem
     plan: Plan
-    random: RandomLaws = field(repr=False)
-    germs: Array = field(repr=False)
-    weights: Array | None = field(repr=False)
+    random: RandomLaws
+    germs: Array
+    weights: Array | None
     sampling: Kind
-    points: SweepPoints = field(repr=False)
-    seconds: dict[str, float]
-    core: Any = field(repr=False)
-    _moments: dict[str, tuple[Array, Array]] | None = field(default=None, repr=False)
-    _errors: Errors | None = field(default=None, repr=False)
+    points: SweepPoints
+    seconds: Mapping[str, float]
+    solver: Solver
+    laws: KernelLaws
+    found: Errors | None = field(default=None, kw_only=True)
+    estimator: Estimator = field(default=not_measured, kw_only=True)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -143,12 +150,14 @@ class SampleResult(PointResults, StochasticResult):
 
     def _displacement_moments(self, part: str) -> tuple[Array, Array]:
         self._check_part(part)
-        if self._moments is None:
-            sums = Accumulator()
-            for block in self.blocks():
-                sums.add({n: block.displacement(n) for n in self.problem.substructures}, block.weights)
-            self._moments = sums.found()
         return self._moments[part]
+
+    @cached_property
+    def _moments(self) -> dict[str, tuple[Array, Array]]:
+        sums = Accumulator()
+        for block in self.blocks():
+            sums.add({n: block.displacement(n) for n in self.problem.substructures}, block.weights)
+        return {name: (read_only(m), read_only(s)) for name, (m, s) in sums.found().items()}
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients ([T,] n, P + 1) of the unknowns, projected with the weights."""
@@ -165,9 +174,7 @@ class SampleResult(PointResults, StochasticResult):
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
-        from dolfinx_frontend.estimate.errors import errors
-
-        return errors(self, quantity)
+        return self.estimator(self, quantity)
 
     def _count(self) -> str:
         count = str(len(self.germs))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
@@ -15,6 +15,8 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.kernel.bridge import KernelLaws
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
@@ -22,8 +24,8 @@ from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.uncertainty.quantities import Kind
-from latin_core import Problem as Kernel
 from latin_core import State, SweepPoints, SweptParameter
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
@@ -38,7 +40,8 @@ class PointResults(Face):
     problem: Problem
     plan: Plan
     points: SweepPoints
-    core: Kernel
+    solver: Solver
+    laws: KernelLaws
 
     @abstractmethod
     def _contact_at(self, name: str, part: slice) -> ContactValues | None:
@@ -143,7 +146,7 @@ class PointResults(Face):
         data, traces = np.moveaxis(states, 0, 2).reshape(2, states.shape[2], -1)
         state = State(np.asfortranarray(data), np.asfortranarray(traces))
         amplitudes = np.asfortranarray(np.tile(self.plan.amplitudes, (1, len(states))))
-        fields = self.core.displacements(state, amplitudes)
+        fields = self.solver.displacements(self.laws, state, amplitudes)
         return {
             name: np.moveaxis(timed(self.plan, values.reshape(len(values), len(states), -1)), -1, 0)
             for name, values in fields.items()
@@ -180,8 +183,8 @@ class PointResults(Face):
         }
 
 
-@dataclass
-class SweepResult(PointResults):
+@dataclass(frozen=True, eq=False, repr=False)
+class SweepResult(Value, PointResults):
     """Answers over the grid; every array has the grid's shape first, then the time steps of a history.
 
     Attributes
@@ -192,15 +195,20 @@ class SweepResult(PointResults):
         Raw arrays by point number (C order of the grid).
     seconds
         Wall time: ``setup``, ``first`` (first point), ``rest``.
+    solver, laws
+        The factorised structure, and the laws where nothing is swept.
+    parameters
+        What was swept, in the kernel's terms.
     """
 
     problem: Problem
     plan: Plan
-    axes: dict[str, Array]
+    axes: Mapping[str, Array]
     points: SweepPoints
-    seconds: dict[str, float]
-    core: Kernel = field(repr=False)
-    parameters: tuple[SweptParameter, ...] = field(default=(), repr=False)
+    seconds: Mapping[str, float]
+    solver: Solver
+    laws: KernelLaws
+    parameters: tuple[SweptParameter, ...] = ()
 
     @property
     def kind(self) -> AnswerKind:

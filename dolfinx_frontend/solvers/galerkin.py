@@ -17,26 +17,30 @@ such an answer is compared with deterministic solves at check points before it i
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import Iteration, Options, Problem as Kernel, State, stochastic
+from latin_core import Iteration, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.running import iterate
+from dolfinx_frontend.kernel.bridge import ColumnGroup, KernelLaws
+from dolfinx_frontend.kernel.columns import Collocation
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
-from dolfinx_frontend.results.chaos import ChaosResult, _amplitudes, _percent
+from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
+from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.solvers.collocation import Collocation, collocation
-from dolfinx_frontend.solvers.deterministic import fields_of_cuts, start_states
+from dolfinx_frontend.solvers.collocation import collocation
+from dolfinx_frontend.solvers.deterministic import start_states
+from dolfinx_frontend.solvers.sampling import sample_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -157,7 +161,7 @@ def _guard(
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "
                 "LogNormal, Gamma and TruncatedNormal stay positive at every order",
                 NearlyIndefiniteWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
     if not bad:
         return ()
@@ -183,14 +187,6 @@ def _guard(
             f"with every random stiffness at its smallest eigenvalue breaks down); {mend}"
         )
     return tuple(bad)
-
-
-@dataclass(frozen=True)
-class Columns:
-    """How one active interface sees the columns: its parameters in them, and column transforms."""
-
-    parameters: dict[str, Array]
-    groups: list[dict[str, Any]]
 
 
 def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
@@ -243,25 +239,24 @@ def _linear_parameters(
     return values
 
 
-def _columns(
+def _groups(
     random: RandomLaws,
     basis: stochastic.ChaosBasis,
     name: str,
     matrices: dict[tuple[str, str], Galerkin],
     plan: Plan,
     steps: int,
-) -> Columns:
-    """Parameters and column transforms of an active interface with a linear law."""
+) -> list[ColumnGroup]:
+    """Columns in which springs with random stiffnesses decouple; none where the stiffness is not random."""
+    if not any(key[0] == name for key in matrices):
+        return []
     interface = random.problem.interfaces[name]
     fields = bridge.active_fields(interface, plan)
     linear = _linear_parameters(random, basis, name, plan, steps)
-    if fields.kind != "elastic" or not any(key[0] == name for key in matrices):
-        return Columns(linear, [])
     normal, tangential = (matrices.get((name, p)) for p in ("normal", "tangential"))
     spans: list[tuple[int, int, Galerkin | None]] = [(0, 1, normal)]
     if fields.components > 1:
-        shared = normal is not None and tangential is not None
-        if shared and normal.source is tangential.source:  # type: ignore[union-attr]
+        if normal is not None and tangential is not None and normal.source is tangential.source:
             spans = [(0, fields.components, normal)]
         else:
             spans.append((1, fields.components, tangential))
@@ -276,34 +271,32 @@ def _columns(
             else:
                 parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
         parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
-        groups.append(
-            {
-                "begin": begin,
-                "end": end,
-                "forward": forward,
-                "backward": [np.asfortranarray(v.T) for v in forward],
-                "parameters": parameters,
-            }
-        )
-    # the law beside its groups keeps what it was built with: nothing reads it
-    return Columns({}, groups)
+        backward = tuple(np.asfortranarray(v.T) for v in forward)
+        groups.append(ColumnGroup(begin, end, tuple(forward), backward, parameters))
+    return groups
 
 
-def _make_deterministic(core: Kernel, problem: Problem, plan: Plan) -> None:
-    """Give the active interfaces of a kernel problem back the laws that they were built with."""
-    for name in problem.own.interfaces:
-        if name not in plan.active:
+def _laws(
+    base: KernelLaws,
+    random: RandomLaws,
+    basis: stochastic.ChaosBasis,
+    matrices: dict[tuple[str, str], Galerkin],
+    collocations: Mapping[str, Collocation],
+    plan: Plan,
+) -> KernelLaws:
+    """The laws in the columns of a chaos: modes x steps, the steps fastest."""
+    steps = plan.amplitudes.shape[1]
+    parameters: dict[str, dict[str, Array]] = {}
+    columns: dict[str, list[ColumnGroup]] = {}
+    for name in (n for n in plan.active if n in random.problem.own.interfaces):
+        if name in collocations:
+            fields = bridge.active_fields(random.problem.interfaces[name], plan)
+            columns[name] = [collocations[name].group(random, fields, steps)]
             continue
-        core.set_columns(name, [])
-        for parameter, values in bridge.active_fields(problem.interfaces[name], plan).parameters.items():
-            core.set_parameter(name, parameter, values)
-
-
-def _make_stochastic(core: Kernel, columns: dict[str, Columns]) -> None:
-    for name, each in columns.items():
-        for parameter, values in each.parameters.items():
-            core.set_parameter(name, parameter, values)
-        core.set_columns(name, each.groups)
+        columns[name] = _groups(random, basis, name, matrices, plan, steps)
+        if not columns[name]:
+            parameters[name] = _linear_parameters(random, basis, name, plan, steps)
+    return base.with_(steps=steps, parameters=parameters, columns=columns)
 
 
 def _with_collocations(
@@ -327,7 +320,7 @@ def _with_collocations(
             f"{chaos.check_points} to {MOST_CHECKS * chaos.check_points} deterministic solves"
             if chaos.check_points
             else "none: not asked for",
-            f"laws with kinks: trusted if mean and deviation are within {_percent(chaos.tolerance)}",
+            f"laws with kinks: trusted if mean and deviation are within {percent(chaos.tolerance)}",
         )
     )
     return replace(plan, decisions=plan.decisions + tuple(decisions))
@@ -346,6 +339,8 @@ def solve_chaos(
     start: Result | State | None = None,
     indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
+    estimator: Estimator = not_measured,
 ) -> ChaosResult:
     """Solve for the chaos coefficients of everything.
 
@@ -353,10 +348,12 @@ def solve_chaos(
     ----------
     chaos
         Order and index set; a number is the order of a total-degree set.
-    method, active, direction, options, plan, start, callback
+    method, active, direction, options, plan, start, callback, progress
         As for :func:`dolfinx_frontend.solve`; interfaces with random parameters are always active.
     times
         Times (T,) of a load history; random values do not change in it.
+    estimator
+        Measures the errors of the result when they are asked for.
     indefinite
         ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"`` first that the
         structure as a whole is definite and go on (the result carries the fact).
@@ -400,7 +397,10 @@ def solve_chaos(
             len(basis),
             times=times,
         )
-    return _run(problem, random, chaos, basis, plan, None, start_states(start), indefinite, callback)
+    states = start_states(start)
+    return _run(
+        problem, random, chaos, basis, plan, None, states, indefinite, callback, progress, estimator
+    )
 
 
 def _run(
@@ -409,12 +409,14 @@ def _run(
     chaos: Chaos,
     basis: stochastic.ChaosBasis,
     plan: Plan,
-    core: Kernel | None,
-    start: list[State],
+    solver: Solver | None,
+    start: Sequence[State],
     indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
+    estimator: Estimator = not_measured,
 ) -> ChaosResult:
-    """One run of a plan, on a kernel problem that is factorised already if there is one."""
+    """One run of a plan, on a solver that is factorised already if there is one."""
     began = perf_counter()
     steps = plan.amplitudes.shape[1]
     curved = [name for name in plan.active if not random.linear(name)]
@@ -422,20 +424,12 @@ def _run(
     plan = _with_collocations(plan, random, collocations, chaos)
     matrices = galerkin(random, basis)
     proven = _guard(problem, random, basis, matrices, indefinite)
-    columns = {}
-    for name in (n for n in plan.active if n in problem.own.interfaces):
-        if name in collocations:
-            fields = bridge.active_fields(problem.interfaces[name], plan)
-            columns[name] = Columns({}, [collocations[name].group(random, fields, steps)])
-        else:
-            columns[name] = _columns(random, basis, name, matrices, plan, steps)
-    core = core or bridge.build(problem, plan)
-    core.set_steps(steps)
-    _make_stochastic(core, columns)
+    base = bridge.laws(problem, plan) if solver is None else solver.laws
+    laws = _laws(base, random, basis, matrices, collocations, plan)
+    solver = solver or Solver(problem, plan)
     built = perf_counter()
-    summary, state = iterate(
-        problem, plan, core, _amplitudes(plan, len(basis)), start, callback
-    )
+    amplitudes = amplitudes_of(plan, len(basis))
+    summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(
         problem,
@@ -443,25 +437,71 @@ def _run(
         summary,
         state,
         seconds,
-        core,
-        _cuts=fields_of_cuts(problem, core, state),
+        solver,
+        laws,
+        solver.fields_of_cuts(laws, state),
         random=random,
         chaos=chaos,
         basis=basis,
         proven=proven,
         collocations=collocations,
-        _columns=columns,
+        estimator=estimator,
+        sampler=sample_chaos,
     )
-    if collocations:
-        result._check()
+    return _checked(result)
+
+
+def _checked(result: ChaosResult) -> ChaosResult:
+    """The result with all its forces compared with deterministic solves where a law is not linear.
+
+    More points are taken while the estimates pass and only their standard errors do not. A warning says where
+    they differ.
+    """
+    count, tolerance = result.chaos.check_points, result.chaos.tolerance
+    if not result.collocations or count == 0 or not result.converged:
+        return result
+    problem = result.problem
+    # independent of the Sobol points at which the law may be evaluated
+    germs = result.space.sample(MOST_CHECKS * count, 1)
+    for first, last in ((0, 1), (1, 2), (2, MOST_CHECKS)):
+        part = result.sample(germs[first * count : last * count])
+        if not part.complete:
+            return result  # Ctrl-C: not checked, so not trusted; the log says so
+        checked = (*result.checked, part)
+        own = [name for name in result.plan.active if problem.speaks_for(name)]
+        checks = problem.gather({n: result.compared(n, checked) for n in own})
+        seconds = {**result.seconds, "check": sum(sum(each.seconds.values()) for each in checked)}
+        result = result.with_notes(checks=checks, checked=checked, seconds=seconds)
+        if result.trusted or any(not c.estimate <= tolerance for c in checks.values()):
+            break
+    if not result.trusted and problem.rank == 0:
+        _warn_of_truncation(result)
     return result
+
+
+def _warn_of_truncation(result: ChaosResult) -> None:
+    tolerance = result.chaos.tolerance
+    solves = sum(len(part.germs) for part in result.checked)
+    bad = [str(c) for c in result.checks.values() if not c.error <= tolerance]
+    lost = sum(int((part.points.status != "converged").sum()) for part in result.checked)
+    if lost:
+        bad.append(f"{lost} check solves did not converge")
+    warnings.warn(
+        f"the chaos of order {result.chaos.order} is not proven converged to {percent(tolerance)} by "
+        f"{solves} deterministic solves:\n  "
+        + "\n  ".join(bad)
+        + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or "
+        "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
+        "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
+        TruncationWarning,
+        stacklevel=6,
+    )
 
 
 def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
     """The run of another chaos or tolerance on the factorised problem of a result, started from its answer.
 
-    The modes that both have are taken over, the others start from zero. The kernel is left with the laws of
-    the new result; of the old one only :meth:`ChaosResult.resume` brings them back.
+    The modes that both have are taken over, the others start from zero.
 
     Raises
     ------
@@ -469,8 +509,8 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         A Galerkin stiffness is indefinite in the new basis.
     """
     problem, random, old = result.problem, result.random, result.plan
-    rows = result.core.rows
-    needed = result._steps * (problem.size + rows * (4 + 3 * old.options.acceleration))
+    rows = result.solver.rows
+    needed = result.steps * (problem.size + rows * (4 + 3 * old.options.acceleration))
     basis = random.space.basis(chaos, rows=needed)
     plan = make_plan(
         problem,
@@ -483,7 +523,7 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         len(basis),
         times=old.times,
     )
-    steps = result._steps
+    steps = result.steps
     states = []
     for block in (result.state.data, result.state.traces):
         wider = np.zeros((len(block), len(basis) * steps), order="F")
@@ -493,4 +533,7 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
                 wider[:, place * steps : (place + 1) * steps] = block[:, mode * steps : (mode + 1) * steps]
         states.append(wider)
     indefinite: Literal["refuse", "prove"] = "prove" if result.proven else "refuse"
-    return _run(problem, random, chaos, basis, plan, result.core, [State(*states)], indefinite)
+    start = [State(*states)]
+    return _run(
+        problem, random, chaos, basis, plan, result.solver, start, indefinite, estimator=result.estimator
+    )

@@ -6,15 +6,16 @@ tensor and sparse quadrature are the same run over different points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from latin_core import Options, Problem as Kernel, State, SweptParameter, sweep as kernel_sweep
+from latin_core import Iteration, Options, State, SweptParameter
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
@@ -22,22 +23,26 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.running import Interrupt, report_points
-from dolfinx_frontend.plan.plan import Plan, make_plan
+from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.quantities import Kind
-from dolfinx_frontend.solvers.sweep import fingerprint, warn_unconverged
+from dolfinx_frontend.kernel.fingerprint import fingerprint
+from dolfinx_frontend.solvers.sweep import warn_unconverged
 
 __all__ = [
-    "monte_carlo",
-    "quasi_monte_carlo",
     "sample",
+    "sample_chaos",
     "sample_on",
-    "sparse_quadrature",
-    "tensor_quadrature",
 ]
+
+STARTS = 256
+"""Samples at most for which a chaos predicts a start."""
 
 
 def _short_steps(germs: Array) -> list[int]:
@@ -83,83 +88,108 @@ def sample(
     weights: npt.ArrayLike | None = None,
     kind: Kind = "random",
     *,
+    method: Method = "auto",
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
     plan: Plan | None = None,
-    plan_options: Options | None = None,
     times: npt.ArrayLike | None = None,
     keep_states: bool = False,
     checkpoint: str | Path | None = None,
+    callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
+    estimator: Estimator = not_measured,
 ) -> SampleResult:
-    """Solve at given points of the germs.
-
-    Parameters
-    ----------
-    germs
-        (N, L) points.
-    weights
-        (N,) quadrature weights; None: equal.
-    plan, plan_options
-        A plan, or the settings for one.
-    times
-        Times (T,) of a load history; random values do not change in it.
-    keep_states
-        Keep the interface states, from which displacements can be recovered.
-    checkpoint
-        As for :func:`dolfinx_frontend.sweep`.
-    progress
-        A progress bar if on a terminal.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
-    SceneError
-        Nothing is random, or a sample is no admissible law (a negative stiffness).
-    """
+    """As :func:`dolfinx_frontend.sample`, which has the parameters."""
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError("sampling: nothing is random: give a law a random parameter")
     if plan is None:
-        plan = make_plan(problem, "auto", None, random.interfaces, None, plan_options, times=times)
+        plan = make_plan(problem, method, active, random.interfaces, direction, options, times=times)
     began = perf_counter()
-    core = bridge.build(problem, plan)
-    built = perf_counter()
-    result = sample_on(
-        core,
+    solver = Solver(problem, plan)
+    return sample_on(
+        solver,
         random,
         plan,
-        np.atleast_2d(np.asarray(germs, dtype=np.float64)),
-        None if weights is None else np.asarray(weights, dtype=np.float64),
+        germs,
+        weights,
         kind,
         keep_states=keep_states,
         checkpoint=checkpoint,
         progress=progress,
+        setup=perf_counter() - began,
+        callback=callback,
+        estimator=estimator,
     )
-    result.seconds["setup"] = built - began
-    return result
+
+
+def sample_chaos(
+    result: ChaosResult,
+    germs: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
+    kind: Kind = "random",
+    *,
+    keep_states: bool = False,
+    progress: bool = False,
+    rtol: float | None = None,
+) -> SampleResult:
+    """As :meth:`ChaosResult.sample`, which calls it."""
+    points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+    every = -(-len(points) // STARTS)
+    psi = result.basis.evaluate(points[::every])
+    columns = np.kron(psi.T, np.eye(result.steps))  # modes to one point's time steps each
+    start = {
+        every * i: State(
+            np.asfortranarray(result.state.data @ one), np.asfortranarray(result.state.traces @ one)
+        )
+        for i, one in enumerate(np.split(columns, len(psi), axis=1))
+    }
+    plan = result.plan
+    if rtol is not None:
+        plan = replace(plan, options=plan.options.with_(rtol=rtol))
+    return sample_on(
+        result.solver,
+        result.random,
+        plan,
+        points,
+        weights,
+        kind,
+        keep_states=keep_states,
+        progress=progress,
+        start=start,
+        estimator=result.estimator,
+    )
 
 
 def sample_on(
-    core: Kernel,
+    solver: Solver,
     random: RandomLaws,
     plan: Plan,
-    points: Array,
-    weights: Array | None = None,
+    germs: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
     kind: Kind = "random",
     *,
     keep_states: bool = False,
     checkpoint: str | Path | None = None,
     progress: bool = False,
+    callback: Callable[[Iteration], None] | None = None,
     start: Mapping[int, State] | None = None,
+    setup: float = 0.0,
+    estimator: Estimator = not_measured,
 ) -> SampleResult:
-    """As :func:`sample`, on a kernel problem that is factorised already and has its deterministic laws.
+    """As :func:`sample`, on a solver that is factorised already.
 
     Parameters
     ----------
     start
         Guesses of the states of some points.
+    setup
+        Seconds that the solver took.
     """
     problem = random.problem
+    points = frozen(np.atleast_2d(np.asarray(germs, dtype=np.float64)))
+    weights = None if weights is None else frozen(np.asarray(weights, dtype=np.float64))
     if points.shape[1] != random.space.dimension:
         raise SceneError(
             f"sampling: points of {points.shape[1]} germs, the problem has "
@@ -189,46 +219,35 @@ def sample_on(
 
     began = perf_counter()
     with Interrupt() as interrupt, Bar(len(points), "samples", "point", shown, stays=True) as bar:
-        swept = kernel_sweep(
-            core,
+        swept = solver.walk(
+            solver.laws,
             plan.amplitudes,
             parameters,
             _short_steps(points),
-            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
-            checkpoint,
-            header,
-            done,
-            interrupt.watch(),
+            checkpoint=checkpoint,
+            header=header,
+            progress=done,
+            callback=interrupt.watch(callback),
             keep_states=keep_states,
             start=start,
         )
     report_points("sampling", interrupt, swept, checkpoint)
-    seconds = {"setup": 0.0, "solve": perf_counter() - began}
-    return SampleResult(problem, plan, random, points, weights, kind, swept, seconds, core)
+    return SampleResult(
+        problem,
+        plan,
+        random,
+        points,
+        weights,
+        kind,
+        swept,
+        {"setup": setup, "solve": perf_counter() - began},
+        solver,
+        solver.laws,
+        estimator=estimator,
+    )
 
 
-def monte_carlo(problem: Problem, samples: int, seed: int = 0, **settings: Any) -> SampleResult:
-    """Monte Carlo with `samples` independent points; `settings` as for :func:`sample`."""
-    space = RandomLaws.of(problem).space
-    return sample(problem, space.sample(samples, seed), kind="random", **settings)
-
-
-def quasi_monte_carlo(
-    problem: Problem, samples: int, seed: int = 0, **settings: Any
-) -> SampleResult:
-    """Scrambled Sobol points, a power of two of them; `settings` as for :func:`sample`."""
-    space = RandomLaws.of(problem).space
-    return sample(problem, space.sample_sobol(samples, seed), kind="qmc", **settings)
-
-
-def tensor_quadrature(problem: Problem, points: int, **settings: Any) -> SampleResult:
-    """Tensor Gauss rule with `points` in each germ; `settings` as for :func:`sample`."""
-    rule = RandomLaws.of(problem).space.tensor_gauss(points)
-    return sample(problem, rule.points, rule.weights, "quadrature", **settings)
-
-
-def sparse_quadrature(problem: Problem, level: int, **settings: Any) -> SampleResult:
-    """Smolyak rule, exact for total degree 2 level + 1; `settings` as for :func:`sample`."""
-    rule = RandomLaws.of(problem).space.sparse_gauss(level)
-    return sample(problem, rule.points, rule.weights, "quadrature", **settings)
+def frozen(values: Array) -> Array:
+    """A copy that cannot be written."""
+    return read_only(values.copy())

@@ -31,7 +31,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -45,10 +45,8 @@ from dolfinx_frontend.assembly.values import forces
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.translate import law_fields
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.laws import Contact, Perfect, Preload, Pressure, Traction
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
 
@@ -393,7 +391,7 @@ def _check_slip(
         f"friction does not balance the loads, which move it by {how}: {events}; "
         f"raise preload or friction, or {_MEND}",
         SceneWarning,
-        stacklevel=6,
+        stacklevel=7,
     )
     return True
 
@@ -422,7 +420,7 @@ def _check_undetermined(
         f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
         f"one of many ({how}); hold it if that is not meant",
         SceneWarning,
-        stacklevel=6,
+        stacklevel=7,
     )
     return True
 

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import Iteration, Options, Summary, SweptParameter, snake_order, sweep as kernel_sweep
+from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import read_only
+from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
 
-__all__ = ["fingerprint", "sweep", "warn_unconverged"]
+__all__ = ["sweep", "warn_unconverged"]
 
 Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
@@ -44,41 +46,41 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
     return axes
 
 
-def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> str:
-    """Hash of what makes two runs the same: parts, loads, interfaces, laws, times, plan, swept values.
+def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tuple[str, str]]:
+    """Swept name -> interface and parameter."""
+    targets: dict[str, tuple[str, str]] = {}
+    for name in (name for key in axes for name in key):
+        interface, _, parameter = name.rpartition(".")
+        if interface not in problem.interfaces or name not in problem.law_parameters:
+            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
+        if name in targets:
+            raise SceneError(f"sweep: {name!r} is on two axes")
+        targets[name] = (interface, parameter)
+    return targets
 
-    Numbers count with nine digits, so that another order of summation is no other run.
-    """
-    digest = hashlib.sha256()
 
-    def add(name: str, values: npt.ArrayLike) -> None:
-        data = np.asarray(values, dtype=np.float64).ravel()
-        size = float(np.abs(data).max(initial=0.0))
-        digits = np.round(data / (size or 1.0), 9) + 0.0  # no negative zeros
-        digest.update(f"{name} {data.size} {size:.9e}".encode() + digits.tobytes())
-
-    for part in problem.substructures.values():
-        add(part.name, part.size)
-        for what in (part.volume, part.stiffness.norm(), part.load, *part.varying_loads.values()):
-            add("part", what)
-    moments = np.zeros(0) if plan.times is None else plan.times
-    add("times", moments)
-    add("factors", plan.factors())
-    for name, interface in problem.interfaces.items():
-        law = interface.law
-        kind = bridge.law_fields(interface, law.nominal).kind
-        add(f"{name} {type(law).__name__} {kind}", interface.weights)
-        columns = [bridge.law_fields(interface, law.at(t), t) for t in moments]
-        if not columns or not (law.varying or law.history):
-            columns = [bridge.law_fields(interface)]
-        for fields in columns:
-            for parameter, values in sorted(fields.parameters.items()):
-                add(parameter, values)
-    for each in parameters:
-        add(f"{each.interface} {each.parameter}", each.pattern)
-        add("values", each.values)
-    digest.update(f"{plan.method} {plan.active} {plan.direction}".encode())
-    return digest.hexdigest()
+def _swept(
+    problem: Problem,
+    plan: Plan,
+    axes: Mapping[tuple[str, ...], Array],
+    targets: Mapping[str, tuple[str, str]],
+) -> list[SweptParameter]:
+    """The swept values at all points of the grid."""
+    mesh = np.meshgrid(*axes.values(), indexing="ij")
+    parameters = []
+    for key, values in zip(axes, mesh, strict=True):
+        for name in key:
+            interface, parameter = targets[name]
+            kernel_name, pattern, factors = bridge.kernel_values(
+                problem.interfaces[interface], parameter, values.reshape(1, -1)
+            )
+            if parameter in ("normal", "tangential") and values.min() < 0.0:
+                raise SceneError(
+                    f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
+                )
+            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
+            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
+    return parameters
 
 
 def sweep(
@@ -140,39 +142,17 @@ def sweep(
     if checkpoint is not None:
         problem.on_one_rank("a checkpoint")
     axes = _axes(grid)
-    names = [name for key in axes for name in key]
-    targets: dict[str, tuple[str, str]] = {}
-    for name in names:
-        interface, _, parameter = name.rpartition(".")
-        if interface not in problem.interfaces or name not in problem.law_parameters:
-            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
-        if name in targets:
-            raise SceneError(f"sweep: {name!r} is on two axes")
-        targets[name] = (interface, parameter)
+    targets = _targets(problem, axes)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
         plan = make_plan(problem, method, active, swept, direction, options, times=times)
     missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
-
-    mesh = np.meshgrid(*axes.values(), indexing="ij")
-    parameters = []
-    for key, values in zip(axes, mesh, strict=True):
-        for name in key:
-            interface, parameter = targets[name]
-            kernel_name, pattern, factors = bridge.kernel_values(
-                problem.interfaces[interface], parameter, values.reshape(1, -1)
-            )
-            if parameter in ("normal", "tangential") and values.min() < 0.0:
-                raise SceneError(
-                    f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
-                )
-            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
-            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
+    parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
-    core = bridge.build(problem, plan)
+    solver = Solver(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
     header = None
@@ -197,25 +177,24 @@ def sweep(
         bar.step(iterations=iterations)
 
     with Interrupt() as interrupt, Bar(len(order), "sweep", "point", shown, stays=True) as bar:
-        points = kernel_sweep(
-            core,
+        points = solver.walk(
+            solver.laws,
             plan.amplitudes,
             parameters,
             order,
-            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
-            checkpoint,
-            header,
-            point_done,
-            interrupt.watch(callback),
-            keep_states,
-            keep_fields,
-            {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
+            checkpoint=checkpoint,
+            header=header,
+            progress=point_done,
+            callback=interrupt.watch(callback),
+            keep_states=keep_states,
+            keep_fields=keep_fields,
+            outputs={name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
         )
     report_points("sweep", interrupt, points, checkpoint)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
-    named = {", ".join(key): values for key, values in axes.items()}
-    return SweepResult(problem, plan, named, points, seconds, core, tuple(parameters))
+    named = {", ".join(key): read_only(values) for key, values in axes.items()}
+    return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
 
 
 def _reading(
@@ -233,6 +212,7 @@ def _reading(
                 "sample, with the samples in front"
             )
         return values[0]
+
 
     return read
 

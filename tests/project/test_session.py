@@ -31,7 +31,7 @@ from dolfinx_frontend import (
     sweep,
 )
 from dolfinx_frontend.kernel import running
-from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solving import sample
 
 MAIN = """
 import sys, time
@@ -135,7 +135,7 @@ def run():
     if kind == "sweep":
         return sweep(problem(), {"layer.normal": values}, options=slow, direction=100.0, checkpoint=path,
                      progress=False)
-    return monte_carlo(problem(random=True), 200, plan_options=slow, checkpoint=path, progress=False)
+    return monte_carlo(problem(random=True), 200, options=slow, checkpoint=path, progress=False)
 
 import logging
 logging.getLogger("dolfinx_frontend.solvers.sweep").disabled = True  # of points that do not converge
