@@ -45,7 +45,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solving import sample
 from dolfinx_frontend.solving import monte_carlo, quasi_monte_carlo, sparse_quadrature, tensor_quadrature
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sweep import sweep

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -357,7 +358,9 @@ def test_chaos_and_samples_are_read_again(tmp_path: Path) -> None:
     mean = chaos.mean("left").x.array
     np.testing.assert_allclose(found.displacements["left"].ravel(), mean)
     samples = monte_carlo(problem, 5)
-    samples.points.status[1:4] = ["max_iterations", "diverged", "stagnated"]
+    ended = np.array(samples.points.status)
+    ended[1:4] = ["max_iterations", "diverged", "stagnated"]
+    samples = replace(samples, points=replace(samples.points, status=ended))
     samples.save(tmp_path / "samples.h5")
     found = load(tmp_path / "samples.h5")
     assert found.status == samples.status == "diverged" and not found.converged

@@ -234,7 +234,7 @@ def test_mistakes(problem):
 
 
 def test_unknown_fields(whole):
-    with pytest.raises(SceneError, match=r"unknown active interface 'wall'.*'bolt', 'layer'"):
+    with pytest.raises(SceneError, match=r"'wall' was eliminated \(.*\), its force is not an unknown"):
         whole.force("wall")
 
 

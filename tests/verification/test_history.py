@@ -155,7 +155,7 @@ def test_sweeps_over_histories() -> None:
         options=options,
         progress=False,
         keep_states=True,
-        outputs={"shear": lambda f: f.force("ground")[..., 1:].mean(axis=1)},
+        outputs={"shear": lambda f: f.force("ground")[..., 1:].mean(axis=2)},
     )
     assert grid.force("ground").shape[:2] == (2, len(STEPS))
     assert grid.output("shear").shape == (2, len(STEPS), 2)
