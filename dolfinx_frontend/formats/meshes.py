@@ -107,7 +107,7 @@ class StoredPart:
             np.array(tree[key], dtype=np.int64) for key in ("cells", "dofs", "facets")
         )
         tags = np.array(tree["tags"], dtype=np.int64)
-        self.names: dict[str, int] = dict(zip(map(str, tree["faces"]), tags.tolist(), strict=True))
+        self.names: dict[str, int] = dict(zip(map(str, tree["faces"]), map(int, tags), strict=True))
         matrix = tree.get("elasticity")
         self.material = None if matrix is None else StoredMaterial(np.array(matrix, dtype=np.float64))
         if not (
@@ -155,7 +155,8 @@ class StoredPart:
         tdim = mesh.topology.dim
         to_facet = mesh.topology.connectivity(tdim, tdim - 1).array.reshape(-1, _facets_a_cell(mesh))
         facets = to_facet[self._new_cells(mesh)[cells[:, 0]], cells[:, 1]]
-        return np.searchsorted(np.sort(self.part.facet_tags.find(self.names[face])), facets)
+        rows: Ints = np.searchsorted(np.sort(self.part.facet_tags.find(self.names[face])), facets)
+        return rows
 
     @cached_property
     def V(self) -> fem.FunctionSpace:

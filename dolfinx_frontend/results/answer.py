@@ -24,6 +24,8 @@ __all__ = [
     "Answer",
     "AnswerKind",
     "Block",
+    "Of",
+    "OfPart",
     "Surface",
     "chunks",
     "one_number_a_sample",
@@ -33,6 +35,8 @@ __all__ = [
 
 T = TypeVar("T")
 AnswerKind = Literal["deterministic", "history", "chaos", "samples", "sweep"]
+Of = Literal["force", "jump", "displacement"]
+OfPart = Literal["displacement", "stress"]
 
 SAMPLES = 4096
 """Samples of a chaos from which a table is made."""
@@ -200,10 +204,10 @@ class Answer(Protocol):
     def stress(self, part: str, step: int = -1) -> Any:
         """Stress of that displacement."""
 
-    def std(self, part: str, step: int = -1, of: str = "displacement") -> Any:
+    def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> Any:
         """Standard deviation of a displacement or a stress."""
 
-    def moments(self, name: str, of: str | None = None) -> tuple[Array, Array]:
+    def moments(self, name: str, of: Of | None = None) -> tuple[Array, Array]:
         """Mean and standard deviation."""
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:

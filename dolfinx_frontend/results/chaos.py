@@ -23,9 +23,8 @@ from dolfinx_frontend.plan.random_laws import sampled_parameters
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.translate import LawFields
-from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, chunks, stepped, timed
+from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chunks, stepped, timed
 from dolfinx_frontend.results.contact import ContactValues
-from dolfinx_frontend.results.face import Of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.surfaces import law_contact
@@ -467,7 +466,9 @@ class ChaosResult(Result, StochasticResult):
             "germs": self.space.sample(samples or SAMPLES, seed),
         }
 
-    def save(self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0) -> None:
+    def save(
+        self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
+    ) -> None:
         """As :meth:`Result.save`, with the whole chaos, and the samples that its tables are made of."""
         super().save(path, fields, samples, seed)
 

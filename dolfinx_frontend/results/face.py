@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from dolfinx import fem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.results import tables, writing
-from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, one_number_a_sample, stepped
+from dolfinx_frontend.results.answer import AnswerKind, Block, Of, OfPart, Surface, one_number_a_sample, stepped
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
 from dolfinx_frontend.results.reactions import eliminated_fields, is_glue
@@ -26,7 +26,6 @@ from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
 __all__ = ["Face"]
 
 T = TypeVar("T")
-Of = Literal["force", "jump", "displacement"]
 
 DRAWS = 100_000
 """Samples of a chaos from which a quantity of interest is made."""
@@ -41,7 +40,7 @@ class Face(ABC):
 
     problem: Any
     plan: Any
-    seconds: dict[str, float]
+    seconds: Mapping[str, float]
 
     # --- what a class of answers gives ---------------------------------------------------------
     @property
@@ -242,9 +241,7 @@ class Face(ABC):
         u = self.displacement(part, step)
         return stress_function(u, self.problem.substructures[part].material)
 
-    def std(
-        self, part: str, step: int = -1, of: Literal["displacement", "stress"] = "displacement"
-    ) -> fem.Function:
+    def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> fem.Function:
         """Standard deviation of every component of the displacement or the stress; 0 if nothing is random.
 
         The stress of a chaos has that of its coefficients, that of samples is computed at all of them.
@@ -422,7 +419,9 @@ class Face(ABC):
         """The numbers behind the tables, a number a sample and a time step."""
         return read(self, interfaces, samples, seed)
 
-    def save(self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0) -> None:
+    def save(
+        self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
+    ) -> None:
         """Write the answer to one HDF5 file, which :func:`dolfinx_frontend.load` reads in any process.
 
         Parameters

@@ -102,14 +102,17 @@ class OnePoint(Face):
     def force(self, interface: str) -> Array:
         """Force per area on side 1, ([T,] m, components), local frame: component 0 is normal."""
         self._check_interface(interface)
-        return self._one.force(interface)[0]
+        force: Array = self._one.force(interface)[0]
+        return force
 
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1, ([T,] m, components), length, local frame."""
         self._check_interface(interface)
-        return self._one.jump(interface)[0]
+        jump: Array = self._one.jump(interface)[0]
+        return jump
 
     def unknowns(self, part: str) -> Array:
         """Unknowns ([T,] n) of a part, length."""
         self._check_part(part)
-        return self._one.displacement(part)[0]
+        u: Array = self._one.displacement(part)[0]
+        return u

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -26,7 +26,15 @@ from dolfinx_frontend.results.readings import Measures, Readings, read
 from dolfinx_frontend.results.writing import FORMAT, NO_FIELDS, VERSION, ResultFileError, write
 from dolfinx_frontend.uncertainty.quantities import Kind
 
-__all__ = ["ResultFileError", "SavedInterface", "SavedPlan", "SavedProblem", "SavedResult", "SavedSide", "load"]
+__all__ = [
+    "ResultFileError",
+    "SavedInterface",
+    "SavedPlan",
+    "SavedProblem",
+    "SavedResult",
+    "SavedSide",
+    "load",
+]
 
 T = TypeVar("T")
 OLDEST = 1
@@ -204,8 +212,8 @@ class SavedResult(Face):
     statistics
         How the samples are to be read.
     germs, weights
-        (N, L) points of samples, of a chaos those of its tables, and their weights (N,) if they are a quadrature;
-        otherwise None.
+        (N, L) points of samples, of a chaos those of its tables, and their weights (N,) if they are a
+        quadrature; otherwise None.
     axes
         Of a sweep: swept parameter -> its values.
     chaos
@@ -258,7 +266,8 @@ class SavedResult(Face):
     @property
     def interfaces(self) -> dict[str, SavedInterface]:
         """Name -> points, weights, force and jump."""
-        return self.problem.interfaces
+        interfaces: dict[str, SavedInterface] = self.problem.interfaces
+        return interfaces
 
     @property
     def nodes(self) -> dict[str, Array]:
@@ -446,13 +455,15 @@ class SavedResult(Face):
                     "a sample is not known: ask the result before it is saved, or save samples of it "
                     "(result.monte_carlo(1000).save(...))"
                 )
-            force, jump = (np.tensordot(psi, self._coefficients(f"{w}:{name}"), 1) for w in ("force", "jump"))
+            modes = self._coefficients(f"force:{name}"), self._coefficients(f"jump:{name}")
+            force: Array = np.tensordot(psi, modes[0], 1)
+            jump: Array = np.tensordot(psi, modes[1], 1)
             return force, jump
 
         def displacement(name: str, unknowns: Ints | None) -> Array:
             self._check_part(name)
-            modes = self._coefficients(f"displacement:{name}")
-            u: Array = np.tensordot(psi, modes if unknowns is None else modes[..., unknowns], 1)
+            block = self._coefficients(f"displacement:{name}")
+            u: Array = np.tensordot(psi, block if unknowns is None else block[..., unknowns], 1)
             return u
 
         return Block(len(points), both, displacement, germs=points)
@@ -474,11 +485,14 @@ class SavedResult(Face):
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
         """The numbers of the file; of a chaos those of fewer samples if so many are asked for."""
-        if samples is not None and self.kind == "chaos" and self.germs is not None and samples != len(self.germs):
+        other = samples is not None and self.germs is not None and samples != len(self.germs)
+        if self.kind == "chaos" and other:
             return read(self, interfaces, samples, seed)
         return self._readings.select(interfaces)
 
-    def save(self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0) -> None:
+    def save(
+        self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
+    ) -> None:
         """Write what was read to another file, with or without fields."""
         write(path, self._tree if fields else _without_fields(self._tree))
 
@@ -493,7 +507,8 @@ def _without_fields(tree: Tree) -> Tree:
     out = dict(tree) | {"no_displacements": NO_FIELDS}
     away = ("force", "jump", "contact")
     out["interfaces"] = {
-        name: {key: v for key, v in node.items() if key not in away} for name, node in tree["interfaces"].items()
+        name: {key: v for key, v in node.items() if key not in away}
+        for name, node in tree["interfaces"].items()
     }
     out["substructures"] = {name: {"nodes": node["nodes"]} for name, node in tree["substructures"].items()}
     return out
@@ -525,7 +540,8 @@ def load(path: str | Path) -> SavedResult:
     if not OLDEST <= version <= VERSION:
         raise ResultFileError(
             f"{source} is a saved result of version {version}; this software reads versions {OLDEST} to "
-            f"{VERSION}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and save again"
+            f"{VERSION}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and save "
+            "again"
         )
     try:
         return _read(source, _from_first(tree) if version == 1 else tree)

@@ -123,14 +123,16 @@ class PointResults(Face):
 
         def both(name: str) -> tuple[Array, Array]:
             self._check_interface(name)
-            return self._active(name, part) if name in self.plan.active else self._eliminated(name, displacement)
+            if name in self.plan.active:
+                return self._active(name, part)
+            return self._eliminated(name, displacement)
 
         count = len(range(*part.indices(len(self.points.status))))
         return Block(count, both, displacement, lambda name: self._contact_at(name, part))
 
     def _in_parts(self) -> Iterator[slice]:
         """Slices of the points whose fields fit into memory."""
-        points = max(self.problem.interfaces[name].num_points for name in self.plan.active or self.problem.interfaces)
+        points = max(each.num_points for each in self.problem.interfaces.values())
         unknowns = self.problem.size if self.points.states is not None else 0
         steps = 1 if self.times is None else len(self.times)
         return chunks(len(self.points.status), steps * (points * self.problem.dim + unknowns))
@@ -302,8 +304,8 @@ def point_block(problem: Problem, plan: Plan, fields: Mapping[str, tuple[Array, 
 
     def displacement(part: str, unknowns: Ints | None) -> Array:
         raise SceneError(
-            f"displacements of {part!r} are not known while a sweep goes on: sweep with keep_states=True and read "
-            "them from its points"
+            f"displacements of {part!r} are not known while a sweep goes on: sweep with keep_states=True and "
+            "read them from its points"
         )
 
     return Block(1, both, displacement)

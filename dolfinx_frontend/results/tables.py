@@ -296,7 +296,8 @@ def bolts(readings: Readings, quantiles: Sequence[float] = QUANTILES) -> Table:
     labels = ("interface", *readings.coordinates, *(("statistic",) if readings.random else ()))
     columns: dict[str, list[Any]] = {name: [] for name in (*labels, "tightened")}
     for name, at, values in _collect(readings, numbers, quantiles):
-        row = {"interface": name, "tightened": float(readings.times[readings.interfaces[name].bolt])}  # type: ignore[index]
+        step = readings.interfaces[name].bolt
+        row: dict[str, Any] = {"interface": name, "tightened": float(readings.times[step or 0])}
         row |= {**at, **{column: float(block) for column, block in values.items()}}
         for column, value in row.items():
             columns.setdefault(column, []).append(value)

@@ -205,14 +205,14 @@ def _reading(
     def read(_: int, fields: dict[str, tuple[Array, Array]]) -> npt.ArrayLike:
         if problem.comm is not None:  # a function may need interfaces of other ranks
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
-        values = np.asarray(function(point_block(problem, plan, fields)))
+        values: Array = np.asarray(function(point_block(problem, plan, fields)))
         if values.ndim == 0 or len(values) != 1:
             raise SceneError(
-                f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array a "
-                "sample, with the samples in front"
+                f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "
+                "a sample, with the samples in front"
             )
-        return values[0]
-
+        first: Array = values[0]
+        return first
 
     return read
 

@@ -152,7 +152,7 @@ def columns() -> None:
         assert off < tolerance, (what, off)
 
     grid = {"j1.normal": [600.0, 900.0], "j3.tangential": [700.0, 800.0, 1100.0]}
-    reads = {"load": lambda fields: fields.force("j1")[..., 0].sum(axis=1) + fields.force("j2")[..., 0].sum(axis=1)}
+    reads = {"load": lambda f: f.force("j1")[..., 0].sum(axis=1) + f.force("j2")[..., 0].sum(axis=1)}
     swept = [sweep(p, grid, active=kept, options=options, outputs=reads, progress=False) for p in both]
     assert swept[0].converged.all() and np.array_equal(swept[0].iterations, swept[1].iterations)
     for name in ("j1", "j2", "j3"):
