@@ -10,7 +10,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::substructure {
 namespace {
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -340,7 +340,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     condense = dense_is_cheaper(size_, active_) &&
                (options.memory_limit <= 0.0 || dense_bytes <= options.memory_limit);
   }
-  factor_ = petsc::factorise(lower, condense ? active_ : 0, options.backend, name_);
+  factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   cost_.factorise_s = seconds_since(factorising);
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
@@ -535,4 +535,4 @@ double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef f
   return energy;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure
