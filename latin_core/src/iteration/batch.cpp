@@ -4,6 +4,8 @@
 #include <limits>
 
 #include "latin/iteration/history.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/local_stage.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -20,9 +22,9 @@ Matrix repeated(const Matrix& block, Index sets) {
 /// Residuals in the metric W/k, one column a set, and their differences between snapshots.
 class Residuals {
  public:
-  Residuals(const substructure::Problem& problem, Index columns, Index sets, Index differences)
-      : scale_(problem.weights()
-                   .cwiseQuotient(problem.directions())
+  Residuals(const substructure::Structure& structure, Index columns, Index sets, Index differences)
+      : scale_(structure.weights()
+                   .cwiseQuotient(structure.directions())
                    .cwiseSqrt()
                    .replicate(columns, 1)
                    .reshaped()),
@@ -75,32 +77,36 @@ class Residuals {
 };
 
 /// As `Summary::error` of a run whose history is this fit; infinity if it explains too little.
-double estimate(const substructure::Problem& problem, const Fit& fit, const Advanced& answer,
+double estimate(const substructure::Structure& structure, const Fit& fit, const Advanced& answer,
                 const Matrix& away, const Matrix& traces_away, const substructure::Size& whole) {
   const double explained = std::sqrt(std::max(0.0, 1.0 - fit.remainder * fit.remainder));
   if (explained < least_explained) {
     return std::numeric_limits<double>::infinity();
   }
-  const substructure::Size wrong = problem.difference_size(away, traces_away);
+  const substructure::Size wrong = substructure::difference_size(structure, away, traces_away);
   return std::max(wrong.relative_to(whole) / explained, least_of_indicator * answer.indicator);
 }
 
 }  // namespace
 
-std::vector<Advanced> advance_together(const substructure::Problem& problem, const Options& options,
+std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots) {
-  const Index rows = problem.rows();
+  const substructure::Structure& structure = laws.structure();
+  const Index rows = structure.rows();
   const Index columns = amplitudes.cols();
   const Index size = rows * columns;
   const auto others = static_cast<Index>(snapshots.size()) - 1;
-  Residuals residuals(problem, columns, sets, others + 1);
+  Residuals residuals(structure, columns, sets, others + 1);
+
+  substructure::GlobalStage global(laws);
+  substructure::LocalStage local(laws, sets * columns);
 
   // residuals of the snapshots under the laws of every set
   Matrix data = repeated(snapshots.front()->data, sets);
   Matrix traces = repeated(snapshots.front()->traces, sets);
   Matrix residual(rows, sets * columns);
-  problem.local_stage(data, traces, residual);
+  local.apply(data, traces, residual);
   const Matrix first = residuals.scaled(residual);
   Matrix data_differences(size, others + 1);
   Matrix trace_differences(size, others + 1);
@@ -108,7 +114,7 @@ std::vector<Advanced> advance_together(const substructure::Problem& problem, con
     const State& snapshot = *snapshots[static_cast<std::size_t>(i + 1)];
     data_differences.col(i) = (snapshot.data - snapshots.front()->data).reshaped();
     trace_differences.col(i) = (snapshot.traces - snapshots.front()->traces).reshaped();
-    problem.local_stage(repeated(snapshot.data, sets), repeated(snapshot.traces, sets), residual);
+    local.apply(repeated(snapshot.data, sets), repeated(snapshot.traces, sets), residual);
     residuals.keep(i, residuals.scaled(residual) - first);
   }
 
@@ -122,7 +128,7 @@ std::vector<Advanced> advance_together(const substructure::Problem& problem, con
   Eigen::Map<Matrix> traces_of(traces.data(), size, sets);
   data_of.noalias() -= data_differences.leftCols(others) * combined;
   traces_of.noalias() -= trace_differences.leftCols(others) * combined;
-  problem.local_stage(data, traces, residual);
+  local.apply(data, traces, residual);
   const Matrix start = residuals.scaled(residual);
 
   // one accelerated step from there
@@ -132,16 +138,16 @@ std::vector<Advanced> advance_together(const substructure::Problem& problem, con
     step.col(set).noalias() -= residuals.of(set, others) * combined.col(set);
   }
   step = residuals.scale().cwiseInverse().asDiagonal() * step;
-  problem.precondition(Eigen::Map<Matrix>(step.data(), rows, sets * columns));
+  laws.precondition(Eigen::Map<Matrix>(step.data(), rows, sets * columns));
   step *= options.relaxation;
   step.noalias() -= data_differences.leftCols(others) * combined;
   data_of += step;
   Matrix moved(rows, sets * columns);
-  problem.global_stage(data, repeated(amplitudes, sets), moved);
-  if (problem.balances()) {
-    step += problem.balance(data, moved).reshaped(size, sets);
+  global.apply(data, repeated(amplitudes, sets), moved);
+  if (structure.macro_size() > 0) {
+    step += global.balance(local, data, moved).reshaped(size, sets);
   }
-  problem.local_stage(data, moved, residual);
+  local.apply(data, moved, residual);
   const Matrix left = residuals.scaled(residual);
   residuals.keep(others, left - start);
 
@@ -152,10 +158,10 @@ std::vector<Advanced> advance_together(const substructure::Problem& problem, con
     answer.state = {data.middleCols(set * columns, columns),
                     moved.middleCols(set * columns, columns)};
     answer.indicator = stage_distance(
-        stage_shares(problem, answer.state, residual.middleCols(set * columns, columns)));
+        stage_shares(structure, answer.state, residual.middleCols(set * columns, columns)));
     answer.residual = left.col(set).norm();
     const substructure::Size whole =
-        problem.size(answer.state.data, answer.state.traces, amplitudes);
+        global.size(answer.state.data, answer.state.traces, amplitudes);
     answer.energy = whole.strain;
     const double rounding =
         rounding_share * data_of.col(set).cwiseProduct(residuals.scale()).norm();
@@ -167,7 +173,7 @@ std::vector<Advanced> advance_together(const substructure::Problem& problem, con
       trace_differences.col(others) = moved_of.col(set) - traces_of.col(set);
       const Vector away = data_differences * fit.gamma;
       const Vector traces_away = trace_differences * fit.gamma;
-      answer.error = estimate(problem, fit, answer, away.reshaped(rows, columns),
+      answer.error = estimate(structure, fit, answer, away.reshaped(rows, columns),
                               traces_away.reshaped(rows, columns), whole);
     }
   }

@@ -16,11 +16,11 @@ constexpr double noise = 1e-10;
 
 }  // namespace
 
-std::array<double, 2> stage_shares(const substructure::Problem& problem, const State& state,
+std::array<double, 2> stage_shares(const substructure::Structure& structure, const State& state,
                                    ConstMatrixRef residual) {
   std::array<double, 2> shares{};
-  const Vector& k = problem.directions();
-  const Vector& area = problem.weights();
+  const Vector& k = structure.directions();
+  const Vector& area = structure.weights();
   for (Index column = 0; column < residual.cols(); ++column) {
     for (Index row = 0; row < residual.rows(); ++row) {
       // r = 2 k (w^ - w) = 2 (f^ - f)
@@ -67,16 +67,17 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
   return fit;
 }
 
-History::History(const substructure::Problem& problem, Index columns, Index depth)
-    : problem_(&problem),
-      rows_(problem.rows()),
+History::History(const substructure::Laws& laws, Index columns, Index depth)
+    : laws_(laws),
+      structure_(&laws.structure()),
+      rows_(structure_->rows()),
       columns_(columns),
       depth_(depth),
       data_(rows_ * columns, depth),
       residual_(rows_ * columns, depth),
       traces_(rows_ * columns, depth),
       gram_(Matrix::Zero(depth, depth)),
-      metric_(problem.weights().cwiseQuotient(problem.directions())),
+      metric_(structure_->weights().cwiseQuotient(structure_->directions())),
       work_(rows_ * columns) {}
 
 void History::clear() {
@@ -137,7 +138,7 @@ void History::fit(ConstMatrixRef residual, std::span<double> shares) {
     }
   }
   sums.insert(sums.end(), products.data(), products.data() + products.size());
-  problem_->communicator().sum(sums);
+  structure_->communicator().sum(sums);
   auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
   std::copy(sums.cbegin(), next, shares.begin());
   residual_norm_ = std::sqrt(*next++);
@@ -186,7 +187,8 @@ double History::error(const substructure::Size& whole, double rounding) const {
   }
   const State& error = predicted_error();
   // what the history cannot explain is taken to be amplified as much as what it can
-  return problem_->difference_size(error.data, error.traces).relative_to(whole) / explained;
+  return substructure::difference_size(*structure_, error.data, error.traces).relative_to(whole) /
+         explained;
 }
 
 double History::amplification(const substructure::Size& whole, double rounding) const {
@@ -195,7 +197,7 @@ double History::amplification(const substructure::Size& whole, double rounding) 
     const double norm = std::sqrt(gram_(slot, slot));
     if (norm > rounding) {
       const substructure::Size size =
-          problem_->difference_size(block(data_, slot), block(traces_, slot));
+          substructure::difference_size(*structure_, block(data_, slot), block(traces_, slot));
       worst = std::max(worst, size.relative_to(whole) / norm);
     }
   }
@@ -206,16 +208,17 @@ void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
   const Index used = gamma_.size();
   work_.noalias() = residual_.leftCols(used) * gamma_;
   step = residual - shaped(work_);
-  if (problem_->preconditions()) {
-    problem_->precondition(step);
+  if (laws_.preconditions()) {
+    laws_.precondition(step);
   }
   step = beta * step - predicted_error().data;
 }
 
-Hindsight::Hindsight(const substructure::Problem& problem, Index columns) : problem_(&problem) {
+Hindsight::Hindsight(const substructure::Structure& structure, Index columns)
+    : structure_(&structure) {
   for (Kept& each : kept_) {
-    each.state.data.resize(problem.rows(), columns);
-    each.state.traces.resize(problem.rows(), columns);
+    each.state.data.resize(structure.rows(), columns);
+    each.state.traces.resize(structure.rows(), columns);
   }
 }
 
@@ -223,8 +226,8 @@ std::array<double, 2 * Hindsight::most> Hindsight::shares(const State& state) co
   std::array<double, 2 * most> shares{};
   for (std::size_t i = 0; i < size_; ++i) {
     const State& then = kept_[i].state;
-    const substructure::Size share =
-        problem_->share_of_distance(state.data, state.traces, then.data, then.traces);
+    const substructure::Size share = substructure::share_of_distance(
+        *structure_, state.data, state.traces, then.data, then.traces);
     shares[2 * i] = share.strain;
     shares[2 * i + 1] = share.trace;
   }

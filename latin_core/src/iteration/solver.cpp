@@ -73,23 +73,25 @@ constexpr double settled = 1e-10;
 /// One solve: the local and the global stage in turn.
 class Run {
  public:
-  Run(const substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
+  Run(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
       State& state, std::size_t snapshots, const Callback& callback)
-      : problem_(problem),
+      : structure_(laws.structure()),
+        global_(laws),
+        local_(laws, amplitudes.cols()),
         options_(options),
         amplitudes_(amplitudes),
         state_(state),
         callback_(callback),
-        history_(problem, amplitudes.cols(),
+        history_(laws, amplitudes.cols(),
                  (options.acceleration > 0 ? options.acceleration : observing_depth) +
                      static_cast<Index>(snapshots)),
-        hindsight_(problem, amplitudes.cols()),
-        residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
-        step_(problem.rows(), amplitudes.cols()),
-        step_residual_(problem.rows(), amplitudes.cols()),
+        hindsight_(structure_, amplitudes.cols()),
+        residual_(Matrix::Zero(structure_.rows(), amplitudes.cols())),
+        step_(structure_.rows(), amplitudes.cols()),
+        step_residual_(structure_.rows(), amplitudes.cols()),
         newton_helps_(options.acceleration > 0 && options.newton > 0 &&
-                      problem.suits_newton(options.newton)),
-        may_fly_(problem.communicator().maximum(problem.linear() ? 0 : 1) > 0),
+                      substructure::InterfaceSystem::suits(laws, options.newton)),
+        may_fly_(structure_.communicator().maximum(laws.linear() ? 0 : 1) > 0),
         start_(Clock::now()) {}
 
   /// Start from the combination of snapshots with the smallest residual. It costs local stages only,
@@ -98,9 +100,9 @@ class Run {
     const auto start = Clock::now();
     state_ = *snapshots.front();
     local();
-    Matrix other = Matrix::Zero(problem_.rows(), amplitudes_.cols());
+    Matrix other = Matrix::Zero(structure_.rows(), amplitudes_.cols());
     for (std::size_t i = 1; i < snapshots.size(); ++i) {
-      attempt([&] { problem_.local_stage(snapshots[i]->data, snapshots[i]->traces, other); });
+      attempt([&] { local_.apply(snapshots[i]->data, snapshots[i]->traces, other); });
       history_.push(snapshots[i]->data - state_.data, other - residual_,
                     snapshots[i]->traces - state_.traces);
     }
@@ -112,9 +114,9 @@ class Run {
   }
 
   Summary run(bool traces_known) {
-    if (problem_.total_rows() == 0) {
+    if (structure_.total_rows() == 0) {
       summary_.status = Status::converged;
-      summary_.energy = problem_.size(state_.data, state_.traces, amplitudes_).strain;
+      summary_.energy = global_.size(state_.data, state_.traces, amplitudes_).strain;
       return summary_;
     }
     if (!traces_known) {
@@ -125,7 +127,7 @@ class Run {
       pause_ = steps_before_newton;
     } else {
       newton_wait_ += static_cast<Index>(steps_per_unknown *
-                                         static_cast<double>(problem_.interface_unknowns()));
+                                         static_cast<double>(structure_.interface_unknowns()));
     }
     double first_norm = -1.0;
     double norm_then = std::numeric_limits<double>::infinity();
@@ -184,7 +186,7 @@ class Run {
         }
         break;
       }
-      if (stop_ || (interrupted_ && problem_.communicator().alone())) {
+      if (stop_ || (interrupted_ && structure_.communicator().alone())) {
         summary_.status = Status::interrupted;
         break;
       }
@@ -202,9 +204,9 @@ class Run {
       }
       advance(norm, measured.data_norm);
     }
-    problem_.communicator().agree(failure_);
+    structure_.communicator().agree(failure_);
     if (rounded_) {
-      problem_.global_stage(state_.data, amplitudes_, state_.traces);
+      global_.apply(state_.data, amplitudes_, state_.traces);
     }
     return summary_;
   }
@@ -224,7 +226,7 @@ class Run {
     try {
       std::forward<Work>(work)();
     } catch (...) {
-      if (problem_.communicator().alone()) {
+      if (structure_.communicator().alone()) {
         throw;
       }
       failure_ = failure_ ? failure_ : std::current_exception();
@@ -242,8 +244,8 @@ class Run {
   /// Fit the history to the present residual; all numbers that decide anything go through this one reduction
   /// and that of the error estimate.
   Measure measure() {
-    const substructure::Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
-    const auto [distance, extent] = stage_shares(problem_, state_, residual_);
+    const substructure::Size size = global_.share_of_size(state_.data, state_.traces, amplitudes_);
+    const auto [distance, extent] = stage_shares(structure_, state_, residual_);
     Measure measured{};
     std::array<double, 8 + 2 * Hindsight::most> sums{size.strain,
                                                      size.trace,
@@ -256,7 +258,7 @@ class Run {
     std::ranges::copy(hindsight_.shares(state_), sums.begin() + 8);
     history_.fit(residual_, sums);
     if (sums[6] > 0.0) {
-      problem_.communicator().agree(failure_);
+      structure_.communicator().agree(failure_);
     }
     stop_ = sums[7] > 0.0;
     measured.size = substructure::Size{sums[0], sums[1], sums[2]}.positive();
@@ -268,7 +270,7 @@ class Run {
 
   /// |r|. Collective.
   [[nodiscard]] double norm_of(const Matrix& residual) const {
-    return std::sqrt(problem_.communicator().sum(history_.share_of_square(residual)));
+    return std::sqrt(structure_.communicator().sum(history_.share_of_square(residual)));
   }
 
   [[nodiscard]] double estimate(double norm, const Measure& measured) {
@@ -282,7 +284,8 @@ class Run {
       const double after = norm_of(step_residual_);
       const double left = after > settled * measured.data_norm ? after / norm : 0.0;
       if (left < believable) {
-        const substructure::Size error = problem_.difference_size(step_, step_traces_);
+        const substructure::Size error =
+            substructure::difference_size(structure_, step_, step_traces_);
         return std::max(error.relative_to(measured.size) / (1.0 - left), least);
       }
     }
@@ -305,7 +308,7 @@ class Run {
     State proposal = state_;
     try {
       if (!newton_) {
-        newton_ = std::make_unique<Newton>(problem_, amplitudes_);
+        newton_ = std::make_unique<Newton>(global_, local_, amplitudes_);
       }
       const Newton::Outcome outcome =
           newton_->solve(proposal.data, proposal.traces, newton_accuracy * options_.rtol);
@@ -321,7 +324,7 @@ class Run {
     step_ = proposal.data - state_.data;
     step_traces_ = proposal.traces - state_.traces;
     step_residual_.resize(step_.rows(), step_.cols());
-    problem_.local_stage(proposal.data, proposal.traces, step_residual_);
+    local_.apply(proposal.data, proposal.traces, step_residual_);
     summary_.newton_s += since(start);
   }
 
@@ -367,12 +370,12 @@ class Run {
     const auto start = Clock::now();
     attempt([&] {
       if (step != nullptr) {
-        problem_.global_change(*step, state_.traces);
+        global_.change(*step, state_.traces);
       } else {
-        problem_.global_stage(state_.data, amplitudes_, state_.traces);
+        global_.apply(state_.data, amplitudes_, state_.traces);
       }
-      if (problem_.balances()) {
-        added_ = problem_.balance(state_.data, state_.traces);
+      if (structure_.macro_size() > 0) {
+        added_ = global_.balance(local_, state_.data, state_.traces);
       }
     });
     rounded_ = step != nullptr;
@@ -382,7 +385,7 @@ class Run {
 
   void local() {
     const auto start = Clock::now();
-    attempt([&] { problem_.local_stage(state_.data, state_.traces, residual_); });
+    attempt([&] { local_.apply(state_.data, state_.traces, residual_); });
     summary_.local_s += since(start);
   }
 
@@ -410,7 +413,7 @@ class Run {
       step_ = std::min(options_.relaxation, averaged) * residual_;
     } else {
       step_ = residual_;
-      problem_.precondition(step_);
+      global_.laws().precondition(step_);
       step_ *= options_.relaxation;
     }
     residual_change_ = residual_;
@@ -420,7 +423,7 @@ class Run {
     global(options_.single_precision ? &step_ : nullptr);
     local();
     const auto pushing = Clock::now();
-    if (problem_.balances()) {
+    if (structure_.macro_size() > 0) {
       step_ += added_;
     }
     residual_change_ = residual_ - residual_change_;
@@ -459,7 +462,9 @@ class Run {
     }
   }
 
-  const substructure::Problem& problem_;
+  const substructure::Structure& structure_;
+  substructure::GlobalStage global_;
+  substructure::LocalStage local_;
   const Options& options_;
   const Matrix& amplitudes_;
   State& state_;
@@ -516,31 +521,31 @@ std::string to_string(Status status) {
   return "unknown";
 }
 
-Summary solve(const substructure::Problem& problem, const Options& options,
-              const Matrix& amplitudes, State& state, const std::vector<const State*>& snapshots,
-              const Callback& callback) {
+Summary solve(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
+  const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
-  const auto fit = [&problem, columns](const State& each) {
-    if (each.data.rows() != problem.rows() || each.data.cols() != columns ||
-        each.traces.rows() != problem.rows() || each.traces.cols() != columns) {
+  const auto fit = [&structure, columns](const State& each) {
+    if (each.data.rows() != structure.rows() || each.data.cols() != columns ||
+        each.traces.rows() != structure.rows() || each.traces.cols() != columns) {
       throw InputError("a start state has shape (" + std::to_string(each.data.rows()) + ", " +
                        std::to_string(each.data.cols()) + "), this problem needs (" +
-                       std::to_string(problem.rows()) + ", " + std::to_string(columns) + ")");
+                       std::to_string(structure.rows()) + ", " + std::to_string(columns) + ")");
     }
   };
   const bool from_zero = state.data.size() == 0;
-  const Index most = problem.communicator().maximum(columns);
-  problem.communicator().together([&] {
+  const Index most = structure.communicator().maximum(columns);
+  structure.communicator().together([&] {
     check_options(options);
-    if (amplitudes.rows() != problem.loads()) {
+    if (amplitudes.rows() != structure.loads()) {
       throw InputError("amplitudes of " + std::to_string(amplitudes.rows()) +
-                       " load patterns, this problem has " + std::to_string(problem.loads()));
+                       " load patterns, this problem has " + std::to_string(structure.loads()));
     }
     if (columns != most) {
       throw InputError(std::to_string(columns) + " columns on this rank, " + std::to_string(most) +
                        " on another");
     }
-    problem.check_columns(columns);
+    laws.check_columns(columns);
     for (const State* snapshot : snapshots) {
       fit(*snapshot);
     }
@@ -548,14 +553,14 @@ Summary solve(const substructure::Problem& problem, const Options& options,
       fit(state);
     }
   });
-  Run run(problem, options, amplitudes, state, snapshots.size(), callback);
+  Run run(laws, options, amplitudes, state, snapshots.size(), callback);
   if (!snapshots.empty()) {
     run.combine(snapshots);
     return run.run(true);
   }
   if (from_zero) {
-    state.data = Matrix::Zero(problem.rows(), columns);
-    state.traces = Matrix::Zero(problem.rows(), columns);
+    state.data = Matrix::Zero(structure.rows(), columns);
+    state.traces = Matrix::Zero(structure.rows(), columns);
   }
   return run.run(false);
 }

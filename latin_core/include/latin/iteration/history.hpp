@@ -6,7 +6,8 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/laws.hpp"
+#include "latin/substructure/size.hpp"
 
 namespace latin::iteration {
 
@@ -26,7 +27,7 @@ inline constexpr double least_of_indicator = 0.3;
 inline constexpr double rounding_share = 2e-13;
 
 /// This rank's shares of the squared distance of the two stages and of their squared size, in k and 1/k.
-std::array<double, 2> stage_shares(const substructure::Problem& problem, const State& state,
+std::array<double, 2> stage_shares(const substructure::Structure& structure, const State& state,
                                    ConstMatrixRef residual);
 /// The paper's indicator (Ladeveze 1999), from the sums of the shares: distance over size.
 double stage_distance(const std::array<double, 2>& shares);
@@ -55,7 +56,7 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm);
 class History {
  public:
   /// @param depth largest number of differences kept
-  History(const substructure::Problem& problem, Index columns, Index depth);
+  History(const substructure::Laws& laws, Index columns, Index depth);
 
   void clear();
   [[nodiscard]] Index size() const { return size_; }
@@ -90,7 +91,8 @@ class History {
   [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
   [[nodiscard]] Eigen::Map<Matrix> shaped(Vector& vector) const;
 
-  const substructure::Problem* problem_;
+  substructure::Laws laws_;
+  const substructure::Structure* structure_;
   Index rows_;
   Index columns_;
   Index depth_;
@@ -121,7 +123,7 @@ class Hindsight {
  public:
   static constexpr std::size_t most = 2;  ///< iterates kept
 
-  Hindsight(const substructure::Problem& problem, Index columns);
+  Hindsight(const substructure::Structure& structure, Index columns);
 
   /// This rank's shares of the sizes (strain, trace) of the distances to the iterates kept.
   [[nodiscard]] std::array<double, 2 * most> shares(const State& state) const;
@@ -139,7 +141,7 @@ class Hindsight {
     double residual = 0.0;
   };
 
-  const substructure::Problem* problem_;
+  const substructure::Structure* structure_;
   std::array<Kept, most> kept_;  ///< the newest first
   std::size_t size_ = 0;
 };

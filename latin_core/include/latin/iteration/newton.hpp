@@ -5,7 +5,9 @@
 
 #include "latin/common/types.hpp"
 #include "latin/iteration/history.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/interface_system.hpp"
+#include "latin/substructure/local_stage.hpp"
 
 namespace latin::iteration {
 
@@ -28,7 +30,9 @@ namespace latin::iteration {
 /// back. `Flexibility` has the dense matrix of it, once for a problem.
 class Newton {
  public:
-  Newton(const substructure::Problem& problem, const Matrix& amplitudes);
+  /// @param global, local stages of the run; they must outlive this object
+  Newton(substructure::GlobalStage& global, substructure::LocalStage& local,
+         const Matrix& amplitudes);
 
   struct Outcome {
     Index solved = 0;     ///< columns solved, from the first; the others stay as they were
@@ -72,17 +76,19 @@ class Newton {
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
-  void apply(const Matrix& data, Matrix& traces, Index index) const;
-  void relax(Matrix& data, Matrix& traces, Index index, History& history, Index count) const;
+  void apply(const Matrix& data, Matrix& traces, Index index);
+  void relax(Matrix& data, Matrix& traces, Index index, History& history, Index count);
   void factorise(const Matrix& tangent, Zone& zone) const;
   [[nodiscard]] Vector moved(const Vector& y, const Vector& a) const;
   [[nodiscard]] Vector times(const Matrix& tangent, const Vector& p) const;
   [[nodiscard]] double norm(const Vector& force) const;
 
-  const substructure::Problem& problem_;
+  substructure::GlobalStage& global_;
+  substructure::LocalStage& local_;
   const Matrix& amplitudes_;
+  substructure::InterfaceSystem system_;
   const substructure::Flexibility& flexibility_;
-  substructure::Problem::Layout layout_;
+  const substructure::InterfaceSystem::Layout& layout_;
   Vector own_;          ///< flexibility at which the laws are asked
   Vector shift_;        ///< own_ + E^T k^-1 E
   Vector metric_;       ///< areas * own_

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "latin/iteration/history.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/laws.hpp"
 
 namespace latin::iteration {
 
@@ -76,8 +76,7 @@ struct Summary {
 /// @param snapshots  states of other parameter sets with the same loads; the start is the affine
 ///                   combination of them that leaves the smallest residual, at the cost of local stages only
 /// @throws InputError on options out of range
-Summary solve(const substructure::Problem& problem, const Options& options,
-              const Matrix& amplitudes, State& state, const std::vector<const State*>& snapshots,
-              const Callback& callback);
+Summary solve(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback);
 
 }  // namespace latin::iteration
