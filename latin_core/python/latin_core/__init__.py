@@ -42,12 +42,7 @@ from latin_core._core import (
 )
 from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
-from latin_core.sweep import SweepPoints, SweptParameter
-
-# temporary, until the frontend hands Laws to every call
-from latin_core._compat_problem import Problem, sweep  # isort: skip
-
-_core.Problem = Problem  # type: ignore[misc, assignment]
+from latin_core.sweep import SweepPoints, SweptParameter, sweep
 
 _petsc: Any = PETSc  # its stubs know no members
 if not np.issubdtype(_petsc.ScalarType, np.floating):
@@ -76,7 +71,6 @@ __all__ = [
     "Member",
     "NumericalError",
     "Options",
-    "Problem",
     "RemoteError",
     "Side",
     "Spring",
