@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.kernel.bridge import ColumnGroup
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
