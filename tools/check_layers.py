@@ -26,7 +26,7 @@ from typing import NamedTuple
 LAYERS = ("petsc", "interface", "stochastic", "substructure", "latin")
 COMMON = "common"
 FRONTEND: dict[str, tuple[str, ...]] = {
-    "common": ("arrays", "errors", "describe", "progress", "release", "compat", "clipping"),
+    "common": ("arrays", "errors", "threads", "describe", "progress", "release", "compat", "clipping"),
     "scene": ("amplitudes", "laws", "materials", "specs", "scene"),
     "uncertainty": (
         "checks",

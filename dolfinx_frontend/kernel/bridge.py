@@ -19,6 +19,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.values import resolve, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan
@@ -194,6 +195,7 @@ def _body(
     return _core.Body(name="+".join(body.members), size=body.n, members=members, springs=springs)
 
 
+@alone
 def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     """Whether the whole structure is positive definite with some stiffnesses replaced.
 
@@ -215,6 +217,7 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     return True
 
 
+@alone
 def build(problem: Problem, plan: Plan) -> _core.Problem:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
 

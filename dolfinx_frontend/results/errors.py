@@ -124,6 +124,7 @@ class Errors:
 
 
 def share_of(error: float, whole: float) -> float:
+    """An error relative to the whole; infinite where the whole is nothing."""
     if whole == 0.0:
         return 0.0 if error == 0.0 else np.inf
     return abs(error / whole)
