@@ -36,7 +36,7 @@ from dolfinx_frontend.solvers.sampling import sample
 MAIN = """
 import sys, time
 from dolfinx_frontend import *
-from dolfinx_frontend.running import TWICE
+from dolfinx_frontend.kernel.running import TWICE
 
 def problem(random=False):
     scene = Scene()
@@ -263,7 +263,7 @@ def test_sweep_ends_when_a_callback_says_so(problem: Any) -> None:
 
 # --- progress bars ---------------------------------------------------------------------------------
 BARS = """
-import dolfinx_frontend.progress
+import dolfinx_frontend.common.progress
 sys.modules["dolfinx_frontend.common.progress"]._DELAY = 0.0
 if len(sys.argv) > 1:
     print(progress(False))
