@@ -398,7 +398,8 @@ class _Dual:
                 raise Interrupted
         raise SceneError(
             f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "
-            f"error {summary.error:.1e}); discretisation_error(result) without a quantity needs none, and the same scene "
+            f"error {summary.error:.1e}); without a quantity discretisation_error(result) needs none, and "
+            "the same scene "
             "on a finer mesh tells the error of a quantity as well"
         )
 

@@ -81,7 +81,8 @@ def write_fields(
     Parameters
     ----------
     fields
-        Any answer (sweeps and samples with ``keep_states=True``), also a loaded one, or part -> displacement, a vector-valued Lagrange function. On several ranks each writes the grids of its parts.
+        Any answer (sweeps and samples with ``keep_states=True``), also a loaded one, or part ->
+        displacement, a vector-valued Lagrange function. On several ranks each writes the grids of its parts.
     path
         Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
         folder of the same name beside it.
@@ -157,7 +158,8 @@ def _part_grids(
         function = answer.function(name, stepped(mean, answer.times)[0], "")
         part = _PartWriter(function, s.material if materials is None else materials.get(name), put)
         in_time = partial(stepped, times=answer.times)
-        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], {k: in_time(v) for k, v in extra.items()})
+        beside = {key: in_time(values) for key, values in extra.items()}
+        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside)
 
 
 class _PartWriter:
@@ -253,9 +255,9 @@ def write_interfaces(
     and the point data ``displacement`` of side 1, by which ParaView's filter "warp by vector" deforms them.
     What a law does not have is left out. Of a random answer (chaos, samples) all are means, the standard
     deviation is beside them (``pressure std``), and of contacts, instead of the state, ``open probability``
-    and ``slip probability``; on facets with several points the means of these. Of a loaded chaos they are from its
-    coefficients, without gaps and probabilities. Of a sweep they are those of its last point; ``point(...)`` has
-    those of any other.
+    and ``slip probability``; on facets with several points the means of these. Of a loaded chaos they are
+    from its coefficients, without gaps and probabilities. Of a sweep they are those of its last point;
+    ``point(...)`` has those of any other.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """What every answer offers, however it was computed, and what everything that reads answers knows of them.
 
-Tables, files, ParaView and figures take an :class:`Answer` and never ask which one it is. They see it as blocks
-of samples: a deterministic answer is one sample, a chaos is evaluated at as many as are wanted.
+Tables, files, ParaView and figures take an :class:`Answer` and never ask which one it is. They see it as
+blocks of samples: a deterministic answer is one sample, a chaos is evaluated at as many as are wanted.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ class Surface:
 class Block:
     """Some samples of an answer side by side: what a quantity of interest is computed from.
 
-    Over a load history every field has the T time steps after the samples. A deterministic answer is one sample
-    without germs.
+    Over a load history every field has the T time steps after the samples. A deterministic answer is one
+    sample without germs.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class Answer(Protocol):
 
     @property
     def statistics(self) -> Kind:
-        """How the samples are to be read: ``"value"`` is one that is not random, ``"grid"`` those of a sweep."""
+        """How the samples are to be read: ``"value"`` is one, not random, ``"grid"`` those of a sweep."""
 
     @property
     def coordinates(self) -> Mapping[str, Array]:
@@ -190,7 +190,7 @@ class Answer(Protocol):
         """An interface as the answer sees it."""
 
     def why_unknown(self, interface: str) -> str | None:
-        """Why the force of an interface that is not in `known` cannot follow from equilibrium; None: it may."""
+        """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1, local frame; of a chaos the mean, of samples and sweeps all of them."""

@@ -48,7 +48,9 @@ class ContactValues:
         def of(values: Array | None) -> Array | None:
             return values if values is None or len(values) == 1 else values[part]
 
-        return ContactValues(of(self.clearance), of(self.friction), of(self.threshold))  # type: ignore[arg-type]
+        clearance = of(self.clearance)
+        assert clearance is not None
+        return ContactValues(clearance, of(self.friction), of(self.threshold))
 
 
 def contact_values(parameters: Mapping[str, Array], points: int, samples: int) -> ContactValues:

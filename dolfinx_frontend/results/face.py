@@ -14,7 +14,15 @@ from dolfinx import fem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.results import tables, writing
-from dolfinx_frontend.results.answer import AnswerKind, Block, Of, OfPart, Surface, one_number_a_sample, stepped
+from dolfinx_frontend.results.answer import (
+    AnswerKind,
+    Block,
+    Of,
+    OfPart,
+    Surface,
+    one_number_a_sample,
+    stepped,
+)
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
 from dolfinx_frontend.results.reactions import eliminated_fields, is_glue
@@ -34,8 +42,8 @@ DRAWS = 100_000
 class Face(ABC):
     """Readings, tables, fields and files of an answer: see :class:`dolfinx_frontend.results.answer.Answer`.
 
-    A class of answers gives `kind`, `blocks`, `unknowns`, `force` and `jump`; what is random also how its samples
-    are to be read, and its moments.
+    A class of answers gives `kind`, `blocks`, `unknowns`, `force` and `jump`; what is random also how its
+    samples are to be read, and its moments.
     """
 
     problem: Any
@@ -67,7 +75,7 @@ class Face(ABC):
 
     @abstractmethod
     def unknowns(self, part: str) -> Array:
-        """Unknowns ([T,] n) of a part, length: of a random answer the mean, of a sweep those of its last point."""
+        """Unknowns ([T,] n) of a part, length: of a random answer the mean, of a sweep the last point."""
 
     @property
     def statistics(self) -> Kind:
@@ -139,7 +147,7 @@ class Face(ABC):
         return surface_of(self.problem.interfaces[interface], self.times)
 
     def why_unknown(self, interface: str) -> str | None:
-        """Why the force of an interface that is not in `known` cannot follow from equilibrium; None: it may."""
+        """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
         if self.problem.distribution is not None:
             return ELIMINATED
         why = self.without_displacements
@@ -191,8 +199,8 @@ class Face(ABC):
             )
         if self.without_displacements is not None:
             raise SceneError(
-                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force follows from the "
-                f"displacements: {self.without_displacements}"
+                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force follows from "
+                f"the displacements: {self.without_displacements}"
             )
         times = self.times
         laws = [interface.law] if times is None else [interface.law.at(t) for t in times]
@@ -206,7 +214,7 @@ class Face(ABC):
     # --- fields --------------------------------------------------------------------------------
     @property
     def displacements(self) -> dict[str, Array]:
-        """Part -> ([T,] n) unknowns, length: of a random answer the mean, of a sweep those of its last point."""
+        """Part -> ([T,] n) unknowns, length: of a random answer the mean, of a sweep the last point."""
         return {name: self.unknowns(name) for name in self.problem.substructures}
 
     def displacement(self, part: str, step: int = -1) -> fem.Function:
@@ -231,7 +239,7 @@ class Face(ABC):
         return self.displacement(part, step)
 
     def stress(self, part: str, step: int = -1) -> fem.Function:
-        """Stress of the displacement, force / area, (d, d), interpolated cell by cell; of a random answer its mean.
+        """Stress of the displacement, force / area, (d, d), cell by cell; of a random answer its mean.
 
         Raises
         ------
@@ -288,21 +296,23 @@ class Face(ABC):
     def moments(self, name: str, of: Of | None = None) -> tuple[Array, Array]:
         """Mean and standard deviation of what acts on an interface or of a part's displacement.
 
-        Exact from the coefficients of a chaos where the law is linear, otherwise over samples; the deviation is 0
-        if nothing is random.
+        Exact from the coefficients of a chaos where the law is linear, otherwise over samples; the deviation
+        is 0 if nothing is random.
 
         Parameters
         ----------
         name
             Of an interface or of a part.
         of
-            ``"force"`` or ``"jump"``, ([T,] m, components), or ``"displacement"``, unknowns ([T,] n); None: the
-            force of an interface, the displacement of a part.
+            ``"force"`` or ``"jump"``, ([T,] m, components), or ``"displacement"``, unknowns ([T,] n); None:
+            the force of an interface, the displacement of a part.
         """
         parts, interfaces = self.problem.substructures, self.problem.interfaces
         if of is None:
             if name in parts and name in interfaces:
-                raise SceneError(f"moments: {name!r} is a part and an interface: say of='force' or 'displacement'")
+                raise SceneError(
+                    f"moments: {name!r} is a part and an interface: say of='force' or of='displacement'"
+                )
             of = "displacement" if name in parts else "force"
         if of not in ("force", "jump", "displacement"):
             raise SceneError(f"moments: of = {of!r}: use 'force', 'jump' or 'displacement'")
@@ -329,8 +339,8 @@ class Face(ABC):
     def _no_grid(self, what: str) -> None:
         if self.statistics == "grid":
             raise SceneError(
-                f"{what}: the points of a sweep have no probability: read force, jump or table of all of them, "
-                "point(...) of one, or sample a problem with random parameters"
+                f"{what}: the points of a sweep have no probability: read force, jump or table of all of "
+                "them, point(...) of one, or sample a problem with random parameters"
             )
 
     # --- numbers -------------------------------------------------------------------------------

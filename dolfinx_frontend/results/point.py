@@ -81,7 +81,7 @@ class OnePoint(Face):
         return found
 
     def why_unknown(self, interface: str) -> str | None:
-        """Why the force of an interface that is not in `known` cannot follow from equilibrium; None: it may."""
+        """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
         why: str | None = self.whole.why_unknown(interface)
         return why
 

@@ -1,7 +1,7 @@
 """Forces of what was assembled into the parts, from their displacements.
 
-Springs and loads have a force at every point, which follows from the displacement there. Supports and glue have
-none: their resultants are reactions, from the equilibrium of one of their parts.
+Springs and loads have a force at every point, which follows from the displacement there. Supports and glue
+have none: their resultants are reactions, from the equilibrium of one of their parts.
 """
 
 from __future__ import annotations

@@ -236,7 +236,8 @@ def read(
         An interface by name that there is not, or that can have no row.
     """
     every, times = answer.problem.interfaces, answer.times
-    chosen = [interfaces] if isinstance(interfaces, str) else list(every if interfaces is None else interfaces)
+    wanted = every if interfaces is None else interfaces
+    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
     for name in chosen:
         if name not in every:
             raise unknown_name("interface", name, every, "table")
@@ -263,6 +264,5 @@ def read(
         for name, why in missing.items():
             raise SceneError(f"table: interface {name!r}: {why}")
     weights = [block.weights for block in blocks if block.weights is not None]
-    return Readings(
-        found, answer.statistics, times, np.concatenate(weights) if weights else None, answer.coordinates, missing
-    )
+    of_rule = np.concatenate(weights) if weights else None
+    return Readings(found, answer.statistics, times, of_rule, answer.coordinates, missing)

@@ -159,7 +159,8 @@ class Result(Value, Face):
             return force[0], jump[0]
         points = self.problem.here(name).num_points
         force, jump = (
-            timed(self.plan, block.reshape(points, -1, block.shape[-1])) for block in self._kernel_fields(name)
+            timed(self.plan, block.reshape(points, -1, block.shape[-1]))
+            for block in self._kernel_fields(name)
         )
         return force, jump
 

@@ -345,7 +345,7 @@ class SavedResult(Face):
         return None if values is None else values.reshape(*values.shape[:-2], -1)
 
     def unknowns(self, part: str) -> Array:
-        """Unknowns ([T,] n) of a part, length: of a random answer the mean, of a sweep those of its last point."""
+        """Unknowns ([T,] n) of a part, length: of a random answer the mean, of a sweep the last point."""
         self._check_part(part)
         values = self._numbers(part, "displacement")
         assert values is not None  # was asked before
@@ -422,8 +422,8 @@ class SavedResult(Face):
             self._check_part(name)
             if self.kind == "samples":
                 raise ResultFileError(
-                    f"{self.path}: displacements of {name!r} at single samples are not in the file, only their "
-                    "mean and deviation"
+                    f"{self.path}: displacements of {name!r} at single samples are not in the file, only "
+                    "their mean and deviation"
                 )
             values = self._numbers(name, "displacement")
             assert values is not None  # was asked before
@@ -451,20 +451,19 @@ class SavedResult(Face):
             self._stored(name, "force")
             if name in self._tree.get("nonlinear", ()):
                 raise ResultFileError(
-                    f"{self.path}: interface {name!r}: its law is not linear and not in the file, so its force at "
-                    "a sample is not known: ask the result before it is saved, or save samples of it "
-                    "(result.monte_carlo(1000).save(...))"
+                    f"{self.path}: interface {name!r}: its law is not linear and not in the file, so its "
+                    "force at a sample is not known: ask the result before it is saved, or save samples of "
+                    "it (result.monte_carlo(1000).save(...))"
                 )
             modes = self._coefficients(f"force:{name}"), self._coefficients(f"jump:{name}")
-            force: Array = np.tensordot(psi, modes[0], 1)
-            jump: Array = np.tensordot(psi, modes[1], 1)
+            force, jump = (np.asarray(np.tensordot(psi, each, 1), dtype=np.float64) for each in modes)
             return force, jump
 
         def displacement(name: str, unknowns: Ints | None) -> Array:
             self._check_part(name)
             block = self._coefficients(f"displacement:{name}")
-            u: Array = np.tensordot(psi, block if unknowns is None else block[..., unknowns], 1)
-            return u
+            wanted = block if unknowns is None else block[..., unknowns]
+            return np.asarray(np.tensordot(psi, wanted, 1), dtype=np.float64)
 
         return Block(len(points), both, displacement, germs=points)
 
@@ -540,8 +539,8 @@ def load(path: str | Path) -> SavedResult:
     if not OLDEST <= version <= VERSION:
         raise ResultFileError(
             f"{source} is a saved result of version {version}; this software reads versions {OLDEST} to "
-            f"{VERSION}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and save "
-            "again"
+            f"{VERSION}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and "
+            "save again"
         )
     try:
         return _read(source, _from_first(tree) if version == 1 else tree)
