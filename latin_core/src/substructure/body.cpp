@@ -124,12 +124,8 @@ class LowerSum {
 };
 
 SparseRows diagonal(const Vector& values) {
-  SparseRows matrix(values.size(), values.size());
-  matrix.reserve(Eigen::VectorXi::Ones(values.size()));
-  for (Index i = 0; i < values.size(); ++i) {
-    matrix.insert(i, i) = values(i);
-  }
-  matrix.makeCompressed();
+  SparseRows matrix = identity(values.size());  // compressed, also where it is empty
+  matrix.coeffs() = values;
   return matrix;
 }
 
