@@ -24,7 +24,7 @@ std::shared_ptr<PyObject> shared_reference(py::object object) {
 }
 
 /// A batched law written in Python.
-class PythonLaw final : public latin::Law {
+class PythonLaw final : public latin::interface::Law {
  public:
   PythonLaw(std::string name, std::vector<ParameterInfo> parameters, bool history,
             std::shared_ptr<PyObject> function)
@@ -40,11 +40,12 @@ class PythonLaw final : public latin::Law {
     return all;
   }
   [[nodiscard]] bool history() const override { return history_; }
-  [[nodiscard]] std::unique_ptr<latin::Law> blank() const override {
+  [[nodiscard]] std::unique_ptr<latin::interface::Law> blank() const override {
     return std::make_unique<PythonLaw>(name_, parameters_, history_, function_);
   }
 
-  void resolve(const latin::LocalProblem& problem, latin::MatrixRef force) const override {
+  void resolve(const latin::interface::LocalProblem& problem,
+               latin::MatrixRef force) const override {
     if (!problem.jump.allFinite()) {  // a diverging iteration is the solver's to report
       force.setConstant(std::numeric_limits<double>::quiet_NaN());
       return;
@@ -53,7 +54,7 @@ class PythonLaw final : public latin::Law {
     const Index components = problem.components;
     const Index points = force.rows() / components;
     const Index columns = force.cols();
-    const latin::ParameterField& imposed = get("jump");
+    const latin::interface::ParameterField& imposed = get("jump");
     py::array_t<double> jump({points, components, columns});
     auto jumps = jump.mutable_unchecked<3>();
     py::array_t<double> flexibility({points, components, Index{1}});
@@ -69,7 +70,7 @@ class PythonLaw final : public latin::Law {
     }
     py::dict values;
     for (const ParameterInfo& each : parameters_) {
-      const latin::ParameterField& field = get(each.name);
+      const latin::interface::ParameterField& field = get(each.name);
       py::array_t<double> array({points, columns});
       auto entries = array.mutable_unchecked<2>();
       for (Index point = 0; point < points; ++point) {
@@ -119,10 +120,11 @@ class PythonLaw final : public latin::Law {
 }  // namespace
 
 void bind_laws(py::module_& m) {
-  py::class_<latin::Law, std::shared_ptr<latin::Law>>(m, "Law", "A law that a user wrote")
-      .def_property_readonly("name", &latin::Law::name)
-      .def_property_readonly("history", &latin::Law::history)
-      .def_property_readonly("parameters", [](const latin::Law& law) {
+  py::class_<latin::interface::Law, std::shared_ptr<latin::interface::Law>>(
+      m, "Law", "A law that a user wrote")
+      .def_property_readonly("name", &latin::interface::Law::name)
+      .def_property_readonly("history", &latin::interface::Law::history)
+      .def_property_readonly("parameters", [](const latin::interface::Law& law) {
         std::vector<std::string> names;
         for (const auto& each : law.parameters()) {
           names.push_back(each.name);
@@ -132,10 +134,10 @@ void bind_laws(py::module_& m) {
   m.def(
       "python_law",
       [](std::string name, const std::vector<std::pair<std::string, double>>& parameters,
-         bool history, py::object resolve) -> std::shared_ptr<latin::Law> {
-        std::vector<latin::Law::ParameterInfo> all;
+         bool history, py::object resolve) -> std::shared_ptr<latin::interface::Law> {
+        std::vector<latin::interface::Law::ParameterInfo> all;
         for (const auto& [each, minimum] : parameters) {
-          all.push_back({each, latin::Law::Shape::per_point, minimum});
+          all.push_back({each, latin::interface::Law::Shape::per_point, minimum});
         }
         return std::make_shared<PythonLaw>(std::move(name), std::move(all), history,
                                            shared_reference(std::move(resolve)));
@@ -143,12 +145,14 @@ void bind_laws(py::module_& m) {
       py::kw_only(), "name"_a, "parameters"_a, "history"_a, "resolve"_a);
   m.def(
       "compiled_law",
-      [](const py::capsule& capsule) -> std::shared_ptr<latin::Law> {
-        if (capsule.name() == nullptr || std::string(capsule.name()) != latin::law_capsule) {
+      [](const py::capsule& capsule) -> std::shared_ptr<latin::interface::Law> {
+        if (capsule.name() == nullptr ||
+            std::string(capsule.name()) != latin::interface::law_capsule) {
           throw latin::InputError("a compiled law comes in a capsule of the name '" +
-                                  std::string(latin::law_capsule) + "'");
+                                  std::string(latin::interface::law_capsule) + "'");
         }
-        return latin::make_law(*capsule.get_pointer<const latin::LawFactory>());
+        return latin::interface::make_law(
+            *capsule.get_pointer<const latin::interface::LawFactory>());
       },
       "capsule"_a);
 }

@@ -18,17 +18,18 @@ struct Bars {
   double stiffness = 3.0;  ///< of every joint; infinite: perfect
   double direction = 1.3;
   std::string joint_law = "elastic";
-  latin::OperatorKind kind = latin::OperatorKind::automatic;
+  latin::substructure::OperatorKind kind = latin::substructure::OperatorKind::automatic;
 
   static constexpr Index nodes = 5;
   static constexpr double force = 2.0;
 
-  [[nodiscard]] latin::Problem build() const {
-    std::vector<latin::BodyDescription> bodies;
-    std::vector<latin::InterfaceDescription> interfaces;
+  [[nodiscard]] latin::substructure::Problem build() const {
+    std::vector<latin::substructure::BodyDescription> bodies;
+    std::vector<latin::substructure::InterfaceDescription> interfaces;
     const auto side = [this](Index part, Index node, double factor = 1.0) {
-      return latin::SideDescription{"bar" + std::to_string(part), chain::at(node, nodes),
-                                    Vector::Constant(1, factor * direction), 1.0};
+      return latin::substructure::SideDescription{"bar" + std::to_string(part),
+                                                  chain::at(node, nodes),
+                                                  Vector::Constant(1, factor * direction), 1.0};
     };
     const Matrix one = Matrix::Ones(1, 1);
     const Vector area = Vector::Ones(1);
@@ -51,9 +52,9 @@ struct Bars {
     interfaces.push_back({"wall", "perfect", area, one, {side(0, 0, far)}, {}, paired});
     interfaces.push_back(
         {"pull", "force", area, one, {side(parts - 1, nodes - 1, 1.0 / far)}, basis, paired});
-    latin::OperatorOptions options;
+    latin::substructure::OperatorOptions options;
     options.kind = kind;
-    latin::Problem problem(std::move(bodies), std::move(interfaces), options);
+    latin::substructure::Problem problem(std::move(bodies), std::move(interfaces), options);
     for (Index part = 1; part < parts && joint_law == "elastic"; ++part) {
       problem.set_parameter("joint" + std::to_string(part), "normal",
                             Matrix::Constant(1, 1, stiffness));
@@ -69,21 +70,22 @@ struct Bars {
   }
 };
 
-latin::Summary solved(const latin::Problem& problem, latin::State& state, Index acceleration = 10,
-                      double rtol = 1e-6) {
-  latin::Options options = chain::options(acceleration, rtol);
+latin::iteration::Summary solved(const latin::substructure::Problem& problem,
+                                 latin::iteration::State& state, Index acceleration = 10,
+                                 double rtol = 1e-6) {
+  latin::iteration::Options options = chain::options(acceleration, rtol);
   options.max_iterations = 300;
-  return latin::solve(problem, options, Matrix::Ones(1, 1), state, {}, {});
+  return latin::iteration::solve(problem, options, Matrix::Ones(1, 1), state, {}, {});
 }
 
 TEST(Macro, NumberOfPartsDoesNotMatter) {
   for (const char* law : {"elastic", "perfect"}) {
     for (const Index parts : {2, 8, 64, 512}) {
       const Bars bars{.parts = parts, .joint_law = law};
-      const latin::Problem problem = bars.build();
-      latin::State state;
-      const latin::Summary summary = solved(problem, state);
-      EXPECT_EQ(summary.status, latin::Status::converged);
+      const latin::substructure::Problem problem = bars.build();
+      latin::iteration::State state;
+      const latin::iteration::Summary summary = solved(problem, state);
+      EXPECT_EQ(summary.status, latin::iteration::Status::converged);
       // one moment is all that a bar has: the coarse problem is the whole problem
       EXPECT_LE(summary.iterations, 8) << law << ", " << parts << " parts";
       EXPECT_NEAR(chain::end_displacement(problem, state), bars.exact(), 1e-5 * bars.exact());
@@ -95,10 +97,10 @@ TEST(Macro, NumberOfPartsDoesNotMatter) {
 TEST(Macro, EachIsOfUseAlone) {
   const auto iterations = [](bool macro, bool paired) {
     const Bars bars{.parts = 16, .macro = macro, .paired = paired};
-    const latin::Problem problem = bars.build();
-    latin::State state;
-    const latin::Summary summary = solved(problem, state);
-    if (summary.status == latin::Status::converged) {
+    const latin::substructure::Problem problem = bars.build();
+    latin::iteration::State state;
+    const latin::iteration::Summary summary = solved(problem, state);
+    if (summary.status == latin::iteration::Status::converged) {
       EXPECT_NEAR(chain::end_displacement(problem, state), bars.exact(), 1e-4 * bars.exact());
     }
     return summary.iterations;
@@ -112,7 +114,7 @@ TEST(Macro, EachIsOfUseAlone) {
 
 TEST(Macro, BalancesForcesAndIsAProjection) {
   const Bars bars{.parts = 6};
-  const latin::Problem problem = bars.build();
+  const latin::substructure::Problem problem = bars.build();
   Matrix data(problem.rows(), 3);
   for (Index i = 0; i < data.size(); ++i) {
     data.data()[i] = std::sin(1.0 + 2.3 * static_cast<double>(i));
@@ -139,19 +141,20 @@ TEST(Macro, BalancesForcesAndIsAProjection) {
 TEST(Macro, AnswerDoesNotDependOnTheDirection) {
   for (const double direction : {1e-2, 1.0, 1e2}) {
     const Bars bars{.parts = 12, .direction = direction};
-    const latin::Problem problem = bars.build();
-    latin::State state;
-    EXPECT_EQ(solved(problem, state, 10, 1e-10).status, latin::Status::converged);
+    const latin::substructure::Problem problem = bars.build();
+    latin::iteration::State state;
+    EXPECT_EQ(solved(problem, state, 10, 1e-10).status, latin::iteration::Status::converged);
     EXPECT_NEAR(chain::end_displacement(problem, state), bars.exact(), 1e-8 * bars.exact());
   }
 }
 
 TEST(Pair, StepSolvesItsInterface) {
   // two bars: nothing but the joint couples them, and what holds and pulls them is nearly exact
-  for (const auto kind : {latin::OperatorKind::condensed, latin::OperatorKind::factored}) {
+  for (const auto kind : {latin::substructure::OperatorKind::condensed,
+                          latin::substructure::OperatorKind::factored}) {
     for (const double stiffness : {1e-6, 3.0, 1e8}) {
       const Bars bars{.parts = 2, .macro = false, .stiffness = stiffness, .kind = kind};
-      const latin::Problem problem = bars.build();
+      const latin::substructure::Problem problem = bars.build();
       Matrix data = Matrix::Zero(problem.rows(), 2);
       data(problem.first_row(0, 0), 0) = 1.0;
       data(problem.first_row(0, 1), 1) = -0.7;
@@ -184,8 +187,8 @@ TEST(Pair, RefusesWhatItCannotSolve) {
   bars.joint_law = "contact";
   EXPECT_THROW(static_cast<void>(bars.build()), latin::InputError);
   bars.paired = false;
-  const latin::Problem problem = bars.build();  // the coarse problem takes any law
-  latin::State state;
+  const latin::substructure::Problem problem = bars.build();  // the coarse problem takes any law
+  latin::iteration::State state;
   EXPECT_NO_THROW(solved(problem, state));
 }
 

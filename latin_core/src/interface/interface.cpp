@@ -2,7 +2,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 SparseRows to_local_frame(const SparseRows& trace, ConstMatrixRef frames, const std::string& name) {
   const Index dim = frames.cols();
@@ -32,4 +32,4 @@ SparseRows to_local_frame(const SparseRows& trace, ConstMatrixRef frames, const 
   return local;
 }
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -10,7 +10,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::substructure {
 namespace {
 
 /// Seconds since the last time it was asked.
@@ -389,7 +389,7 @@ bool Body::wants_condensation(const OperatorOptions& options) const {
 }
 
 void Body::factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options) {
-  factor_ = petsc::factorise(lower, condense ? active_ : 0, options.backend, name_);
+  factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
     throw InputError("body '" + name_ + "': backend '" + factor_->backend() +
@@ -579,4 +579,4 @@ double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef f
   return energy;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -8,7 +8,7 @@
 #include "latin/common/types.hpp"
 #include "latin/interface/law.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Geometry and law of one interface (or boundary interface). Rows of its fields are point-major in the
 /// local frame: row = components * point + component.
@@ -27,4 +27,4 @@ struct Interface {
 /// @throws InputError with `name` if shapes disagree
 SparseRows to_local_frame(const SparseRows& trace, ConstMatrixRef frames, const std::string& name);
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -12,7 +12,7 @@
 #include "latin/common/error.hpp"
 #include "latin/common/types.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Values of one law parameter: rows x columns, where a single row or column stands for all of them.
 class ParameterField {
@@ -146,7 +146,7 @@ std::unique_ptr<Law> make_law(const std::string& name);
 /// What a module of a user and the kernel must have in common: layout of Law, of Eigen's matrices and of
 /// the standard library. Both see this macro, each compiled in its own way.
 inline constexpr const char* law_abi =
-    "laws 2, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
+    "laws 3, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
         EIGEN_MAJOR_VERSION) "." LATIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " LATIN_TEXT(EIGEN_MAX_ALIGN_BYTES)
 #ifdef _GLIBCXX_USE_CXX11_ABI
         ", strings " LATIN_TEXT(_GLIBCXX_USE_CXX11_ABI)
@@ -178,4 +178,4 @@ class LawSource {
   std::shared_ptr<const Law> kind_;
 };
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -4,11 +4,11 @@
 #include <string>
 #include <vector>
 
+#include "latin/algebra/factor.hpp"
 #include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
-#include "latin/petsc/factor.hpp"
 
-namespace latin {
+namespace latin::substructure {
 
 /// One substructure of a body: u = Z q + u0, with q the unknowns of the body.
 struct Member {
@@ -54,7 +54,7 @@ enum class OperatorKind {
 
 struct OperatorOptions {
   OperatorKind kind = OperatorKind::automatic;
-  petsc::FactorBackend backend = petsc::FactorBackend::automatic;
+  algebra::FactorBackend backend = algebra::FactorBackend::automatic;
   double memory_limit = 0.0;  ///< bytes for the dense blocks of all bodies; 0: no limit
 };
 
@@ -154,7 +154,7 @@ class Body {
   SparseRows active_loads_;   ///< Z^T T^T W in these unknowns, (active, rows)
   Vector weights_;
   Vector direction_;
-  std::unique_ptr<petsc::Factor> factor_;
+  std::unique_ptr<algebra::Factor> factor_;
   Matrix condensed_;  ///< L of the Schur complement, or empty
   // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), formed after many products
   mutable Matrix compliance_;
@@ -178,4 +178,4 @@ class Body {
   BodyCost cost_;
 };
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
-#include "latin/latin/history.hpp"
-#include "latin/latin/problem.hpp"
+#include "latin/iteration/history.hpp"
+#include "latin/substructure/problem.hpp"
 
-namespace latin {
+namespace latin::iteration {
 
 /// Semi-smooth Newton on the interface forces, one column after the other.
 ///
@@ -28,7 +28,7 @@ namespace latin {
 /// back. `Flexibility` has the dense matrix of it, once for a problem.
 class Newton {
  public:
-  Newton(const Problem& problem, const Matrix& amplitudes);
+  Newton(const substructure::Problem& problem, const Matrix& amplitudes);
 
   struct Outcome {
     Index solved = 0;     ///< columns solved, from the first; the others stay as they were
@@ -79,10 +79,10 @@ class Newton {
   [[nodiscard]] Vector times(const Matrix& tangent, const Vector& p) const;
   [[nodiscard]] double norm(const Vector& force) const;
 
-  const Problem& problem_;
+  const substructure::Problem& problem_;
   const Matrix& amplitudes_;
-  const Flexibility& flexibility_;
-  Problem::Layout layout_;
+  const substructure::Flexibility& flexibility_;
+  substructure::Problem::Layout layout_;
   Vector own_;          ///< flexibility at which the laws are asked
   Vector shift_;        ///< own_ + E^T k^-1 E
   Vector metric_;       ///< areas * own_
@@ -91,4 +91,4 @@ class Newton {
   std::vector<Zone> zones_;
 };
 
-}  // namespace latin
+}  // namespace latin::iteration

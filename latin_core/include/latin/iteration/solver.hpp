@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "latin/latin/history.hpp"
-#include "latin/latin/problem.hpp"
+#include "latin/iteration/history.hpp"
+#include "latin/substructure/problem.hpp"
 
-namespace latin {
+namespace latin::iteration {
 
 /// How an iteration ended.
 enum class Status {
@@ -76,7 +76,8 @@ struct Summary {
 /// @param snapshots  states of other parameter sets with the same loads; the start is the affine
 ///                   combination of them that leaves the smallest residual, at the cost of local stages only
 /// @throws InputError on options out of range
-Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
-              State& state, const std::vector<const State*>& snapshots, const Callback& callback);
+Summary solve(const substructure::Problem& problem, const Options& options,
+              const Matrix& amplitudes, State& state, const std::vector<const State*>& snapshots,
+              const Callback& callback);
 
-}  // namespace latin
+}  // namespace latin::iteration

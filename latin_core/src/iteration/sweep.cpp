@@ -1,4 +1,4 @@
-#include "latin/latin/sweep.hpp"
+#include "latin/iteration/sweep.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -7,9 +7,9 @@
 #include <span>
 
 #include "latin/common/error.hpp"
-#include "latin/latin/batch.hpp"
+#include "latin/iteration/batch.hpp"
 
-namespace latin {
+namespace latin::iteration {
 namespace {
 
 /// All swept values, one column a point, every one scaled by its range.
@@ -52,9 +52,9 @@ constexpr Index streak_before_batch = 3;
 /// Parameters that change from column to column are repeated for several sets, and put back in the end.
 class Repeated {
  public:
-  Repeated(Problem& problem, Index sets) : problem_(problem) {
+  Repeated(substructure::Problem& problem, Index sets) : problem_(problem) {
     for (std::size_t i = 0; i < problem.interfaces(); ++i) {
-      const Interface& interface = problem.interface(i);
+      const interface::Interface& interface = problem.interface(i);
       for (const auto& info : interface.law->parameters()) {
         const Matrix& values = interface.law->get(info.name).values();
         if (values.cols() > 1) {
@@ -82,13 +82,13 @@ class Repeated {
     std::string parameter;
     Matrix values;
   };
-  Problem& problem_;
+  substructure::Problem& problem_;
   std::vector<Original> originals_;
 };
 
 class Sweep {
  public:
-  Sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
+  Sweep(substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
         const std::vector<SweptParameter>& parameters, std::vector<State> known,
         std::vector<Index> known_points, const Callback& callback,
         const PointCallback& point_callback)
@@ -273,7 +273,7 @@ class Sweep {
     streak_ = 2 * answered > sets ? std::min(2 * sets, 2 * most_together_) : 0;
   }
 
-  Problem& problem_;
+  substructure::Problem& problem_;
   const Options& options_;
   const Matrix& amplitudes_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
@@ -289,7 +289,7 @@ class Sweep {
 
 }  // namespace
 
-void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
+void sweep(substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
            const PointCallback& point_callback) {
@@ -327,4 +327,4 @@ std::vector<Index> snake_order(const std::vector<Index>& shape) {
   return order;
 }
 
-}  // namespace latin
+}  // namespace latin::iteration

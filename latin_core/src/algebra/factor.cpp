@@ -1,4 +1,4 @@
-#include "latin/petsc/factor.hpp"
+#include "latin/algebra/factor.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -9,14 +9,14 @@
 #include <unordered_map>
 #include <vector>
 
+#include "latin/algebra/handle.hpp"
 #include "latin/common/error.hpp"
-#include "latin/petsc/handle.hpp"
 
 #ifdef LATIN_HAVE_CHOLMOD
 #include <cholmod.h>
 #endif
 
-namespace latin::petsc {
+namespace latin::algebra {
 namespace {
 
 std::string not_definite(const std::string& name, const std::string& where) {
@@ -354,4 +354,4 @@ std::string available_backends() {
 #endif
 }
 
-}  // namespace latin::petsc
+}  // namespace latin::algebra

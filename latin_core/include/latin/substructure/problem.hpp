@@ -10,12 +10,12 @@
 #include "latin/common/communicator.hpp"
 #include "latin/common/workspace.hpp"
 #include "latin/interface/interface.hpp"
-#include "latin/latin/flexibility.hpp"
-#include "latin/latin/macro.hpp"
-#include "latin/latin/pair.hpp"
 #include "latin/substructure/body.hpp"
+#include "latin/substructure/flexibility.hpp"
+#include "latin/substructure/macro.hpp"
+#include "latin/substructure/pair.hpp"
 
-namespace latin {
+namespace latin::substructure {
 
 /// One side of an interface, as the caller describes it. Of a side on another rank only the member is
 /// given: the rest comes from there.
@@ -43,7 +43,7 @@ struct Size {
 /// lie on two ranks is described on both, alike.
 struct InterfaceDescription {
   std::string name;
-  LawSource law;                       ///< a name, see make_law(), or a law of the caller
+  interface::LawSource law;            ///< a name, see make_law(), or a law of the caller
   Vector weights;                      ///< (points) areas, > 0
   Matrix frames;                       ///< (components * points, dim), orthonormal rows
   std::vector<SideDescription> sides;  ///< one or two
@@ -72,7 +72,7 @@ struct LawColumns {
   std::vector<Matrix> backward;  ///< (q, c) each
   /// Parameters as the law sees them in the samples: name -> field of q columns. They are not held to the
   /// law's minimum: eigenvalues of a Galerkin matrix are not values, and the caller guards their sign.
-  std::vector<std::pair<std::string, ParameterField>> parameters;
+  std::vector<std::pair<std::string, interface::ParameterField>> parameters;
 };
 
 /// Substructures and active interfaces, factorised: everything of a scene that stays constant while
@@ -103,7 +103,7 @@ class Problem {
   [[nodiscard]] Index active_unknowns() const;
   [[nodiscard]] const std::vector<Body>& bodies() const { return bodies_; }
   [[nodiscard]] std::size_t interfaces() const { return interfaces_.size(); }
-  [[nodiscard]] const Interface& interface(std::size_t i) const {
+  [[nodiscard]] const interface::Interface& interface(std::size_t i) const {
     return interfaces_.at(i).geometry;
   }
   /// @throws InputError with the known names
@@ -226,14 +226,14 @@ class Problem {
 
  private:
   struct Entry {
-    Interface geometry;
+    interface::Interface geometry;
     std::vector<Index> rows;  ///< first row of each side
     Vector flexibility;       ///< 1/k1 (+ 1/k2)
     Index first_unknown = 0;  ///< among the points and components of all interfaces
     Matrix basis;
     bool paired = false;
     std::vector<LawColumns> groups;
-    std::vector<std::shared_ptr<Law>> group_laws;
+    std::vector<std::shared_ptr<interface::Law>> group_laws;
     /// The side on another rank, with its slot in the exchange; rank -1: none.
     struct Away {
       std::size_t side = 0;
@@ -296,4 +296,4 @@ class Problem {
   mutable std::vector<Pair> pairs_;
 };
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -1,8 +1,8 @@
-#include "latin/latin/macro.hpp"
+#include "latin/substructure/macro.hpp"
 
 #include <algorithm>
 
-namespace latin {
+namespace latin::substructure {
 
 Macro::Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
              const std::vector<MacroInterface>& interfaces) {
@@ -62,7 +62,7 @@ Macro::Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_ro
   }
   SparseColumns lower(size_, size_);
   lower.setFromTriplets(entries.begin(), entries.end());
-  factor_ = petsc::factorise(lower, 0, petsc::FactorBackend::automatic, "coarse problem");
+  factor_ = algebra::factorise(lower, 0, algebra::FactorBackend::automatic, "coarse problem");
 }
 
 Matrix Macro::correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) const {
@@ -83,4 +83,4 @@ Matrix Macro::correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) c
   return added;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -1,4 +1,4 @@
-#include "latin/latin/flexibility.hpp"
+#include "latin/substructure/flexibility.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
@@ -7,7 +7,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::substructure {
 namespace {
 
 /// Modes of a body that are looked for: the rigid ones of two parts.
@@ -198,4 +198,4 @@ Matrix Flexibility::jump(ConstMatrixRef v) const {
   return result;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -5,7 +5,7 @@
 
 #include "latin/common/types.hpp"
 
-namespace latin::petsc {
+namespace latin::algebra {
 
 /// Which library factorises. `automatic` is CHOLMOD where it was built in, else MUMPS through PETSc.
 enum class FactorBackend { automatic, cholmod, mumps };
@@ -47,4 +47,4 @@ std::unique_ptr<Factor> factorise(const SparseColumns& lower, Index trailing, Fa
 /// Backends that this build has, the default one first.
 std::string available_backends();
 
-}  // namespace latin::petsc
+}  // namespace latin::algebra

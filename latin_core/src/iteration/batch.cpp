@@ -1,11 +1,11 @@
-#include "latin/latin/batch.hpp"
+#include "latin/iteration/batch.hpp"
 
 #include <algorithm>
 #include <limits>
 
-#include "latin/latin/history.hpp"
+#include "latin/iteration/history.hpp"
 
-namespace latin {
+namespace latin::iteration {
 namespace {
 
 /// The same block for every set. (Eigen's replicate divides for every number.)
@@ -20,7 +20,7 @@ Matrix repeated(const Matrix& block, Index sets) {
 /// Residuals in the metric W/k, one column a set, and their differences between snapshots.
 class Residuals {
  public:
-  Residuals(const Problem& problem, Index columns, Index sets, Index differences)
+  Residuals(const substructure::Problem& problem, Index columns, Index sets, Index differences)
       : scale_(problem.weights()
                    .cwiseQuotient(problem.directions())
                    .cwiseSqrt()
@@ -75,19 +75,19 @@ class Residuals {
 };
 
 /// As `Summary::error` of a run whose history is this fit; infinity if it explains too little.
-double estimate(const Problem& problem, const Fit& fit, const Advanced& answer, const Matrix& away,
-                const Matrix& traces_away, const Size& whole) {
+double estimate(const substructure::Problem& problem, const Fit& fit, const Advanced& answer,
+                const Matrix& away, const Matrix& traces_away, const substructure::Size& whole) {
   const double explained = std::sqrt(std::max(0.0, 1.0 - fit.remainder * fit.remainder));
   if (explained < least_explained) {
     return std::numeric_limits<double>::infinity();
   }
-  const Size wrong = problem.difference_size(away, traces_away);
+  const substructure::Size wrong = problem.difference_size(away, traces_away);
   return std::max(wrong.relative_to(whole) / explained, least_of_indicator * answer.indicator);
 }
 
 }  // namespace
 
-std::vector<Advanced> advance_together(const Problem& problem, const Options& options,
+std::vector<Advanced> advance_together(const substructure::Problem& problem, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots) {
   const Index rows = problem.rows();
@@ -154,7 +154,8 @@ std::vector<Advanced> advance_together(const Problem& problem, const Options& op
     answer.indicator = stage_distance(
         stage_shares(problem, answer.state, residual.middleCols(set * columns, columns)));
     answer.residual = left.col(set).norm();
-    const Size whole = problem.size(answer.state.data, answer.state.traces, amplitudes);
+    const substructure::Size whole =
+        problem.size(answer.state.data, answer.state.traces, amplitudes);
     answer.energy = whole.strain;
     const double rounding =
         rounding_share * data_of.col(set).cwiseProduct(residuals.scale()).norm();
@@ -173,4 +174,4 @@ std::vector<Advanced> advance_together(const Problem& problem, const Options& op
   return answers;
 }
 
-}  // namespace latin
+}  // namespace latin::iteration

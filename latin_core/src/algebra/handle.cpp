@@ -1,4 +1,4 @@
-#include "latin/petsc/handle.hpp"
+#include "latin/algebra/handle.hpp"
 
 #include <cmath>
 #include <memory>
@@ -7,7 +7,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin::petsc {
+namespace latin::algebra {
 
 void check(PetscErrorCode code, std::string_view doing) {
   if (code == PETSC_SUCCESS) {
@@ -144,4 +144,4 @@ SparseRows to_sparse(Mat matrix, std::string_view name) {
   return copy;
 }
 
-}  // namespace latin::petsc
+}  // namespace latin::algebra

@@ -13,7 +13,7 @@
 
 /// Thin, move-only access to PETSc. Nothing here initialises or finalises PETSc: whoever created the
 /// objects (petsc4py, a test's main) has done so.
-namespace latin::petsc {
+namespace latin::algebra {
 
 static_assert(sizeof(PetscInt) == sizeof(int), "latin needs a PETSc built with 32-bit indices");
 static_assert(std::same_as<PetscScalar, double>, "latin needs a real, double precision PETSc");
@@ -74,4 +74,4 @@ std::shared_ptr<const SparseView> view_sparse(Mat matrix, std::string_view name)
 /// @throws InputError if the matrix is not sequential, or holds a NaN or infinity; `name` is named.
 SparseRows to_sparse(Mat matrix, std::string_view name);
 
-}  // namespace latin::petsc
+}  // namespace latin::algebra

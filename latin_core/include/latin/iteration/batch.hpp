@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "latin/latin/solver.hpp"
+#include "latin/iteration/solver.hpp"
 
-namespace latin {
+namespace latin::iteration {
 
 /// A point of a sweep after one iteration.
 struct Advanced {
@@ -24,8 +24,8 @@ struct Advanced {
 /// @param sets       parameter sets
 /// @param snapshots  two states or more, (rows, c) each
 /// @param amplitudes (loads, c), the same for all sets
-std::vector<Advanced> advance_together(const Problem& problem, const Options& options,
+std::vector<Advanced> advance_together(const substructure::Problem& problem, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots);
 
-}  // namespace latin
+}  // namespace latin::iteration

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
-#include "latin/latin/problem.hpp"
+#include "latin/substructure/problem.hpp"
 
-namespace latin {
+namespace latin::iteration {
 
 /// Interface data and their traces: the whole state of the method.
 struct State {
@@ -26,7 +26,7 @@ inline constexpr double least_of_indicator = 0.3;
 inline constexpr double rounding_share = 2e-13;
 
 /// This rank's shares of the squared distance of the two stages and of their squared size, in k and 1/k.
-std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+std::array<double, 2> stage_shares(const substructure::Problem& problem, const State& state,
                                    ConstMatrixRef residual);
 /// The paper's indicator (Ladeveze 1999), from the sums of the shares: distance over size.
 double stage_distance(const std::array<double, 2>& shares);
@@ -55,7 +55,7 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm);
 class History {
  public:
   /// @param depth largest number of differences kept
-  History(const Problem& problem, Index columns, Index depth);
+  History(const substructure::Problem& problem, Index columns, Index depth);
 
   void clear();
   [[nodiscard]] Index size() const { return size_; }
@@ -77,7 +77,7 @@ class History {
   /// Estimated relative error of the present iterate, whose own size is `whole`; infinity with an empty
   /// history. Collective. A residual up to `rounding` is noise: no combination of differences is fitted to it, it is
   /// amplified as the worst of them was.
-  [[nodiscard]] double error(const Size& whole, double rounding) const;
+  [[nodiscard]] double error(const substructure::Size& whole, double rounding) const;
   /// step = beta r - (dS + beta dR) gamma: the predicted error taken off, the remainder mixed in.
   void step(ConstMatrixRef residual, double beta, MatrixRef step);
 
@@ -86,11 +86,11 @@ class History {
 
  private:
   /// Largest |dS| / |dR| in the history, |dS| relative to `whole`.
-  [[nodiscard]] double amplification(const Size& whole, double rounding) const;
+  [[nodiscard]] double amplification(const substructure::Size& whole, double rounding) const;
   [[nodiscard]] Eigen::Map<const Matrix> block(const Matrix& store, Index slot) const;
   [[nodiscard]] Eigen::Map<Matrix> shaped(Vector& vector) const;
 
-  const Problem* problem_;
+  const substructure::Problem* problem_;
   Index rows_;
   Index columns_;
   Index depth_;
@@ -121,13 +121,13 @@ class Hindsight {
  public:
   static constexpr std::size_t most = 2;  ///< iterates kept
 
-  Hindsight(const Problem& problem, Index columns);
+  Hindsight(const substructure::Problem& problem, Index columns);
 
   /// This rank's shares of the sizes (strain, trace) of the distances to the iterates kept.
   [[nodiscard]] std::array<double, 2 * most> shares(const State& state) const;
   /// The estimate of the present iterate of that residual and size, raised to what the iterates kept say.
   /// @param sums of the shares over all ranks
-  [[nodiscard]] double raised(double estimate, double residual, const Size& whole,
+  [[nodiscard]] double raised(double estimate, double residual, const substructure::Size& whole,
                               std::span<const double> sums) const;
   /// Keep an iterate, if its residual is well below that of the last one kept.
   void keep(const State& state, double estimate, double residual);
@@ -139,9 +139,9 @@ class Hindsight {
     double residual = 0.0;
   };
 
-  const Problem* problem_;
+  const substructure::Problem* problem_;
   std::array<Kept, most> kept_;  ///< the newest first
   std::size_t size_ = 0;
 };
 
-}  // namespace latin
+}  // namespace latin::iteration

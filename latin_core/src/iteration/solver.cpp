@@ -1,4 +1,4 @@
-#include "latin/latin/solver.hpp"
+#include "latin/iteration/solver.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -11,9 +11,9 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
-#include "latin/latin/newton.hpp"
+#include "latin/iteration/newton.hpp"
 
-namespace latin {
+namespace latin::iteration {
 namespace {
 
 using Clock = std::chrono::steady_clock;
@@ -73,8 +73,8 @@ constexpr double settled = 1e-10;
 /// One solve: the local and the global stage in turn.
 class Run {
  public:
-  Run(const Problem& problem, const Options& options, const Matrix& amplitudes, State& state,
-      std::size_t snapshots, const Callback& callback)
+  Run(const substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
+      State& state, std::size_t snapshots, const Callback& callback)
       : problem_(problem),
         options_(options),
         amplitudes_(amplitudes),
@@ -139,7 +139,7 @@ class Run {
       const auto measuring = Clock::now();
       const Measure measured = measure();
       const double norm = history_.residual_norm();
-      const Size& size = measured.size;
+      const substructure::Size& size = measured.size;
       summary_.indicator = measured.indicator;
       double error = estimate(norm, measured);
       if (error <= options_.rtol && !proposed_ && failures_ > 0) {
@@ -233,7 +233,7 @@ class Run {
 
   /// What the ranks add up of one iterate.
   struct Measure {
-    Size size;
+    substructure::Size size;
     double indicator;
     double data_norm;
     std::array<double, 2 * Hindsight::most> distances;
@@ -242,7 +242,7 @@ class Run {
   /// Fit the history to the present residual; all numbers that decide anything go through this one reduction
   /// and that of the error estimate.
   Measure measure() {
-    const Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
+    const substructure::Size size = problem_.share_of_size(state_.data, state_.traces, amplitudes_);
     const auto [distance, extent] = stage_shares(problem_, state_, residual_);
     Measure measured{};
     std::array<double, 8 + 2 * Hindsight::most> sums{size.strain,
@@ -259,7 +259,7 @@ class Run {
       problem_.communicator().agree(failure_);
     }
     stop_ = sums[7] > 0.0;
-    measured.size = Size{sums[0], sums[1], sums[2]}.positive();
+    measured.size = substructure::Size{sums[0], sums[1], sums[2]}.positive();
     measured.indicator = stage_distance({sums[3], sums[4]});
     measured.data_norm = std::sqrt(sums[5]);
     std::copy(sums.begin() + 8, sums.end(), measured.distances.begin());
@@ -282,7 +282,7 @@ class Run {
       const double after = norm_of(step_residual_);
       const double left = after > settled * measured.data_norm ? after / norm : 0.0;
       if (left < believable) {
-        const Size error = problem_.difference_size(step_, step_traces_);
+        const substructure::Size error = problem_.difference_size(step_, step_traces_);
         return std::max(error.relative_to(measured.size) / (1.0 - left), least);
       }
     }
@@ -459,7 +459,7 @@ class Run {
     }
   }
 
-  const Problem& problem_;
+  const substructure::Problem& problem_;
   const Options& options_;
   const Matrix& amplitudes_;
   State& state_;
@@ -516,8 +516,9 @@ std::string to_string(Status status) {
   return "unknown";
 }
 
-Summary solve(const Problem& problem, const Options& options, const Matrix& amplitudes,
-              State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
+Summary solve(const substructure::Problem& problem, const Options& options,
+              const Matrix& amplitudes, State& state, const std::vector<const State*>& snapshots,
+              const Callback& callback) {
   const Index columns = amplitudes.cols();
   const auto fit = [&problem, columns](const State& each) {
     if (each.data.rows() != problem.rows() || each.data.cols() != columns ||
@@ -559,4 +560,4 @@ Summary solve(const Problem& problem, const Options& options, const Matrix& ampl
   return run.run(false);
 }
 
-}  // namespace latin
+}  // namespace latin::iteration

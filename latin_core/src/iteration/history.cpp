@@ -1,4 +1,4 @@
-#include "latin/latin/history.hpp"
+#include "latin/iteration/history.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-namespace latin {
+namespace latin::iteration {
 namespace {
 
 /// An iterate whose residual has fallen to this share is the next to look back on.
@@ -16,7 +16,7 @@ constexpr double noise = 1e-10;
 
 }  // namespace
 
-std::array<double, 2> stage_shares(const Problem& problem, const State& state,
+std::array<double, 2> stage_shares(const substructure::Problem& problem, const State& state,
                                    ConstMatrixRef residual) {
   std::array<double, 2> shares{};
   const Vector& k = problem.directions();
@@ -67,7 +67,7 @@ Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
   return fit;
 }
 
-History::History(const Problem& problem, Index columns, Index depth)
+History::History(const substructure::Problem& problem, Index columns, Index depth)
     : problem_(&problem),
       rows_(problem.rows()),
       columns_(columns),
@@ -173,7 +173,7 @@ const State& History::predicted_error() const {
   return error_;
 }
 
-double History::error(const Size& whole, double rounding) const {
+double History::error(const substructure::Size& whole, double rounding) const {
   if (residual_norm_ == 0.0) {
     return 0.0;
   }
@@ -189,12 +189,13 @@ double History::error(const Size& whole, double rounding) const {
   return problem_->difference_size(error.data, error.traces).relative_to(whole) / explained;
 }
 
-double History::amplification(const Size& whole, double rounding) const {
+double History::amplification(const substructure::Size& whole, double rounding) const {
   double worst = size_ > 0 ? 0.0 : std::numeric_limits<double>::infinity();
   for (Index slot = 0; slot < size_; ++slot) {
     const double norm = std::sqrt(gram_(slot, slot));
     if (norm > rounding) {
-      const Size size = problem_->difference_size(block(data_, slot), block(traces_, slot));
+      const substructure::Size size =
+          problem_->difference_size(block(data_, slot), block(traces_, slot));
       worst = std::max(worst, size.relative_to(whole) / norm);
     }
   }
@@ -211,7 +212,7 @@ void History::step(ConstMatrixRef residual, double beta, MatrixRef step) {
   step = beta * step - predicted_error().data;
 }
 
-Hindsight::Hindsight(const Problem& problem, Index columns) : problem_(&problem) {
+Hindsight::Hindsight(const substructure::Problem& problem, Index columns) : problem_(&problem) {
   for (Kept& each : kept_) {
     each.state.data.resize(problem.rows(), columns);
     each.state.traces.resize(problem.rows(), columns);
@@ -222,7 +223,7 @@ std::array<double, 2 * Hindsight::most> Hindsight::shares(const State& state) co
   std::array<double, 2 * most> shares{};
   for (std::size_t i = 0; i < size_; ++i) {
     const State& then = kept_[i].state;
-    const Size share =
+    const substructure::Size share =
         problem_->share_of_distance(state.data, state.traces, then.data, then.traces);
     shares[2 * i] = share.strain;
     shares[2 * i + 1] = share.trace;
@@ -230,11 +231,12 @@ std::array<double, 2 * Hindsight::most> Hindsight::shares(const State& state) co
   return shares;
 }
 
-double Hindsight::raised(double estimate, double residual, const Size& whole,
+double Hindsight::raised(double estimate, double residual, const substructure::Size& whole,
                          std::span<const double> sums) const {
   double said = 0.0;
   for (std::size_t i = 0; i < size_; ++i) {
-    const Size distance = Size{sums[2 * i], sums[2 * i + 1], 0.0}.positive();
+    const substructure::Size distance =
+        substructure::Size{sums[2 * i], sums[2 * i + 1], 0.0}.positive();
     const double fall =
         std::sqrt(estimate / kept_[i].estimate) * std::sqrt(residual / kept_[i].residual);
     said = std::max(said, distance.relative_to(whole) * std::min(fall, 1.0));
@@ -255,4 +257,4 @@ void Hindsight::keep(const State& state, double estimate, double residual) {
   size_ = std::min(size_ + 1, most);
 }
 
-}  // namespace latin
+}  // namespace latin::iteration

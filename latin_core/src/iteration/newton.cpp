@@ -1,18 +1,18 @@
-#include "latin/latin/newton.hpp"
+#include "latin/iteration/newton.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "latin/latin/flexibility.hpp"
+#include "latin/substructure/flexibility.hpp"
 
-namespace latin {
+namespace latin::iteration {
 namespace {
 
 /// Tangents closer than this are the same: they come from differences.
 constexpr double same_tangent = 1e-6;
-constexpr double with_mu = 1.0 + 2.0 * Flexibility::mu;
-constexpr double modal = with_mu / (1.0 + Flexibility::mu);
+constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
+constexpr double modal = with_mu / (1.0 + substructure::Flexibility::mu);
 /// Steps without a better residual before another tangent is tried, and a residual that counts as better.
 constexpr Index patience = 5;
 constexpr double better = 0.7;
@@ -35,7 +35,7 @@ constexpr double averaged = 0.8;
 
 }  // namespace
 
-Newton::Newton(const Problem& problem, const Matrix& amplitudes)
+Newton::Newton(const substructure::Problem& problem, const Matrix& amplitudes)
     : problem_(problem),
       amplitudes_(amplitudes),
       flexibility_(problem.flexibility()),
@@ -337,4 +337,4 @@ void Newton::factorise(const Matrix& tangent, Zone& zone) const {
   }
 }
 
-}  // namespace latin
+}  // namespace latin::iteration

@@ -5,7 +5,7 @@
 #include "latin/common/types.hpp"
 #include "latin/substructure/body.hpp"
 
-namespace latin {
+namespace latin::substructure {
 
 /// Dense flexibility of the interfaces of condensed bodies: what Newton's step needs of the global stage.
 ///
@@ -84,4 +84,4 @@ class Flexibility {
   Vector modal_stiffness_;
 };
 
-}  // namespace latin
+}  // namespace latin::substructure

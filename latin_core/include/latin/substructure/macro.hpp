@@ -3,10 +3,10 @@
 #include <memory>
 #include <vector>
 
-#include "latin/petsc/factor.hpp"
+#include "latin/algebra/factor.hpp"
 #include "latin/substructure/body.hpp"
 
-namespace latin {
+namespace latin::substructure {
 
 /// An interface in the coarse problem.
 struct MacroInterface {
@@ -50,7 +50,7 @@ class Macro {
 
   Index size_ = 0;
   std::vector<Part> parts_;
-  std::unique_ptr<petsc::Factor> factor_;
+  std::unique_ptr<algebra::Factor> factor_;
 };
 
-}  // namespace latin
+}  // namespace latin::substructure

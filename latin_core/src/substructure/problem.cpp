@@ -1,4 +1,4 @@
-#include "latin/latin/problem.hpp"
+#include "latin/substructure/problem.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::substructure {
 namespace {
 
 /// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
@@ -152,8 +152,9 @@ void Problem::build(std::vector<BodyDescription> bodies,
       }
       entry.flexibility += side.direction.cwiseInverse();
       const auto [body, member] = found->second;
-      sides[body].push_back({member, to_local_frame(side.trace, interface.frames, interface.name),
-                             entry.geometry.weights, std::move(side.direction)});
+      sides[body].push_back(
+          {member, interface::to_local_frame(side.trace, interface.frames, interface.name),
+           entry.geometry.weights, std::move(side.direction)});
       owner[body].emplace_back(i, s);
     }
     if (interface.basis.size() > 0 && interface.basis.rows() != points * components) {
@@ -303,24 +304,25 @@ bool Problem::has_interface(const std::string& name) const {
 void Problem::set_parameter(const std::string& interface, const std::string& parameter,
                             Matrix values) {
   const Entry& entry = interfaces_[find_interface(interface)];
-  Law& law = *entry.geometry.law;
+  interface::Law& law = *entry.geometry.law;
   for (const auto& info : law.parameters()) {
     if (info.name != parameter) {
       continue;
     }
-    const Index expected = info.shape == Law::Shape::per_point
+    const Index expected = info.shape == interface::Law::Shape::per_point
                                ? entry.geometry.points
                                : entry.geometry.points * entry.geometry.components;
-    if (values.rows() != expected && !(values.rows() == 1 && info.shape == Law::Shape::per_point)) {
-      throw InputError("interface '" + interface + "': parameter '" + parameter + "' has " +
-                       std::to_string(values.rows()) + " rows, expected " +
-                       std::to_string(expected) +
-                       (info.shape == Law::Shape::per_point ? " (one a point) or 1"
-                                                            : " (one a point and component)"));
+    if (values.rows() != expected &&
+        !(values.rows() == 1 && info.shape == interface::Law::Shape::per_point)) {
+      throw InputError(
+          "interface '" + interface + "': parameter '" + parameter + "' has " +
+          std::to_string(values.rows()) + " rows, expected " + std::to_string(expected) +
+          (info.shape == interface::Law::Shape::per_point ? " (one a point) or 1"
+                                                          : " (one a point and component)"));
     }
   }
   try {
-    law.set(parameter, ParameterField(std::move(values)));
+    law.set(parameter, interface::ParameterField(std::move(values)));
   } catch (const InputError& error) {
     throw InputError("interface '" + interface + "': " + error.what());
   }
@@ -357,12 +359,12 @@ void Problem::set_columns(const std::string& interface, std::vector<LawColumns> 
          "groups must cover the components in order, without gaps");
   entry.group_laws.clear();
   for (const LawColumns& group : groups) {
-    std::shared_ptr<Law> law = entry.geometry.law->blank();
+    std::shared_ptr<interface::Law> law = entry.geometry.law->blank();
     for (const auto& info : law->parameters()) {
       law->set(info.name, entry.geometry.law->get(info.name));
     }
     for (const auto& [name, field] : group.parameters) {
-      law->set(name, field, Law::Range::any);
+      law->set(name, field, interface::Law::Range::any);
     }
     entry.group_laws.push_back(std::move(law));
   }
@@ -374,7 +376,7 @@ void Problem::check_columns(Index columns) const {
     throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
                      std::to_string(steps_) + " time steps");
   }
-  const auto check = [](const std::string& name, const Law& law, Index available) {
+  const auto check = [](const std::string& name, const interface::Law& law, Index available) {
     for (const auto& info : law.parameters()) {
       const Index given = law.get(info.name).values().cols();
       if (given != 1 && given != available) {
@@ -545,7 +547,7 @@ Block Problem::free_jump(const Entry& entry, ConstMatrixRef data, ConstMatrixRef
 
 Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
   const Index components = entry.geometry.components;
-  const auto ask = [&](const Law& law, const Block& jump, Workspace& work) {
+  const auto ask = [&](const interface::Law& law, const Block& jump, Workspace& work) {
     Block answer = work.shaped(jump.rows(), jump.cols());
     law.resolve({components, jump, entry.flexibility, steps_, entry.geometry.name}, answer);
     return answer;
@@ -556,7 +558,7 @@ Block Problem::resolve(const Entry& entry, const Block& free_jump) const {
   Block force = force_.shaped(free_jump.rows(), free_jump.cols());
   for (std::size_t g = 0; g < entry.groups.size(); ++g) {
     const LawColumns& group = entry.groups[g];
-    const Law& law = *entry.group_laws[g];
+    const interface::Law& law = *entry.group_laws[g];
     const Block back =
         group.forward.empty()
             ? ask(law, free_jump, back_)
@@ -710,7 +712,8 @@ Matrix Problem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index c
     const Index rows = entry.flexibility.size();
     const Matrix jump = jumps.middleRows(entry.first_unknown, rows);
     const Vector own = flexibility.segment(entry.first_unknown, rows);
-    const LocalProblem local{entry.geometry.components, jump, own, steps_, entry.geometry.name};
+    const interface::LocalProblem local{entry.geometry.components, jump, own, steps_,
+                                        entry.geometry.name};
     Matrix known(rows, entry.geometry.components);
     if (entry.geometry.law->slopes(local, column, known)) {
       result.block(entry.first_unknown, 0, rows, known.cols()) = known;
@@ -774,13 +777,13 @@ Problem::LocalFields Problem::resolve_samples(
     fail("a free jump of " + std::to_string(free_jump.rows()) + " rows, expected " +
          std::to_string(entry.flexibility.size()));
   }
-  const std::unique_ptr<Law> law = entry.geometry.law->blank();
+  const std::unique_ptr<interface::Law> law = entry.geometry.law->blank();
   for (const auto& info : law->parameters()) {
     law->set(info.name, entry.geometry.law->get(info.name));
   }
   for (const auto& [name, values] : parameters) {
     try {
-      law->set(name, ParameterField(values));
+      law->set(name, interface::ParameterField(values));
     } catch (const InputError& error) {
       fail(error.what());
     }
@@ -788,7 +791,7 @@ Problem::LocalFields Problem::resolve_samples(
   for (const auto& info : law->parameters()) {
     const Matrix& values = law->get(info.name).values();
     const Index rows =
-        info.shape == Law::Shape::per_point ? entry.geometry.points : free_jump.rows();
+        info.shape == interface::Law::Shape::per_point ? entry.geometry.points : free_jump.rows();
     if ((values.rows() != 1 && values.rows() != rows) ||
         (values.cols() != 1 && values.cols() != free_jump.cols())) {
       fail("parameter '" + info.name + "' is " + std::to_string(values.rows()) + " x " +
@@ -887,4 +890,4 @@ std::vector<std::pair<std::string, Matrix>> Problem::displacements(
   return fields;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -1,11 +1,11 @@
-#include "latin/latin/pair.hpp"
+#include "latin/substructure/pair.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::substructure {
 namespace {
 
 /// A body that nothing else holds is held by this share of its springs. What floats is left to the coarse
@@ -97,4 +97,4 @@ void Pair::apply(MatrixRef residual) const {
   residual.middleRows(sides_[1].row, rows) = half2 - force + sides_[1].direction.asDiagonal() * w2;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure

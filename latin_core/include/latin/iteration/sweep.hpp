@@ -3,9 +3,9 @@
 #include <string>
 #include <vector>
 
-#include "latin/latin/solver.hpp"
+#include "latin/iteration/solver.hpp"
 
-namespace latin {
+namespace latin::iteration {
 
 /// A law parameter that changes from point to point: field = pattern * values.col(point), whose `columns`
 /// blocks of rows are the columns of the field (time steps; one: the same in all).
@@ -31,7 +31,7 @@ using PointCallback = std::function<void(Index point, const Summary&, const Stat
 /// A callback that throws Interrupted ends the sweep: points that are finished by then have been handed out.
 ///
 /// @throws whatever else a callback throws, after the point it was called for
-void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
+void sweep(substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
            const PointCallback& point_callback);
@@ -40,4 +40,4 @@ void sweep(Problem& problem, const Options& options, const Matrix& amplitudes,
 /// (boustrophedon), the last axis fastest.
 std::vector<Index> snake_order(const std::vector<Index>& shape);
 
-}  // namespace latin
+}  // namespace latin::iteration

@@ -4,7 +4,7 @@
 
 #include "latin/substructure/body.hpp"
 
-namespace latin {
+namespace latin::substructure {
 
 /// One side of an interface on its body.
 struct PairSide {
@@ -45,4 +45,4 @@ class Pair {
   Matrix lower_;  ///< L of both bodies and the law
 };
 
-}  // namespace latin
+}  // namespace latin::substructure
