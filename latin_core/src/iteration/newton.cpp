@@ -3,7 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <utility>
 
+#include "latin/iteration/stages.hpp"
+#include "latin/iteration/step.hpp"
 #include "latin/substructure/flexibility.hpp"
 
 namespace latin::iteration {
@@ -27,11 +31,10 @@ constexpr double rounding = 1e-9;
 constexpr double softening = 1e-5;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
-/// Accelerated steps between two attempts at a column, their history, and how the first of them is averaged.
+/// Accelerated steps between two attempts at a column, and their history.
 constexpr Index first_relaxation = 6;
 constexpr Index last_relaxation = 48;
 constexpr Index depth = 10;
-constexpr double averaged = 0.8;
 
 }  // namespace
 
@@ -93,8 +96,8 @@ void Newton::evaluate(Column& column) {
   column.norm = norm(column.phi);
 }
 
-Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
-  Outcome outcome;
+NewtonOutcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
+  NewtonOutcome outcome;
   const Index columns = data.cols();
   const Index steps = problem_.steps();
   const Matrix jumps = problem_.free_jumps(data, traces);
@@ -130,7 +133,7 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
     }
     bool solved = false;
     if (far && columns > 1) {
-      History history(problem_, 1, depth);
+      Anderson history(metric_of(problem_), 1, depth);
       for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
         relax(data, traces, index, history, count);
         column = begin(data, traces, index);
@@ -161,25 +164,30 @@ void Newton::apply(const Matrix& data, Matrix& traces, Index index) const {
 }
 
 /// Accelerated steps of the two stages, of one column alone.
-void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history, Index count) const {
+void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history,
+                   Index count) const {
   Matrix residuals(data.rows(), data.cols());
-  problem_.local_stage(data, traces, residuals);
-  Matrix residual = residuals.col(index);
-  Matrix step(data.rows(), 1);
+  FixedPoint stages{[&](Matrix&, Matrix& column, Matrix& trace) {
+                      data.col(index) = column;
+                      apply(data, traces, index);
+                      trace = traces.col(index);
+                    },
+                    [&](const Matrix&, const Matrix&, Matrix& residual) {
+                      problem_.local_stage(data, traces, residuals);
+                      residual = residuals.col(index);
+                    },
+                    {}};
+  if (problem_.preconditions()) {
+    stages.precondition = [this](MatrixRef residual) { problem_.precondition(residual); };
+  }
+  State state{data.col(index), traces.col(index)};
+  Matrix residual;
+  stages.local(state.data, state.traces, residual);
+  Stepper stepper(std::move(stages), history, 1.0);
   for (Index i = 0; i < count; ++i) {
     history.fit(residual);
-    if (history.size() > 0) {
-      history.step(residual, 1.0, step);
-    } else {
-      step = averaged * residual;
-    }
-    const Vector trace = traces.col(index);
-    data.col(index) += step;
-    apply(data, traces, index);
-    problem_.local_stage(data, traces, residuals);
-    const Matrix now = residuals.col(index);
-    history.push(step, now - residual, traces.col(index) - trace);
-    residual = now;
+    stepper.step(history.size() > 0 ? Stepper::Kind::accelerated : Stepper::Kind::averaged,
+                 {state, residual});
   }
 }
 
@@ -335,6 +343,17 @@ void Newton::factorise(const Matrix& tangent, Zone& zone) const {
   if (system.size() > 0) {
     zone.lu.compute(system);
   }
+}
+
+NewtonProposal::Solver newton_solver(const substructure::Problem& problem, const Matrix& amplitudes,
+                                     double tolerance) {
+  return
+      [&problem, &amplitudes, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
+        if (!newton) {
+          newton = std::make_shared<Newton>(problem, amplitudes);
+        }
+        return newton->solve(state.data, state.traces, tolerance);
+      };
 }
 
 }  // namespace latin::iteration
