@@ -2,6 +2,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 
@@ -117,35 +118,64 @@ class PythonLaw final : public latin::interface::Law {
   std::shared_ptr<PyObject> function_;
 };
 
+constexpr const char* python_law_doc =
+    R"doc(A law written in Python: a batch of points and columns at a time.
+
+Parameters
+----------
+name
+    For messages.
+parameters
+    (name, smallest admissible value) of each parameter, one value a point. Besides them it has ``jump``, the
+    imposed jump, which the function never sees.
+history
+    Whether a column depends on those before it in its history.
+resolve
+    Called with the free jump less the imposed one (points, components, columns), the flexibility c (points,
+    components, 1), the parameters {name: (points, columns)} and the number of steps of a history; returns the force
+    (points, components, columns) of which f = R(jump - c f) holds.
+)doc";
+
 }  // namespace
 
 void bind_laws(py::module_& m) {
-  py::class_<latin::interface::Law, std::shared_ptr<latin::interface::Law>>(
-      m, "Law", "A law that a user wrote")
-      .def_property_readonly("name", &latin::interface::Law::name)
-      .def_property_readonly("history", &latin::interface::Law::history)
-      .def_property_readonly("parameters", [](const latin::interface::Law& law) {
-        std::vector<std::string> names;
-        for (const auto& each : law.parameters()) {
-          names.push_back(each.name);
-        }
-        return names;
-      });
+  using latin::interface::Law;
+  py::class_<Law, std::shared_ptr<Law>>(m, "Law", "A law of your own, for ``Interface(law=...)``.")
+      .def_property_readonly("name", &Law::name, "For messages.")
+      .def_property_readonly("history", &Law::history,
+                             "Whether a column depends on those before it in its history.")
+      .def_property_readonly(
+          "parameters",
+          [](const Law& law) {
+            std::vector<std::string> names;
+            for (const auto& each : law.parameters()) {
+              names.push_back(each.name);
+            }
+            return names;
+          },
+          "Names of its parameters.");
   m.def(
       "python_law",
       [](std::string name, const std::vector<std::pair<std::string, double>>& parameters,
-         bool history, py::object resolve) -> std::shared_ptr<latin::interface::Law> {
-        std::vector<latin::interface::Law::ParameterInfo> all;
+         bool history, py::object resolve) -> std::shared_ptr<Law> {
+        if (PyCallable_Check(resolve.ptr()) == 0) {
+          throw py::type_error("law '" + name + "': resolve must be a function");
+        }
+        std::vector<Law::ParameterInfo> all;
         for (const auto& [each, minimum] : parameters) {
-          all.push_back({each, latin::interface::Law::Shape::per_point, minimum});
+          if (each == "jump" || std::ranges::count(all, each, &Law::ParameterInfo::name) > 0) {
+            throw latin::InputError("law '" + name + "': there are two parameters '" + each + "'");
+          }
+          all.push_back({each, Law::Shape::per_point, minimum});
         }
         return std::make_shared<PythonLaw>(std::move(name), std::move(all), history,
                                            shared_reference(std::move(resolve)));
       },
-      py::kw_only(), "name"_a, "parameters"_a, "history"_a, "resolve"_a);
+      py::kw_only(), "name"_a, "parameters"_a = py::tuple(), "history"_a = false, "resolve"_a,
+      python_law_doc);
   m.def(
       "compiled_law",
-      [](const py::capsule& capsule) -> std::shared_ptr<latin::interface::Law> {
+      [](const py::capsule& capsule) -> std::shared_ptr<Law> {
         if (capsule.name() == nullptr ||
             std::string(capsule.name()) != latin::interface::law_capsule) {
           throw latin::InputError("a compiled law comes in a capsule of the name '" +
@@ -154,5 +184,6 @@ void bind_laws(py::module_& m) {
         return latin::interface::make_law(
             *capsule.get_pointer<const latin::interface::LawFactory>());
       },
-      "capsule"_a);
+      "capsule"_a,
+      "A law compiled by the user, from the capsule of its module (see ``docs/laws.md``).");
 }

@@ -6,6 +6,9 @@
 #include <vector>
 
 #include "latin/iteration/solver.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/laws.hpp"
+#include "latin/substructure/local_stage.hpp"
 
 /// One-dimensional bars end to end: the smallest scene in which every part of the kernel has work to do.
 namespace chain {
@@ -56,7 +59,7 @@ struct Scene {
   double direction = 1.3;
   latin::substructure::OperatorOptions options{};
 
-  [[nodiscard]] latin::substructure::Problem build() const {
+  [[nodiscard]] latin::substructure::Laws build() const {
     std::vector<latin::substructure::BodyDescription> bodies;
     std::vector<latin::substructure::InterfaceDescription> interfaces;
     const auto side = [this](Index part, Index node) {
@@ -82,13 +85,15 @@ struct Scene {
                               {side(part - 1, nodes - 1), side(part, 0)}});
       }
     }
-    latin::substructure::Problem problem(std::move(bodies), std::move(interfaces), options);
+    std::vector<latin::substructure::LawParameter> parameters;
     for (Index part = 1; part < parts; ++part) {
       const std::string joint = "joint" + std::to_string(part);
-      problem.set_parameter(joint, "normal", Matrix::Constant(1, 1, stiffness));
-      problem.set_parameter(joint, "jump", Matrix::Constant(1, 1, jump));
+      parameters.push_back({joint, "normal", Matrix::Constant(1, 1, stiffness)});
+      parameters.push_back({joint, "jump", Matrix::Constant(1, 1, jump)});
     }
-    return problem;
+    return latin::substructure::Laws(std::make_shared<const latin::substructure::Structure>(
+                                         std::move(bodies), std::move(interfaces), options))
+        .with_parameters(parameters);
   }
 
   /// Displacement of the pulled end: bars and springs in series, plus the imposed jumps.
@@ -102,9 +107,9 @@ inline latin::iteration::Options options(Index acceleration = 10, double rtol = 
   return {rtol, false, 5000, acceleration, 1.0, 200, 1500, 15};
 }
 
-inline double end_displacement(const latin::substructure::Problem& problem,
+inline double end_displacement(const latin::substructure::Laws& laws,
                                const latin::iteration::State& state) {
-  const auto fields = problem.displacements(state.data, Matrix::Ones(1, 1));
+  const auto fields = latin::substructure::displacements(laws, state.data, Matrix::Ones(1, 1));
   const Matrix& last = fields.back().second;
   return last(last.rows() - 1, 0);
 }

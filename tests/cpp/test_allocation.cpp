@@ -28,7 +28,7 @@ void* malloc(std::size_t size) {
 namespace {
 
 /// Large requests in iterations 15 to 25, when all blocks are there.
-int requests(const latin::substructure::Problem& problem, latin::Index acceleration,
+int requests(const latin::substructure::Laws& laws, latin::Index acceleration,
              bool single = false) {
   latin::iteration::Options options = chain::options(acceleration, 1e-15);
   options.max_iterations = 25;
@@ -45,7 +45,7 @@ int requests(const latin::substructure::Problem& problem, latin::Index accelerat
     }
   };
   latin::iteration::State state;
-  const auto summary = latin::iteration::solve(problem, options, amplitudes, state, {}, count);
+  const auto summary = latin::iteration::solve(laws, options, amplitudes, state, {}, count);
   EXPECT_EQ(summary.iterations, 25);
   return large_requests - before;
 }
@@ -69,10 +69,10 @@ TEST_P(Allocation, NoneInSinglePrecision) {
 TEST_P(Allocation, NoneWithColumnTransforms) {
   chain::Scene scene;
   scene.parts = 40;
-  latin::substructure::Problem problem = scene.build();
   const latin::Matrix identity = latin::Matrix::Identity(columns, columns);
-  problem.set_columns("joint1", {{0, 1, {identity}, {identity}, {}}});
-  EXPECT_EQ(requests(problem, GetParam()), 0);
+  const latin::stochastic::ColumnTransform transform{identity, identity, {}, {}, {}};
+  EXPECT_EQ(requests(scene.build().with_columns("joint1", {{0, 1, {transform}, {}}}), GetParam()),
+            0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Depths, Allocation, testing::Values(0, 10));

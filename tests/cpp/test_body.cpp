@@ -99,19 +99,21 @@ TEST_P(BodyOperators, AgreeWithDenseAlgebra) {
   const Matrix q = (z.transpose() * full * z).ldlt().solve(rhs);
   const Matrix u = z * q + sample.offset * amplitudes;
 
-  const auto fields = body.displacements(data, amplitudes);
+  const auto fields = body.displacements(data, amplitudes, body.response());
   ASSERT_EQ(fields.size(), 1U);
   EXPECT_LT((fields[0] - u).norm(), 1e-12 * u.norm());
 
+  latin::substructure::BodyWork work;
   Matrix traces(4, 3);
-  body.apply(data, traces);
-  traces += body.load_traces() * amplitudes;
+  body.apply(data, traces, work);
+  traces += body.response().traces * amplitudes;
   EXPECT_LT((traces - trace * u).norm(), 1e-12 * u.norm());
 
   const Matrix forces = data - k.asDiagonal() * traces;
   const Matrix elastic = Matrix(sample.stiffness) + sample.kappa * ground.transpose() * ground;
   const double energy = (u.transpose() * elastic * u).trace();
-  EXPECT_NEAR(body.energy(data, traces, forces, amplitudes), energy, 1e-10 * std::abs(energy));
+  EXPECT_NEAR(body.energy(data, traces, forces, amplitudes, body.response(), work), energy,
+              1e-10 * std::abs(energy));
 }
 
 INSTANTIATE_TEST_SUITE_P(Kinds, BodyOperators,
@@ -144,11 +146,12 @@ TEST(Body, AnswersTheSameOnceItMultipliesInsteadOfSolving) {
     GTEST_SKIP() << "the backend does not condense";
   }
   const Matrix data = random(1, 4, 7);
+  latin::substructure::BodyWork work;
   Matrix first(1, 4);
-  body.apply(data.leftCols(1), first.leftCols(1));
+  body.apply(data.leftCols(1), first.leftCols(1), work);
   EXPECT_NEAR(first(0, 0), data(0, 0) / 2.0, 1e-14);  // s = k w on a floating bar
   for (int i = 0; i < 20; ++i) {
-    body.apply(data, first);
+    body.apply(data, first, work);
     EXPECT_LT((first - 0.5 * data).norm(), 1e-13 * data.norm());
   }
 }

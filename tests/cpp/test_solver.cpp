@@ -15,10 +15,10 @@ using latin::iteration::Status;
 
 namespace {
 
-latin::iteration::Summary run(const latin::substructure::Problem& problem, State& state,
+latin::iteration::Summary run(const latin::substructure::Laws& laws, State& state,
                               const latin::iteration::Options& options,
                               const latin::iteration::Callback& callback = {}) {
-  return latin::iteration::solve(problem, options, Matrix::Ones(1, 1), state, {}, callback);
+  return latin::iteration::solve(laws, options, Matrix::Ones(1, 1), state, {}, callback);
 }
 
 }  // namespace
@@ -32,11 +32,11 @@ TEST_P(Chain, MatchesTheSeriesOfSpringsForEveryDirection) {
     scene.stiffness = stiffness;
     scene.jump = 0.1;
     scene.direction = GetParam();
-    const latin::substructure::Problem problem = scene.build();
+    const latin::substructure::Laws laws = scene.build();
     State state;
-    const auto summary = run(problem, state, chain::options());
+    const auto summary = run(laws, state, chain::options());
     EXPECT_EQ(summary.status, Status::converged);
-    EXPECT_NEAR(chain::end_displacement(problem, state), scene.exact(), 1e-8 * scene.exact());
+    EXPECT_NEAR(chain::end_displacement(laws, state), scene.exact(), 1e-8 * scene.exact());
   }
 }
 
@@ -44,23 +44,25 @@ INSTANTIATE_TEST_SUITE_P(Directions, Chain, testing::Values(1e-2, 1.0, 1e2));
 
 TEST(Solver, PlainIterationReachesTheSameAnswer) {
   const chain::Scene scene;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
-  const auto summary = run(problem, state, chain::options(0));
+  const auto summary = run(laws, state, chain::options(0));
   EXPECT_EQ(summary.status, Status::converged);
-  EXPECT_NEAR(chain::end_displacement(problem, state), scene.exact(), 1e-9 * scene.exact());
+  EXPECT_NEAR(chain::end_displacement(laws, state), scene.exact(), 1e-9 * scene.exact());
 }
 
 TEST(Solver, EstimateIsCloseToTheErrorOfThePlainIteration) {
   const chain::Scene scene;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State exact;
-  run(problem, exact, chain::options(10, 1e-14));
+  run(laws, exact, chain::options(10, 1e-14));
   for (const double rtol : {1e-2, 1e-4, 1e-6}) {
     State state;
-    const auto summary = run(problem, state, chain::options(0, rtol));
-    const auto truth = problem.difference_size(state.data - exact.data, state.traces - exact.traces)
-                           .relative_to(problem.size(exact.data, exact.traces, Matrix::Ones(1, 1)));
+    const auto summary = run(laws, state, chain::options(0, rtol));
+    const auto truth = latin::substructure::difference_size(
+                           laws.structure(), state.data - exact.data, state.traces - exact.traces)
+                           .relative_to(latin::substructure::GlobalStage(laws).size(
+                               exact.data, exact.traces, Matrix::Ones(1, 1)));
     EXPECT_GT(summary.error, truth / 3.0);
     EXPECT_LT(summary.error, truth * 3.0);
   }
@@ -69,78 +71,76 @@ TEST(Solver, EstimateIsCloseToTheErrorOfThePlainIteration) {
 TEST(Solver, SaysWhenItDidNotConverge) {
   chain::Scene scene;
   scene.stiffness = 1e6;  // far from k: the plain iteration creeps
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
   auto options = chain::options(0);
-  EXPECT_EQ(run(problem, state, options).status, Status::stagnated);
+  EXPECT_EQ(run(laws, state, options).status, Status::stagnated);
   options.max_iterations = 3;
   State other;
-  EXPECT_EQ(run(problem, other, options).status, Status::max_iterations);
+  EXPECT_EQ(run(laws, other, options).status, Status::max_iterations);
 }
 
 TEST(Solver, ZeroLoadIsSolvedAtOnce) {
   chain::Scene scene;
   scene.force = 0.0;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
-  const auto summary = run(problem, state, chain::options());
+  const auto summary = run(laws, state, chain::options());
   EXPECT_EQ(summary.status, Status::converged);
-  EXPECT_EQ(chain::end_displacement(problem, state), 0.0);
+  EXPECT_EQ(chain::end_displacement(laws, state), 0.0);
 }
 
 TEST(Solver, NanEndsTheRunAsDiverged) {
-  chain::Scene scene;
-  scene.force = std::numeric_limits<double>::quiet_NaN();
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = chain::Scene{}.build();
   State state;
-  EXPECT_EQ(run(problem, state, chain::options()).status, Status::diverged);
+  const Matrix lost = Matrix::Constant(1, 1, std::numeric_limits<double>::quiet_NaN());
+  EXPECT_EQ(latin::iteration::solve(laws, chain::options(), lost, state, {}, {}).status,
+            Status::diverged);
 }
 
 TEST(Solver, CallbackSeesEveryIterationAndMayStopTheRun) {
   const chain::Scene scene;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
   std::vector<Index> seen;
   const auto summary = run(
-      problem, state, chain::options(),
+      laws, state, chain::options(),
       [&seen](const latin::iteration::Iteration& iteration) { seen.push_back(iteration.number); });
   EXPECT_EQ(static_cast<Index>(seen.size()), summary.iterations);
   State stopped;
-  EXPECT_THROW(run(problem, stopped, chain::options(),
+  EXPECT_THROW(run(laws, stopped, chain::options(),
                    [](const latin::iteration::Iteration&) { throw std::runtime_error("stop"); }),
                std::runtime_error);
 }
 
 TEST(Solver, CallbackMayAskForWhatIsDoneSoFar) {
   const chain::Scene scene;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   auto options = chain::options(0);
   options.rtol = 1e-14;
   State state;
-  const auto summary =
-      run(problem, state, options, [](const latin::iteration::Iteration& iteration) {
-        if (iteration.number == 3) {
-          throw latin::iteration::Interrupted();
-        }
-      });
+  const auto summary = run(laws, state, options, [](const latin::iteration::Iteration& iteration) {
+    if (iteration.number == 3) {
+      throw latin::iteration::Interrupted();
+    }
+  });
   EXPECT_EQ(summary.status, Status::interrupted);
   EXPECT_EQ(summary.iterations, 3);
   options.max_iterations = 3;
   State other;
-  run(problem, other, options);
+  run(laws, other, options);
   EXPECT_EQ(state.data, other.data);
   EXPECT_EQ(to_string(summary.status), "interrupted");
 }
 
 TEST(Solver, ColumnsAreIndependentRightHandSides) {
   const chain::Scene scene;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   const Matrix amplitudes = (Matrix(1, 3) << 1.0, 0.0, -2.0).finished();
   State state;
-  const auto summary =
-      latin::iteration::solve(problem, chain::options(), amplitudes, state, {}, {});
+  const auto summary = latin::iteration::solve(laws, chain::options(), amplitudes, state, {}, {});
   EXPECT_EQ(summary.status, Status::converged);
-  const auto fields = problem.displacements(state.data, amplitudes);
+  const auto fields = latin::substructure::displacements(laws, state.data, amplitudes);
   for (Index column = 0; column < 3; ++column) {
     EXPECT_NEAR(fields.back().second(4, column), amplitudes(0, column) * scene.exact(), 1e-8);
   }
@@ -148,23 +148,23 @@ TEST(Solver, ColumnsAreIndependentRightHandSides) {
 
 TEST(Solver, RefusesOptionsOutOfRange) {
   const chain::Scene scene;
-  const latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   for (const auto& change : std::vector<std::function<void(latin::iteration::Options&)>>{
            [](auto& o) { o.rtol = 0.0; }, [](auto& o) { o.max_iterations = 0; },
            [](auto& o) { o.acceleration = -1; }, [](auto& o) { o.relaxation = 1.5; }}) {
     auto options = chain::options();
     change(options);
     State state;
-    EXPECT_THROW(run(problem, state, options), latin::InputError);
+    EXPECT_THROW(run(laws, state, options), latin::InputError);
   }
   State wrong{Matrix::Zero(1, 1), Matrix::Zero(1, 1)};
-  EXPECT_THROW(run(problem, wrong, chain::options()), latin::InputError);
+  EXPECT_THROW(run(laws, wrong, chain::options()), latin::InputError);
 }
 
 TEST(Sweep, EveryPointMatchesAndLaterPointsAreCheap) {
   chain::Scene scene;
   scene.parts = 4;
-  latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   const Index points = 12;
   const Vector values = Vector::LinSpaced(points, 0.5, 5.0);
   std::vector<latin::iteration::SweptParameter> swept;
@@ -173,31 +173,32 @@ TEST(Sweep, EveryPointMatchesAndLaterPointsAreCheap) {
         {"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values.transpose()});
   }
   std::vector<Index> iterations(points);
-  latin::iteration::sweep(
-      problem, chain::options(), Matrix::Ones(1, 1), swept, latin::iteration::snake_order({points}),
-      {}, {}, {}, [&](Index point, const latin::iteration::Summary& summary, const State& state) {
-        EXPECT_EQ(summary.status, Status::converged);
-        iterations[static_cast<std::size_t>(point)] = summary.iterations;
-        chain::Scene exact = scene;
-        exact.stiffness = values(point);
-        EXPECT_NEAR(chain::end_displacement(problem, state), exact.exact(), 1e-7);
-      });
+  latin::iteration::sweep(laws, chain::options(), Matrix::Ones(1, 1), swept,
+                          latin::iteration::snake_order({points}), {}, {}, {},
+                          [&](Index point, const latin::substructure::Laws& of_point,
+                              const latin::iteration::Summary& summary, const State& state) {
+                            EXPECT_EQ(of_point.parameter("joint1", "normal")(0, 0), values(point));
+                            EXPECT_EQ(summary.status, Status::converged);
+                            iterations[static_cast<std::size_t>(point)] = summary.iterations;
+                            chain::Scene exact = scene;
+                            exact.stiffness = values(point);
+                            EXPECT_NEAR(chain::end_displacement(laws, state), exact.exact(), 1e-7);
+                          });
   EXPECT_LT(std::accumulate(iterations.begin() + 1, iterations.end(), Index{0}),
             (points - 1) * iterations[0]);
 }
 
 TEST(Sweep, StartsFromStatesOfAnEarlierRun) {
   const chain::Scene scene;
-  latin::substructure::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
-  run(problem, state, chain::options());
+  run(laws, state, chain::options());
   const std::vector<latin::iteration::SweptParameter> swept{
       {"joint1", "normal", Matrix::Ones(1, 1), Matrix::Constant(1, 1, scene.stiffness)}};
-  latin::iteration::sweep(problem, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0},
-                          {state}, {0}, {},
-                          [](Index, const latin::iteration::Summary& summary, const State&) {
-                            EXPECT_LE(summary.iterations, 3);
-                          });
+  latin::iteration::sweep(
+      laws, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0}, {state}, {0}, {},
+      [](Index, const latin::substructure::Laws&, const latin::iteration::Summary& summary,
+         const State&) { EXPECT_LE(summary.iterations, 3); });
 }
 
 TEST(SnakeOrder, VisitsAllPointsInSingleSteps) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <mutex>
 #include <numeric>
 #include <random>
 #include <unordered_map>
@@ -18,6 +19,9 @@
 
 namespace latin::algebra {
 namespace {
+
+/// A pivot below this share of its diagonal entry is rounding.
+constexpr double singular = 1e-14;
 
 std::string not_definite(const std::string& name, const std::string& where) {
   return "the stiffness of '" + name + "' is not positive definite" + where +
@@ -84,11 +88,9 @@ class CholmodFactor final : public Factor {
  public:
   CholmodFactor(const SparseColumns& lower, Index trailing, const std::string& name)
       : size_(lower.rows()), trailing_(trailing) {
-    cholmod_start(&common_);
+    start(common_);
     common_.supernodal = CHOLMOD_SUPERNODAL;
     common_.final_ll = 1;
-    common_.print = 0;
-    common_.error_handler = nullptr;
     cholmod_sparse matrix = view(lower);
 
     std::vector<int> order = interior_first(lower, name);
@@ -110,6 +112,7 @@ class CholmodFactor final : public Factor {
       release();
       throw NumericalError(not_definite(name, where));
     }
+    refuse_singular(lower, name);
   }
   CholmodFactor(const CholmodFactor&) = delete;
   CholmodFactor& operator=(const CholmodFactor&) = delete;
@@ -132,14 +135,20 @@ class CholmodFactor final : public Factor {
     input.x = block.data();
     input.xtype = CHOLMOD_REAL;
     input.dtype = CHOLMOD_DOUBLE;
-    cholmod_dense* output = cholmod_solve(CHOLMOD_A, factor_, &input, &common_);
-    if (output == nullptr) {
-      throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
-                           " columns (status " + std::to_string(common_.status) + ")");
+    cholmod_common own;  // the factor is only read: what is written is of this call
+    start(own);
+    cholmod_dense* output = cholmod_solve(CHOLMOD_A, factor_, &input, &own);
+    const int status = own.status;
+    if (output != nullptr) {
+      block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(),
+                                       block.cols());
+      cholmod_free_dense(&output, &own);
     }
-    block =
-        Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(), block.cols());
-    cholmod_free_dense(&output, &common_);
+    cholmod_finish(&own);
+    if (status < CHOLMOD_OK) {
+      throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
+                           " columns (status " + std::to_string(status) + ")");
+    }
     return block;
   }
 
@@ -165,6 +174,36 @@ class CholmodFactor final : public Factor {
   }
 
  private:
+  static void start(cholmod_common& common) {
+    cholmod_start(&common);
+    common.print = 0;
+    common.error_handler = nullptr;
+  }
+
+  /// A rigid motion that nothing holds leaves a last pivot that is rounding: with luck a positive one.
+  void refuse_singular(const SparseColumns& lower, const std::string& name) {
+    const auto* order = static_cast<const int*>(factor_->Perm);
+    const auto* super = static_cast<const int*>(factor_->super);
+    const auto* row_start = static_cast<const int*>(factor_->pi);
+    const auto* value_start = static_cast<const int*>(factor_->px);
+    const auto* values = static_cast<const double*>(factor_->x);
+    for (std::size_t node = 0; node < factor_->nsuper; ++node) {
+      const std::ptrdiff_t height = row_start[node + 1] - row_start[node];
+      for (int column = super[node]; column < super[node + 1]; ++column) {
+        const double root = values[value_start[node] + (height + 1) * (column - super[node])];
+        const int unknown = order[column];
+        // the diagonal comes first in a column of a lower triangle
+        const double diagonal = lower.valuePtr()[lower.outerIndexPtr()[unknown]];
+        if (root * root < singular * diagonal) {
+          release();
+          throw NumericalError(not_definite(name, " beyond rounding (pivot " +
+                                                      std::to_string(column) + " of " +
+                                                      std::to_string(size_) + " is all but zero)"));
+        }
+      }
+    }
+  }
+
   static cholmod_sparse view(const SparseColumns& lower) {
     cholmod_sparse matrix{};
     matrix.nrow = static_cast<std::size_t>(lower.rows());
@@ -228,7 +267,10 @@ class CholmodFactor final : public Factor {
       common_.supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
       common_.nmethods = 1;
       common_.method[0].ordering = CHOLMOD_METIS;
+      static std::mutex metis;  // it draws from the C library's one random number generator
+      std::unique_lock lock(metis);
       cholmod_factor* analysis = cholmod_analyze(&of_inner, &common_);
+      lock.unlock();
       if (analysis != nullptr) {
         place(inner, static_cast<const int*>(analysis->Perm));
         cholmod_free_factor(&analysis, &common_);
@@ -260,7 +302,7 @@ class CholmodFactor final : public Factor {
 
   Index size_;
   Index trailing_;
-  mutable cholmod_common common_{};
+  cholmod_common common_{};
   cholmod_factor* factor_ = nullptr;
 };
 
@@ -270,6 +312,7 @@ class CholmodFactor final : public Factor {
 class MumpsFactor final : public Factor {
  public:
   MumpsFactor(const SparseColumns& lower, const std::string& name) : size_(lower.rows()) {
+    const PetscLock lock;
     // PETSc's symmetric format keeps the upper triangle by rows: the lower one by columns, unchanged
     check(MatCreateSeqSBAIJWithArrays(PETSC_COMM_SELF, 1, static_cast<PetscInt>(size_),
                                       static_cast<PetscInt>(size_),
@@ -303,6 +346,7 @@ class MumpsFactor final : public Factor {
   [[nodiscard]] std::string backend() const override { return "mumps"; }
 
   [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
+    const PetscLock lock;
     Matrix input = rhs;
     Matrix output(input.rows(), input.cols());
     const auto dense = [](Matrix& block) {

@@ -9,6 +9,11 @@
 
 namespace latin::algebra {
 
+std::recursive_mutex& PetscLock::mutex() {
+  static std::recursive_mutex one;
+  return one;
+}
+
 void check(PetscErrorCode code, std::string_view doing) {
   if (code == PETSC_SUCCESS) {
     return;
@@ -59,6 +64,7 @@ class Borrowed {
   Borrowed(Borrowed&&) = delete;
   Borrowed& operator=(Borrowed&&) = delete;
   ~Borrowed() {
+    const PetscLock lock;
     // a destructor has nobody to tell
     PetscBool known = PETSC_FALSE;
     static_cast<void>(MatSeqAIJRestoreArrayRead(matrix_.get(), &values_));
@@ -79,6 +85,7 @@ class Borrowed {
 }  // namespace
 
 std::shared_ptr<const SparseView> view_sparse(Mat matrix, std::string_view name) {
+  const PetscLock lock;
   check_sequential(matrix, name);
   PetscBool plain = PETSC_FALSE;
   check(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(matrix), MATSEQAIJ, &plain),
@@ -107,6 +114,7 @@ std::shared_ptr<const SparseView> view_sparse(Mat matrix, std::string_view name)
 }
 
 SparseRows to_sparse(Mat matrix, std::string_view name) {
+  const PetscLock lock;
   check_sequential(matrix, name);
   PetscInt rows = 0;
   PetscInt cols = 0;

@@ -9,23 +9,26 @@
 #include "latin/iteration/step.hpp"
 
 namespace latin::iteration {
-std::vector<Advanced> advance_together(const substructure::Problem& problem, const Options& options,
+
+std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots) {
+  const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
-  const Gauge gauge = gauge_of(problem);
+  const Gauge gauge = gauge_of(structure);
   const Matrix all_amplitudes = amplitudes.replicate(1, sets);
-  Anderson history(metric_of(problem), columns, static_cast<Index>(snapshots.size()), sets);
-  Stages stages(problem, all_amplitudes, false);
+  Anderson history(metric_of(structure), columns, static_cast<Index>(snapshots.size()), sets);
+  Stages stages(laws, all_amplitudes, false);
   Stepper stepper(stages.fixed_point(), history, options.relaxation);
   State state;
-  Matrix residual(problem.rows(), sets * columns);
+  Matrix residual(structure.rows(), sets * columns);
   stepper.start_from(snapshots, {state, residual});
   stages.local(state.data, state.traces, residual);
   history.fit(residual);
   stepper.step(Stepper::Kind::accelerated, {state, residual});
   history.fit(residual);
 
+  substructure::GlobalStage global(laws);
   const State& wrong = history.predicted_error();
   std::vector<Advanced> answers(static_cast<std::size_t>(sets));
   for (Index set = 0; set < sets; ++set) {
@@ -35,10 +38,10 @@ std::vector<Advanced> advance_together(const substructure::Problem& problem, con
     Advanced& answer = answers[static_cast<std::size_t>(set)];
     answer.state = {of_set(state.data), of_set(state.traces)};
     answer.indicator = stage_distance(
-        stage_shares(problem.weights(), problem.directions(), answer.state, of_set(residual)));
+        stage_shares(structure.weights(), structure.directions(), answer.state, of_set(residual)));
     answer.residual = history.residual_norm(set);
     const substructure::Size whole =
-        problem.size(answer.state.data, answer.state.traces, amplitudes);
+        global.size(answer.state.data, answer.state.traces, amplitudes);
     answer.energy = whole.strain;
     answer.error = std::numeric_limits<double>::infinity();
     const double rounding = rounding_share * history.metric().norm(answer.state.data);

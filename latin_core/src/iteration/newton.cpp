@@ -3,12 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <utility>
 
 #include "latin/iteration/stages.hpp"
 #include "latin/iteration/step.hpp"
-#include "latin/substructure/flexibility.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -38,12 +36,15 @@ constexpr Index depth = 10;
 
 }  // namespace
 
-Newton::Newton(const substructure::Problem& problem, const Matrix& amplitudes)
-    : problem_(problem),
+Newton::Newton(substructure::GlobalStage& global, substructure::LocalStage& local,
+               const Matrix& amplitudes)
+    : global_(global),
+      local_(local),
       amplitudes_(amplitudes),
-      flexibility_(problem.flexibility()),
-      layout_(problem.layout()),
-      own_(problem.law_flexibility(flexibility_.own())),
+      system_(global.laws()),
+      flexibility_(system_.flexibility()),
+      layout_(system_.layout()),
+      own_(system_.law_flexibility(flexibility_.own())),
       shift_(own_ + flexibility_.direct()),
       metric_(own_.cwiseProduct(flexibility_.areas())),
       zones_(static_cast<std::size_t>(amplitudes.cols())) {}
@@ -72,12 +73,13 @@ Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index i
   Column column;
   column.index = index;
   // as the iteration sees it: the forces of the laws at the jumps of this iterate
-  const Matrix all = problem_.free_jumps(data, traces);
-  column.before = problem_.forces(all, flexibility_.direct()).col(index);
+  const Matrix all = system_.free_jumps(data, traces);
+  column.before = system_.forces(all, flexibility_.direct()).col(index);
   const Vector free = all.col(index);
   // F / 2 = E f - (s - k w)
-  const Vector half_residual = flexibility_.spread(column.before) - data.col(index) +
-                               problem_.directions().cwiseProduct(traces.col(index));
+  const Vector half_residual =
+      flexibility_.spread(column.before) - data.col(index) +
+      global_.laws().structure().directions().cwiseProduct(traces.col(index));
   column.half = flexibility_.solve(half_residual);
   column.start = free + flexibility_.jump(2.0 * half_residual) -
                  with_mu * flexibility_.jump(column.half) +
@@ -92,16 +94,16 @@ Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index i
 
 void Newton::evaluate(Column& column) {
   jumps_.col(column.index) = column.jump;
-  column.phi = problem_.forces(jumps_, own_).col(column.index) - column.before - column.y;
+  column.phi = system_.forces(jumps_, own_).col(column.index) - column.before - column.y;
   column.norm = norm(column.phi);
 }
 
 NewtonOutcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
   NewtonOutcome outcome;
   const Index columns = data.cols();
-  const Index steps = problem_.steps();
-  const Matrix jumps = problem_.free_jumps(data, traces);
-  const Matrix forces = problem_.forces(jumps, flexibility_.direct());
+  const Index steps = global_.laws().steps();
+  const Matrix jumps = system_.free_jumps(data, traces);
+  const Matrix forces = system_.forces(jumps, flexibility_.direct());
   jumps_ = jumps + (own_ - flexibility_.direct()).asDiagonal() * forces;
   double scale = 0.0;
   for (Index column = 0; column < columns; ++column) {
@@ -133,7 +135,7 @@ NewtonOutcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
     }
     bool solved = false;
     if (far && columns > 1) {
-      Anderson history(metric_of(problem_), 1, depth);
+      Anderson history(metric_of(global_.laws().structure()), 1, depth);
       for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
         relax(data, traces, index, history, count);
         column = begin(data, traces, index);
@@ -157,15 +159,15 @@ NewtonOutcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
   return outcome;
 }
 
-void Newton::apply(const Matrix& data, Matrix& traces, Index index) const {
+void Newton::apply(const Matrix& data, Matrix& traces, Index index) {
   Matrix trace(data.rows(), 1);
-  problem_.global_stage(data.col(index), amplitudes_.col(index), trace);
+  global_.apply(data.col(index), amplitudes_.col(index), trace);
   traces.col(index) = trace;
 }
 
 /// Accelerated steps of the two stages, of one column alone.
 void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history,
-                   Index count) const {
+                   Index count) {
   Matrix residuals(data.rows(), data.cols());
   FixedPoint stages{[&](Matrix&, Matrix& column, Matrix& trace) {
                       data.col(index) = column;
@@ -173,12 +175,13 @@ void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history,
                       trace = traces.col(index);
                     },
                     [&](const Matrix&, const Matrix&, Matrix& residual) {
-                      problem_.local_stage(data, traces, residuals);
+                      local_.apply(data, traces, residuals);
                       residual = residuals.col(index);
                     },
                     {}};
-  if (problem_.preconditions()) {
-    stages.precondition = [this](MatrixRef residual) { problem_.precondition(residual); };
+  const substructure::Laws& laws = global_.laws();
+  if (laws.preconditions()) {
+    stages.precondition = [&laws](MatrixRef residual) { laws.precondition(residual); };
   }
   State state{data.col(index), traces.col(index)};
   Matrix residual;
@@ -219,10 +222,10 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       }
       jumps_.col(now.index) -= shift;
     }
-    const Matrix tangent = problem_.slopes(jumps_, own_, now.index);
+    const Matrix tangent = system_.slopes(jumps_, own_, now.index);
     if (tie) {
       now.phi =
-          problem_.forces(jumps_, own_).col(now.index) + times(tangent, shift) - now.before - now.y;
+          system_.forces(jumps_, own_).col(now.index) + times(tangent, shift) - now.before - now.y;
     }
     Vector dy;
     Vector da;
@@ -343,17 +346,6 @@ void Newton::factorise(const Matrix& tangent, Zone& zone) const {
   if (system.size() > 0) {
     zone.lu.compute(system);
   }
-}
-
-NewtonProposal::Solver newton_solver(const substructure::Problem& problem, const Matrix& amplitudes,
-                                     double tolerance) {
-  return
-      [&problem, &amplitudes, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
-        if (!newton) {
-          newton = std::make_shared<Newton>(problem, amplitudes);
-        }
-        return newton->solve(state.data, state.traces, tolerance);
-      };
 }
 
 }  // namespace latin::iteration

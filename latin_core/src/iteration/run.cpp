@@ -5,12 +5,10 @@
 #include <limits>
 #include <optional>
 
-#include "latin/iteration/newton.hpp"
-
 namespace latin::iteration {
 namespace {
 
-using substructure::Problem;
+using substructure::Laws;
 using Clock = std::chrono::steady_clock;
 
 constexpr double unknown = std::numeric_limits<double>::infinity();
@@ -28,38 +26,37 @@ constexpr double newton_accuracy = 1e-3;
 constexpr double residual_over_error = 2.0;
 
 /// Whether some law is nonlinear, so that a body may lose touch. Collective.
-bool may_fly(const Problem& problem) {
-  return problem.communicator().maximum(problem.linear() ? 0 : 1) > 0;
+bool may_fly(const Laws& laws) {
+  return laws.structure().communicator().maximum(laws.linear() ? 0 : 1) > 0;
 }
 
-NewtonProposal::Solver newton_of(const Problem& problem, const Options& options,
-                                 const Matrix& amplitudes) {
-  if (options.acceleration < 1 || options.newton < 1 || !problem.suits_newton(options.newton)) {
+NewtonProposal::Solver newton_of(Stages& stages, const Options& options) {
+  if (options.acceleration < 1 || options.newton < 1) {
     return {};
   }
-  return newton_solver(problem, amplitudes, newton_accuracy * options.rtol);
+  return stages.newton(options.newton, newton_accuracy * options.rtol);
 }
 
 }  // namespace
 
-Run::Run(const Problem& problem, const Options& options, const Matrix& amplitudes, State& state,
+Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, State& state,
          std::size_t snapshots, const Callback& callback)
-    : problem_(problem),
+    : structure_(laws.structure()),
       options_(options),
       state_(state),
       callback_(callback),
-      residual_(Matrix::Zero(problem.rows(), amplitudes.cols())),
-      stages_(problem, amplitudes, options.single_precision),
+      residual_(Matrix::Zero(structure_.rows(), amplitudes.cols())),
+      stages_(laws, amplitudes, options.single_precision),
       history_(
-          metric_of(problem), amplitudes.cols(),
+          metric_of(structure_), amplitudes.cols(),
           (accelerates() ? options.acceleration : observing_depth) + static_cast<Index>(snapshots)),
       stepper_(stages_.fixed_point(), history_, options.relaxation,
-               may_fly(problem) ? longest_step : unknown),
-      error_(gauge_of(problem), problem.rows(), amplitudes.cols(),
+               may_fly(laws) ? longest_step : unknown),
+      error_(gauge_of(structure_), structure_.rows(), amplitudes.cols(),
              accelerates() ? 1 : observing_depth),
-      newton_(history_.metric(), newton_of(problem, options, amplitudes),
-              [&problem](const State& at, Matrix& residual) {
-                problem.local_stage(at.data, at.traces, residual);
+      newton_(history_.metric(), newton_of(stages_, options),
+              [this](const State& at, Matrix& residual) {
+                stages_.local(at.data, at.traces, residual);
               }),
       stopping_(options) {}
 
@@ -68,16 +65,16 @@ void Run::start_from(const std::vector<const State*>& snapshots) {
 }
 
 Summary Run::run(bool traces_known) {
-  if (problem_.total_rows() == 0) {
+  if (structure_.total_rows() == 0) {
     summary_.status = Status::converged;
-    summary_.energy = problem_.size(state_.data, state_.traces, stages_.amplitudes()).strain;
+    summary_.energy = stages_.size(state_).strain;
     return summary_;
   }
   begin(traces_known);
   for (;;) {
     const Measured measured = observe();
     const std::optional<Status> status = stopping_.judge(
-        summary_.history.back(), stop_ || (interrupted_ && problem_.communicator().alone()));
+        summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
     if (!status) {
       advance(measured);
     } else if (*status == Status::converged && stages_.rounded() &&
@@ -100,7 +97,7 @@ void Run::begin(bool traces_known) {
     stages_.evaluate(at());
   }
   const bool from_zero = state_.data.isZero(0.0);
-  newton_.begin(from_zero, problem_.interface_unknowns());
+  newton_.begin(from_zero, structure_.interface_unknowns());
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
 }
 
@@ -172,8 +169,13 @@ void Run::advance(const Measured& measured) {
 }
 
 void Run::propose() {
-  const Timed timed(summary_.newton_s);
-  const NewtonOutcome outcome = newton_.propose(at());
+  const double before = stages_.local_seconds();
+  NewtonOutcome outcome;
+  {
+    const Timed timed(summary_.newton_s);
+    outcome = newton_.propose(at());
+  }
+  summary_.newton_s -= stages_.local_seconds() - before;
   newton_stages_ += static_cast<Index>(std::ceil(outcome.stages));
   summary_.newton_steps += outcome.steps;
 }

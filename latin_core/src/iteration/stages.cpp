@@ -4,27 +4,34 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <memory>
+
+#include "latin/iteration/newton.hpp"
+#include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
 
-using substructure::Problem;
+using substructure::Structure;
 
-Metric metric_of(const Problem& problem) {
-  return Metric(problem.weights().cwiseQuotient(problem.directions()),
-                [&problem](std::span<double> values) { problem.communicator().sum(values); });
+Metric metric_of(const Structure& structure) {
+  return Metric(structure.weights().cwiseQuotient(structure.directions()),
+                [&structure](std::span<double> values) { structure.communicator().sum(values); });
 }
 
-Gauge gauge_of(const Problem& problem) {
-  return {[&problem](ConstMatrixRef data, ConstMatrixRef traces) {
-            return problem.difference_size(data, traces);
+Gauge gauge_of(const Structure& structure) {
+  return {[&structure](ConstMatrixRef data, ConstMatrixRef traces) {
+            return substructure::difference_size(structure, data, traces);
           },
-          [&problem](const State& a, const State& b) {
-            return problem.share_of_distance(a.data, a.traces, b.data, b.traces);
+          [&structure](const State& a, const State& b) {
+            return substructure::share_of_distance(structure, a.data, a.traces, b.data, b.traces);
           }};
 }
 
-Stages::Stages(const Problem& problem, const Matrix& amplitudes, bool single_precision)
-    : problem_(problem), amplitudes_(amplitudes), single_precision_(single_precision) {}
+Stages::Stages(const substructure::Laws& laws, const Matrix& amplitudes, bool single_precision)
+    : global_(laws),
+      local_(laws, amplitudes.cols()),
+      amplitudes_(amplitudes),
+      single_precision_(single_precision) {}
 
 FixedPoint Stages::fixed_point() {
   FixedPoint stages{
@@ -33,8 +40,8 @@ FixedPoint Stages::fixed_point() {
         local(data, traces, residual);
       },
       {}};
-  if (problem_.preconditions()) {
-    stages.precondition = [this](MatrixRef residual) { problem_.precondition(residual); };
+  if (laws().preconditions()) {
+    stages.precondition = [this](MatrixRef residual) { laws().precondition(residual); };
   }
   return stages;
 }
@@ -50,12 +57,12 @@ void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
   ++count_;
   attempt([&] {
     if (rounded_) {
-      problem_.global_change(*step, traces);
+      global_.change(*step, traces);
     } else {
-      problem_.global_stage(data, amplitudes_, traces);
+      global_.apply(data, amplitudes_, traces);
     }
-    if (problem_.balances()) {
-      const Matrix added = problem_.balance(data, traces);
+    if (structure().macro_size() > 0) {
+      const Matrix added = global_.balance(local_, data, traces);
       if (step != nullptr) {
         *step += added;
       }
@@ -65,19 +72,16 @@ void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
 
 void Stages::local(const Matrix& data, const Matrix& traces, Matrix& residual) {
   const Timed timed(local_s_);
-  attempt([&] { problem_.local_stage(data, traces, residual); });
+  attempt([&] { local_.apply(data, traces, residual); });
 }
 
-void Stages::refresh(State& state) const {
-  problem_.global_stage(state.data, amplitudes_, state.traces);
-}
+void Stages::refresh(State& state) { global_.apply(state.data, amplitudes_, state.traces); }
 
-Measured Stages::measure(Iterate at, Anderson& history, const ErrorEstimate& error,
-                         bool& stop) const {
+Measured Stages::measure(Iterate at, Anderson& history, const ErrorEstimate& error, bool& stop) {
   const substructure::Size size =
-      problem_.share_of_size(at.state.data, at.state.traces, amplitudes_);
+      global_.share_of_size(at.state.data, at.state.traces, amplitudes_);
   const auto [distance, extent] =
-      stage_shares(problem_.weights(), problem_.directions(), at.state, at.residual);
+      stage_shares(structure().weights(), structure().directions(), at.state, at.residual);
   constexpr std::size_t own = 8;
   std::array<double, own + 2 * Hindsight::most> sums{
       size.strain,
@@ -101,6 +105,18 @@ Measured Stages::measure(Iterate at, Anderson& history, const ErrorEstimate& err
                     {}};
   std::copy(sums.begin() + own, sums.end(), measured.distances.begin());
   return measured;
+}
+
+NewtonProposal::Solver Stages::newton(Index limit, double tolerance) {
+  if (!substructure::InterfaceSystem::suits(laws(), limit)) {
+    return {};
+  }
+  return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
+    if (!newton) {
+      newton = std::make_shared<Newton>(global_, local_, amplitudes_);
+    }
+    return newton->solve(state.data, state.traces, tolerance);
+  };
 }
 
 }  // namespace latin::iteration

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <span>
 
 #include "latin/common/error.hpp"
@@ -49,50 +50,14 @@ constexpr Index fewest_snapshots = 4;
 /// Points in a row that the first iterate answered, before several are tried together.
 constexpr Index streak_before_batch = 3;
 
-/// Parameters that change from column to column are repeated for several sets, and put back in the end.
-class Repeated {
- public:
-  Repeated(substructure::Problem& problem, Index sets) : problem_(problem) {
-    for (std::size_t i = 0; i < problem.interfaces(); ++i) {
-      const interface::Interface& interface = problem.interface(i);
-      for (const auto& info : interface.law->parameters()) {
-        const Matrix& values = interface.law->get(info.name).values();
-        if (values.cols() > 1) {
-          originals_.push_back({interface.name, info.name, values});
-        }
-      }
-    }
-    for (const Original& each : originals_) {
-      problem_.set_parameter(each.interface, each.parameter, each.values.replicate(1, sets));
-    }
-  }
-  Repeated(const Repeated&) = delete;
-  Repeated(Repeated&&) = delete;
-  Repeated& operator=(const Repeated&) = delete;
-  Repeated& operator=(Repeated&&) = delete;
-  ~Repeated() {
-    for (Original& each : originals_) {
-      problem_.set_parameter(each.interface, each.parameter, std::move(each.values));
-    }
-  }
-
- private:
-  struct Original {
-    std::string interface;
-    std::string parameter;
-    Matrix values;
-  };
-  substructure::Problem& problem_;
-  std::vector<Original> originals_;
-};
-
 class Sweep {
  public:
-  Sweep(substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
+  Sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
         const std::vector<SweptParameter>& parameters, std::vector<State> known,
         std::vector<Index> known_points, const Callback& callback,
         const PointCallback& point_callback)
-      : problem_(problem),
+      : laws_(laws),
+        structure_(laws.structure()),
         options_(options),
         amplitudes_(amplitudes),
         known_(std::move(known)),
@@ -102,20 +67,47 @@ class Sweep {
         where_(coordinates(parameters)) {
     // of the interfaces of other ranks only the values count: they say which points are near
     for (const SweptParameter& each : parameters) {
-      const bool here = problem.has_interface(each.interface);
-      const bool somewhere = problem.communicator().maximum(here ? 1 : 0) > 0;
+      const bool here = structure_.has_interface(each.interface);
+      const bool somewhere = structure_.communicator().maximum(here ? 1 : 0) > 0;
       if (here || !somewhere) {  // setting a parameter of none names it
         own_parameters_.push_back(&each);
       }
     }
-    const double bytes = 8.0 * static_cast<double>(problem.rows() * amplitudes.cols()) *
+    const double bytes = 8.0 * static_cast<double>(structure_.rows() * amplitudes.cols()) *
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
-    if (!problem.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
-        problem.rows() == 0) {
+    if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
+        structure_.rows() == 0 || laws.transformed()) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
+  }
+
+  /// @throws InputError if positions or states do not fit; on every rank alike
+  void check(const std::vector<Index>& order) const {
+    const auto check_position = [this](Index point, const std::string& what) {
+      if (point < 0 || point >= where_.cols()) {
+        throw InputError("sweep: " + what + " " + std::to_string(point) + " is none of " +
+                         std::to_string(where_.cols()) + " points (0 to " +
+                         std::to_string(where_.cols() - 1) + ")");
+      }
+    };
+    for (const Index point : order) {
+      check_position(point, "point");
+    }
+    for (const Index point : known_points_) {
+      check_position(point, "position of a known state");
+    }
+    for (const State& state : known_) {
+      for (const Matrix* block : {&state.data, &state.traces}) {
+        if (block->rows() != structure_.rows() || block->cols() != amplitudes_.cols()) {
+          throw InputError("sweep: a known state of shape (" + std::to_string(block->rows()) +
+                           ", " + std::to_string(block->cols()) + "), expected (" +
+                           std::to_string(structure_.rows()) + ", " +
+                           std::to_string(amplitudes_.cols()) + ")");
+        }
+      }
+    }
   }
 
   void run(const std::vector<Index>& order) {
@@ -142,7 +134,10 @@ class Sweep {
     }
   }
 
-  void set_parameters(std::span<const Index> points) {
+  /// The laws of some points side by side.
+  [[nodiscard]] substructure::Laws laws_of(const substructure::Laws& base,
+                                           std::span<const Index> points) const {
+    std::vector<substructure::LawParameter> changes;
     for (const SweptParameter* each : own_parameters_) {
       const auto sets = static_cast<Index>(points.size());
       const bool in_time = each->columns > 1;
@@ -155,8 +150,9 @@ class Sweep {
         field.middleCols(set * each->columns * copies, each->columns * copies) =
             values.reshaped(rows, each->columns).replicate(1, copies);
       }
-      problem_.set_parameter(each->interface, each->parameter, std::move(field));
+      changes.push_back({each->interface, each->parameter, std::move(field)});
     }
+    return base.with_parameters(changes);
   }
 
   /// The solved points nearest to a place.
@@ -180,25 +176,43 @@ class Sweep {
   }
 
   /// @throws Interrupted if the run was interrupted
-  Summary solve_or_stop(State& state, const std::vector<const State*>& start) {
-    Summary summary = solve(problem_, options_, amplitudes_, state, start, callback_);
+  Summary solve_or_stop(const substructure::Laws& laws, State& state,
+                        const std::vector<const State*>& start) {
+    Summary summary = solve(laws, options_, amplitudes_, state, start, callback_);
     if (summary.status == Status::interrupted) {
       throw Interrupted();
     }
     return summary;
   }
 
+  /// @throws Interrupted on all ranks if the callback of any of them does
+  void hand_out(Index point, const substructure::Laws& laws, const Summary& summary,
+                const State& state) {
+    bool stop = false;
+    structure_.communicator().together([&] {
+      try {
+        point_callback_(point, laws, summary, state);
+      } catch (const Interrupted&) {
+        stop = true;
+      }
+    });
+    if (structure_.communicator().maximum(stop ? 1 : 0) > 0) {
+      throw Interrupted();
+    }
+  }
+
   /// @param wanted the state is start material even if others reproduce it: those near by did not
   /// @param tried  iterations of the point before, which gave no answer
   void solve_alone(Index point, bool wanted = false, Index tried = 0) {
-    problem_.communicator().together([&] { set_parameters({&point, 1}); });
+    std::optional<substructure::Laws> laws;
+    structure_.communicator().together([&] { laws = laws_of(laws_, {&point, 1}); });
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
-    Summary summary = solve_or_stop(state, start);
+    Summary summary = solve_or_stop(*laws, state, start);
     if (summary.status != Status::converged && !start.empty()) {
       // friction may keep a state of other parameters in a trap: from zero it is another way
       State cold;
-      Summary again = solve_or_stop(cold, {});
+      Summary again = solve_or_stop(*laws, cold, {});
       again.iterations += summary.iterations;
       if (again.status == Status::converged || again.error < summary.error) {
         state = std::move(cold);
@@ -209,7 +223,7 @@ class Sweep {
     }
     const bool at_once = summary.status == Status::converged && summary.iterations <= 1;
     summary.iterations += tried;
-    problem_.communicator().together([&] { point_callback_(point, summary, state); });
+    hand_out(point, *laws, summary, state);
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
     const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;
@@ -227,13 +241,9 @@ class Sweep {
       centre += where_.col(point) / static_cast<double>(points.size());
     }
     const auto sets = static_cast<Index>(points.size());
-    std::vector<Advanced> answers;
-    {
-      const Repeated repeated(problem_, sets);
-      set_parameters(points);
-      answers =
-          advance_together(problem_, options_, amplitudes_, sets, nearest(centre, together_from_));
-    }
+    const std::vector<Advanced> answers =
+        advance_together(laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
+                         nearest(centre, together_from_));
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
         static_cast<double>(sets);
@@ -257,8 +267,7 @@ class Sweep {
       if (callback_) {
         callback_(summary.history.back());
       }
-      set_parameters(points.subspan(i, 1));
-      point_callback_(points[i], summary, answer.state);
+      hand_out(points[i], laws_of(laws_, points.subspan(i, 1)), summary, answer.state);
     }
     // local stages of the snapshots are most of the work: no more of them than the tolerance asks for
     if (worst < spare_accuracy * options_.rtol) {
@@ -273,7 +282,8 @@ class Sweep {
     streak_ = 2 * answered > sets ? std::min(2 * sets, 2 * most_together_) : 0;
   }
 
-  substructure::Problem& problem_;
+  const substructure::Laws& laws_;
+  const substructure::Structure& structure_;
   const Options& options_;
   const Matrix& amplitudes_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
@@ -289,7 +299,7 @@ class Sweep {
 
 }  // namespace
 
-void sweep(substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
+void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
            const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
            std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
            const PointCallback& point_callback) {
@@ -297,9 +307,10 @@ void sweep(substructure::Problem& problem, const Options& options, const Matrix&
     throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
                      std::to_string(known_points.size()) + " points");
   }
-  Sweep(problem, options, amplitudes, parameters, std::move(known), std::move(known_points),
-        callback, point_callback)
-      .run(order);
+  Sweep all(laws, options, amplitudes, parameters, std::move(known), std::move(known_points),
+            callback, point_callback);
+  all.check(order);
+  all.run(order);
 }
 
 std::vector<Index> snake_order(const std::vector<Index>& shape) {

@@ -22,6 +22,7 @@ Macro::Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_ro
     size_ += interface.basis.cols();
   }
 
+  BodyWork work;
   std::vector<Eigen::Triplet<double>> entries;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (blocks[b].empty()) {
@@ -44,7 +45,7 @@ Macro::Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_ro
     part.basis = body.weights().asDiagonal() * z;
     part.data = body.directions().asDiagonal() * z;
     part.traces.resize(body.rows(), moments);
-    body.apply(part.data, part.traces);
+    body.apply(part.data, part.traces, work);
     // Z^T W (k - k A k) Z: the body, and the springs k in series with it
     const Matrix stiffness =
         part.data.transpose() * (body.weights().asDiagonal() * Matrix(z - part.traces));

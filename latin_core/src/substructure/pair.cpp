@@ -18,7 +18,7 @@ constexpr double softness = 1e-5;
 }  // namespace
 
 Pair::Pair(const std::array<PairSide, 2>& sides, const Vector& weights, const Vector& stiffness)
-    : weights_(weights) {
+    : weights_(weights), of_law_(stiffness) {
   const Index rows = weights.size();
   std::array<Matrix, 2> held;
   Vector flexibility = Vector::Zero(rows);

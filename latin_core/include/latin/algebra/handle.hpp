@@ -5,6 +5,7 @@
 
 #include <concepts>
 #include <memory>
+#include <mutex>
 #include <string_view>
 #include <utility>
 
@@ -17,6 +18,17 @@ namespace latin::algebra {
 
 static_assert(sizeof(PetscInt) == sizeof(int), "latin needs a PETSc built with 32-bit indices");
 static_assert(std::same_as<PetscScalar, double>, "latin needs a real, double precision PETSc");
+
+/// PETSc, and MUMPS behind it, for one thread at a time: held around every use of theirs in the kernel. A
+/// thread may hold it several times. Nothing that waits for another thread may be done meanwhile.
+class PetscLock {
+ public:
+  PetscLock() : lock_(mutex()) {}
+
+ private:
+  static std::recursive_mutex& mutex();
+  std::scoped_lock<std::recursive_mutex> lock_;
+};
 
 /// Turns a PETSc error code into a NumericalError that says what was attempted.
 void check(PetscErrorCode code, std::string_view doing);
@@ -35,6 +47,7 @@ class Handle {
   }
   ~Handle() {
     if (object_ != nullptr) {
+      const PetscLock lock;
       static_cast<void>(destroy(&object_));  // a destructor has nobody to tell
     }
   }
@@ -47,6 +60,7 @@ class Handle {
   }
   /// Take an additional reference; the caller keeps its own.
   static Handle borrow(Object object) {
+    const PetscLock lock;
     // PETSc's macros cast to PetscObject in C style
     check(PetscObjectReference(reinterpret_cast<PetscObject>(object)), "reference an object");
     return adopt(object);

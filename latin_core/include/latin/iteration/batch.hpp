@@ -19,12 +19,12 @@ struct Advanced {
 /// `solve` does with a point whose first iterate already is the answer, with the columns of all points
 /// in one global stage. There a matrix is read once and not once a point.
 ///
-/// Laws hold the parameters of all sets side by side, the columns of a set together.
-///
+/// @param laws       parameters of all sets side by side, the columns of a set together
 /// @param sets       parameter sets
 /// @param snapshots  two states or more, (rows, c) each
 /// @param amplitudes (loads, c), the same for all sets
-std::vector<Advanced> advance_together(const substructure::Problem& problem, const Options& options,
+/// @throws InputError naming an interface whose columns are transformed
+std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots);
 

@@ -8,7 +8,7 @@
 #include "latin/common/types.hpp"
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/state.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/size.hpp"
 
 namespace latin::iteration {
 

@@ -6,7 +6,9 @@
 #include "latin/common/types.hpp"
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/newton_proposal.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/interface_system.hpp"
+#include "latin/substructure/local_stage.hpp"
 
 namespace latin::iteration {
 
@@ -29,7 +31,9 @@ namespace latin::iteration {
 /// back. `Flexibility` has the dense matrix of it, once for a problem.
 class Newton {
  public:
-  Newton(const substructure::Problem& problem, const Matrix& amplitudes);
+  /// @param global, local stages of the run; they must outlive this object
+  Newton(substructure::GlobalStage& global, substructure::LocalStage& local,
+         const Matrix& amplitudes);
 
   /// Solve column after column, until one of them fails.
   /// @param data, traces of the iterate; replaced in the columns that are solved
@@ -68,17 +72,19 @@ class Newton {
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
-  void apply(const Matrix& data, Matrix& traces, Index index) const;
-  void relax(Matrix& data, Matrix& traces, Index index, Anderson& history, Index count) const;
+  void apply(const Matrix& data, Matrix& traces, Index index);
+  void relax(Matrix& data, Matrix& traces, Index index, Anderson& history, Index count);
   void factorise(const Matrix& tangent, Zone& zone) const;
   [[nodiscard]] Vector moved(const Vector& y, const Vector& a) const;
   [[nodiscard]] Vector times(const Matrix& tangent, const Vector& p) const;
   [[nodiscard]] double norm(const Vector& force) const;
 
-  const substructure::Problem& problem_;
+  substructure::GlobalStage& global_;
+  substructure::LocalStage& local_;
   const Matrix& amplitudes_;
+  substructure::InterfaceSystem system_;
   const substructure::Flexibility& flexibility_;
-  substructure::Problem::Layout layout_;
+  const substructure::InterfaceSystem::Layout& layout_;
   Vector own_;          ///< flexibility at which the laws are asked
   Vector shift_;        ///< own_ + E^T k^-1 E
   Vector metric_;       ///< areas * own_
@@ -86,10 +92,5 @@ class Newton {
   double scale_ = 0.0;  ///< size of the forces
   std::vector<Zone> zones_;
 };
-
-/// Newton's method as a run asks for it; what it needs is made when first asked for. It refers to its arguments.
-/// @param tolerance on the forces, relative to the largest column of them
-[[nodiscard]] NewtonProposal::Solver newton_solver(const substructure::Problem& problem,
-                                                   const Matrix& amplitudes, double tolerance);
 
 }  // namespace latin::iteration

@@ -15,7 +15,7 @@
 #include "latin/iteration/step.hpp"
 #include "latin/iteration/stopping_rule.hpp"
 #include "latin/iteration/summary.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/laws.hpp"
 
 namespace latin::iteration {
 
@@ -27,7 +27,7 @@ class Run {
  public:
   /// @param state     where it starts, and where the answer is left
   /// @param snapshots number of those that start_from() will be given
-  Run(const substructure::Problem& problem, const Options& options, const Matrix& amplitudes,
+  Run(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
       State& state, std::size_t snapshots, const Callback& callback);
   Run(const Run&) = delete;
   Run(Run&&) = delete;
@@ -54,7 +54,7 @@ class Run {
   void finish(Status status, const Measured& measured);
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  const substructure::Problem& problem_;
+  const substructure::Structure& structure_;
   const Options& options_;
   State& state_;
   const Callback& callback_;

@@ -5,7 +5,7 @@
 #include "latin/iteration/options.hpp"
 #include "latin/iteration/state.hpp"
 #include "latin/iteration/summary.hpp"
-#include "latin/substructure/problem.hpp"
+#include "latin/substructure/laws.hpp"
 
 namespace latin::iteration {
 
@@ -15,8 +15,7 @@ namespace latin::iteration {
 /// @param snapshots  states of other parameter sets with the same loads; the start is the affine
 ///                   combination of them that leaves the smallest residual, at the cost of local stages only
 /// @throws InputError on options out of range
-Summary solve(const substructure::Problem& problem, const Options& options,
-              const Matrix& amplitudes, State& state, const std::vector<const State*>& snapshots,
-              const Callback& callback);
+Summary solve(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback);
 
 }  // namespace latin::iteration

@@ -31,7 +31,8 @@ class Pair {
 
   /// Replace the residual (all rows, c) of this interface by the step that makes it vanish.
   void apply(MatrixRef residual) const;
-  [[nodiscard]] double numbers() const { return static_cast<double>(lower_.size()); }
+  /// kappa that it was made with.
+  [[nodiscard]] const Vector& stiffness() const { return of_law_; }
 
  private:
   struct Side {
@@ -41,8 +42,9 @@ class Pair {
   };
   std::array<Side, 2> sides_;
   Vector weights_;
-  Vector stiffness_;
-  Matrix lower_;  ///< L of both bodies and the law
+  Vector of_law_;
+  Vector stiffness_;  ///< of the law, softened where that is perfect
+  Matrix lower_;      ///< L of both bodies and the law
 };
 
 }  // namespace latin::substructure
