@@ -4,8 +4,9 @@
 
 #include "chain.hpp"
 
-// The iteration must not allocate blocks: malloc is replaced to count the large requests. glibc only.
-#ifdef __GLIBC__
+// The iteration must not allocate blocks: malloc is replaced to count the large requests. glibc only, and not where
+// the address sanitizer has replaced it already.
+#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__)
 
 namespace {
 

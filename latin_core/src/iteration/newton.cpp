@@ -3,6 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
+
+#include "latin/iteration/stages.hpp"
+#include "latin/iteration/step.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -25,11 +29,10 @@ constexpr double rounding = 1e-9;
 constexpr double softening = 1e-5;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
-/// Accelerated steps between two attempts at a column, their history, and how the first of them is averaged.
+/// Accelerated steps between two attempts at a column, and their history.
 constexpr Index first_relaxation = 6;
 constexpr Index last_relaxation = 48;
 constexpr Index depth = 10;
-constexpr double averaged = 0.8;
 
 }  // namespace
 
@@ -95,8 +98,8 @@ void Newton::evaluate(Column& column) {
   column.norm = norm(column.phi);
 }
 
-Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
-  Outcome outcome;
+NewtonOutcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
+  NewtonOutcome outcome;
   const Index columns = data.cols();
   const Index steps = global_.laws().steps();
   const Matrix jumps = system_.free_jumps(data, traces);
@@ -132,7 +135,7 @@ Newton::Outcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
     }
     bool solved = false;
     if (far && columns > 1) {
-      History history(global_.laws(), 1, depth);
+      Anderson history(metric_of(global_.laws().structure()), 1, depth);
       for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
         relax(data, traces, index, history, count);
         column = begin(data, traces, index);
@@ -163,25 +166,31 @@ void Newton::apply(const Matrix& data, Matrix& traces, Index index) {
 }
 
 /// Accelerated steps of the two stages, of one column alone.
-void Newton::relax(Matrix& data, Matrix& traces, Index index, History& history, Index count) {
+void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history,
+                   Index count) {
   Matrix residuals(data.rows(), data.cols());
-  local_.apply(data, traces, residuals);
-  Matrix residual = residuals.col(index);
-  Matrix step(data.rows(), 1);
+  FixedPoint stages{[&](Matrix&, Matrix& column, Matrix& trace) {
+                      data.col(index) = column;
+                      apply(data, traces, index);
+                      trace = traces.col(index);
+                    },
+                    [&](const Matrix&, const Matrix&, Matrix& residual) {
+                      local_.apply(data, traces, residuals);
+                      residual = residuals.col(index);
+                    },
+                    {}};
+  const substructure::Laws& laws = global_.laws();
+  if (laws.preconditions()) {
+    stages.precondition = [&laws](MatrixRef residual) { laws.precondition(residual); };
+  }
+  State state{data.col(index), traces.col(index)};
+  Matrix residual;
+  stages.local(state.data, state.traces, residual);
+  Stepper stepper(std::move(stages), history, 1.0);
   for (Index i = 0; i < count; ++i) {
     history.fit(residual);
-    if (history.size() > 0) {
-      history.step(residual, 1.0, step);
-    } else {
-      step = averaged * residual;
-    }
-    const Vector trace = traces.col(index);
-    data.col(index) += step;
-    apply(data, traces, index);
-    local_.apply(data, traces, residuals);
-    const Matrix now = residuals.col(index);
-    history.push(step, now - residual, traces.col(index) - trace);
-    residual = now;
+    stepper.step(history.size() > 0 ? Stepper::Kind::accelerated : Stepper::Kind::averaged,
+                 {state, residual});
   }
 }
 

@@ -13,9 +13,17 @@
 namespace latin::substructure {
 namespace {
 
-double seconds_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
+/// Seconds since the last time it was asked.
+class Watch {
+ public:
+  double lap() {
+    const auto before = std::exchange(last_, std::chrono::steady_clock::now());
+    return std::chrono::duration<double>(last_ - before).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
+};
 
 SparseRows identity(Index size) {
   SparseRows matrix(size, size);
@@ -124,12 +132,8 @@ class LowerSum {
 };
 
 SparseRows diagonal(const Vector& values) {
-  SparseRows matrix(values.size(), values.size());
-  matrix.reserve(Eigen::VectorXi::Ones(values.size()));
-  for (Index i = 0; i < values.size(); ++i) {
-    matrix.insert(i, i) = values(i);
-  }
-  matrix.makeCompressed();
+  SparseRows matrix = identity(values.size());  // compressed, also where it is empty
+  matrix.coeffs() = values;
   return matrix;
 }
 
@@ -283,6 +287,12 @@ void check_springs(const BodyDescription& body) {
              ", expected " + shape_of(spring.stiffness.size(), n));
       }
     }
+    const Index loads = body.members.front().load.cols();
+    if (spring.jump.rows() != spring.stiffness.size() || spring.jump.cols() != loads) {
+      fail("jump " + shape_of(spring.jump.rows(), spring.jump.cols()) + ", expected " +
+           std::to_string(spring.stiffness.size()) + " rows and " + std::to_string(loads) +
+           " load patterns");
+    }
     if (!spring.stiffness.allFinite() || !spring.jump.allFinite()) {
       fail("its stiffness or jump is not finite");
     }
@@ -307,31 +317,67 @@ void check_shapes(const BodyDescription& body, const std::vector<BodySide>& side
   check_sides(body, sides);
 }
 
+/// The jumps of springs in the unknowns of the body, B = T2 Z2 - T1 Z1.
+std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
+                                     const std::vector<SparseRows>& prolongations, Index size) {
+  std::vector<SparseRows> jumps;
+  for (const Spring& spring : springs) {
+    SparseRows& jump = jumps.emplace_back(spring.stiffness.size(), size);
+    for (std::size_t s = 0; s < spring.members.size(); ++s) {
+      const SparseRows of_side =
+          spring.traces[s] * prolongations[static_cast<std::size_t>(spring.members[s])];
+      jump += (s == 0 ? -1.0 : 1.0) * of_side;
+    }
+  }
+  return jumps;
+}
+
 }  // namespace
 
 Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
            const OperatorOptions& options)
     : name_(std::move(description.name)), size_(description.size) {
-  const auto start = std::chrono::steady_clock::now();
+  Watch watch;
   check_shapes(description, sides);
-  std::vector<Member>& members = description.members;
-  for (Member& member : members) {
-    prolongations_.push_back(member.prolongation.size() > 0 ? member.prolongation
+  for (Member& member : description.members) {
+    prolongations_.push_back(member.prolongation.size() > 0 ? std::move(member.prolongation)
                                                             : identity(size_));
-    member.prolongation = {};
   }
+  order_active_last(sides);
+  stack_sides(sides);
+  const std::vector<SparseRows> jumps =
+      spring_jumps(description.springs, prolongations_, description.size);
+  const Loads loads = assemble_loads(description, jumps);
+  const SparseColumns lower = assemble_operator(description, jumps);
+  for (Member& member : description.members) {
+    member.stiffness.reset();  // before the factorisation takes its memory
+    offsets_.push_back(std::move(member.offset));
+  }
+  cost_.assemble_s = watch.lap();
 
-  // unknowns that an active side touches go last, so that the factorisation condenses onto them
+  const bool condense = wants_condensation(options);
+  factorise(lower, condense, options);
+  cost_.factorise_s = watch.lap();
+  if (condense && factor_->condenses()) {
+    condensed_ = factor_->trailing_factor();
+    cost_.dense_numbers = static_cast<double>(condensed_.size());
+  }
+  keep_loads(loads, sides);
+  response_ = respond({});
+  cost_.condense_s = watch.lap();
+}
+
+/// Unknowns that an active side touches go last, so that the factorisation condenses onto them.
+void Body::order_active_last(const std::vector<BodySide>& sides) {
   std::vector<SparseRows> on_body;
   std::vector<int> position(static_cast<std::size_t>(size_), 0);
-  Index rows = 0;
   for (const BodySide& side : sides) {
-    on_body.emplace_back(side.trace * prolongations_[static_cast<std::size_t>(side.member)]);
-    on_body.back().prune(0.0);
-    for (Index k = 0; k < on_body.back().nonZeros(); ++k) {
-      position[static_cast<std::size_t>(on_body.back().innerIndexPtr()[k])] = 1;
+    SparseRows& trace =
+        on_body.emplace_back(side.trace * prolongations_[static_cast<std::size_t>(side.member)]);
+    trace.prune(0.0);
+    for (Index k = 0; k < trace.nonZeros(); ++k) {
+      position[static_cast<std::size_t>(trace.innerIndexPtr()[k])] = 1;
     }
-    rows += side.trace.rows();
   }
   for (const int touched : position) {
     active_ += touched;
@@ -341,18 +387,20 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   for (int& where : position) {
     where = where == 0 ? interior++ : trailing++;
   }
+  traces_ = stack_rows(on_body, size_);
   if (active_ > 0) {
     for (SparseRows& z : prolongations_) {
       z = renumber_columns(z, position);
     }
-  }
-  traces_ = stack_rows(on_body, size_);
-  if (active_ > 0) {
     traces_ = renumber_columns(traces_, position);
     active_traces_ = traces_.rightCols(active_);
   }
-  weights_.resize(rows);
-  direction_.resize(rows);
+}
+
+/// Weights and search directions of all sides, one below the other.
+void Body::stack_sides(const std::vector<BodySide>& sides) {
+  weights_.resize(rows());
+  direction_.resize(rows());
   Index row = 0;
   for (const BodySide& side : sides) {
     weights_.segment(row, side.trace.rows()) = side.weights;
@@ -360,88 +408,85 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     row += side.trace.rows();
   }
   active_loads_ = active_traces_.transpose() * weights_.asDiagonal();
+}
 
-  // loads, offsets and springs; offsets act through everything elastic: Z^T K u0
+/// Loads of the members and of imposed jumps. Offsets act through everything elastic: Z^T K u0.
+Body::Loads Body::assemble_loads(const BodyDescription& description,
+                                 const std::vector<SparseRows>& jumps) const {
+  const std::vector<Member>& members = description.members;
   const Index loads = members.empty() ? 0 : members.front().load.cols();
   const bool shifted =
       std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
-  Matrix load = Matrix::Zero(size_, loads);
-  Matrix of_offset = Matrix::Zero(shifted ? size_ : 0, loads);
-  Matrix offset_energy = Matrix::Zero(loads, loads);
-  LowerSum sum(size_);
+  Loads sum{Matrix::Zero(size_, loads), Matrix::Zero(shifted ? size_ : 0, loads),
+            Matrix::Zero(loads, loads)};
   for (std::size_t e = 0; e < members.size(); ++e) {
-    Member& member = members[e];
-    load += prolongations_[e].transpose() * member.load;
+    const Member& member = members[e];
+    sum.load += prolongations_[e].transpose() * member.load;
     if (member.offset.size() > 0) {
       const Matrix reaction = *member.stiffness * member.offset;
-      of_offset += prolongations_[e].transpose() * reaction;
-      offset_energy += member.offset.transpose() * reaction;
+      sum.of_offset += prolongations_[e].transpose() * reaction;
+      sum.offset_energy += member.offset.transpose() * reaction;
     }
-    sum.add(*member.stiffness, prolongations_[e]);
-    offsets_.push_back(std::move(member.offset));
   }
-  std::deque<SparseRows> of_springs;  // what the sum refers to; a deque does not move its elements
-  for (const Spring& spring : description.springs) {
-    SparseRows& jump = of_springs.emplace_back(spring.stiffness.size(), size_);
-    Matrix of_offsets = Matrix::Zero(spring.stiffness.size(), loads);
-    for (std::size_t s = 0; s < spring.members.size(); ++s) {
-      const auto e = static_cast<std::size_t>(spring.members[s]);
-      const double sign = s == 0 ? -1.0 : 1.0;
-      const SparseRows of_side = spring.traces[s] * prolongations_[e];
-      jump += sign * of_side;
-      if (offsets_[e].size() > 0) {
-        of_offsets += sign * (spring.traces[s] * offsets_[e]);
-      }
-    }
-    sum.add(view_of(of_springs.emplace_back(diagonal(spring.stiffness))), jump);
+  for (std::size_t i = 0; i < jumps.size(); ++i) {
+    const Spring& spring = description.springs[i];
     if (shifted) {
-      of_offset += jump.transpose() * (spring.stiffness.asDiagonal() * of_offsets);
-      offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
+      Matrix of_offsets = Matrix::Zero(spring.stiffness.size(), loads);
+      for (std::size_t s = 0; s < spring.members.size(); ++s) {
+        const Matrix& offset = members[static_cast<std::size_t>(spring.members[s])].offset;
+        if (offset.size() > 0) {
+          of_offsets += (s == 0 ? -1.0 : 1.0) * (spring.traces[s] * offset);
+        }
+      }
+      sum.of_offset += jumps[i].transpose() * (spring.stiffness.asDiagonal() * of_offsets);
+      sum.offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
     }
-    if (spring.jump.cols() != loads || spring.jump.rows() != spring.stiffness.size()) {
-      throw InputError("spring '" + spring.name + "': jump " + std::to_string(spring.jump.rows()) +
-                       " x " + std::to_string(spring.jump.cols()) + ", expected " +
-                       std::to_string(spring.stiffness.size()) + " rows and " +
-                       std::to_string(loads) + " load patterns");
-    }
-    load += jump.transpose() * (spring.stiffness.asDiagonal() * spring.jump);
+    sum.load += jumps[i].transpose() * (spring.stiffness.asDiagonal() * spring.jump);
   }
   if (shifted) {
-    load -= of_offset;
+    sum.load -= sum.of_offset;
   }
-  const Vector robin = weights_.cwiseProduct(direction_);
-  const SparseRows of_robin = diagonal(robin);
-  sum.add(view_of(of_robin), traces_);
-  const SparseColumns lower = sum.build();
-  for (Member& member : members) {
-    member.stiffness.reset();
-  }
-  cost_.assemble_s = seconds_since(start);
+  return sum;
+}
 
-  // factorise, condense
-  const auto factorising = std::chrono::steady_clock::now();
-  const double dense_bytes = 8.0 * static_cast<double>(active_) * static_cast<double>(active_);
-  bool condense = active_ > 0 && options.kind != OperatorKind::factored;
-  if (condense && options.kind == OperatorKind::automatic) {
-    condense = dense_is_cheaper(size_, active_) &&
-               (options.memory_limit <= 0.0 || dense_bytes <= options.memory_limit);
+/// Lower triangle of K + sum B^T kappa B + sum T^T W k T.
+SparseColumns Body::assemble_operator(const BodyDescription& description,
+                                      const std::vector<SparseRows>& jumps) const {
+  LowerSum sum(size_);
+  for (std::size_t e = 0; e < description.members.size(); ++e) {
+    sum.add(*description.members[e].stiffness, prolongations_[e]);
   }
+  std::deque<SparseRows> diagonals;  // the sum looks at them; a deque does not move its elements
+  for (std::size_t i = 0; i < jumps.size(); ++i) {
+    sum.add(view_of(diagonals.emplace_back(diagonal(description.springs[i].stiffness))), jumps[i]);
+  }
+  sum.add(view_of(diagonals.emplace_back(diagonal(weights_.cwiseProduct(direction_)))), traces_);
+  return sum.build();
+}
+
+bool Body::wants_condensation(const OperatorOptions& options) const {
+  if (active_ == 0 || options.kind == OperatorKind::factored) {
+    return false;
+  }
+  const double bytes = 8.0 * static_cast<double>(active_) * static_cast<double>(active_);
+  return options.kind == OperatorKind::condensed ||
+         (dense_is_cheaper(size_, active_) &&
+          (options.memory_limit <= 0.0 || bytes <= options.memory_limit));
+}
+
+void Body::factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options) {
   factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
-  cost_.factorise_s = seconds_since(factorising);
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
     throw InputError("body '" + name_ + "': backend '" + factor_->backend() +
                      "' does not condense: use operator 'factored' or backend 'cholmod'");
   }
-  const auto condensing = std::chrono::steady_clock::now();
-  if (condense && factor_->condenses()) {
-    condensed_ = factor_->trailing_factor();
-    cost_.dense_numbers = static_cast<double>(condensed_.size());
-  }
+}
 
-  // the load patterns, once
-  offset_traces_ = Matrix::Zero(rows, loads);
-  row = 0;
+/// What the load patterns bring, beside the interface data.
+void Body::keep_loads(const Loads& loads, const std::vector<BodySide>& sides) {
+  offset_traces_ = Matrix::Zero(rows(), loads.load.cols());
+  Index row = 0;
   for (const BodySide& side : sides) {
     const Matrix& offset = offsets_[static_cast<std::size_t>(side.member)];
     if (offset.size() > 0) {
@@ -449,13 +494,12 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     }
     row += side.trace.rows();
   }
-  load_ = load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
-  if (shifted) {
-    work_ = load + 2.0 * of_offset;
+  const Vector robin = weights_.cwiseProduct(direction_);
+  load_ = loads.load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
+  if (loads.of_offset.size() > 0) {
+    work_ = loads.load + 2.0 * loads.of_offset;
   }
-  offset_energy_ = std::move(offset_energy);
-  response_ = respond({});
-  cost_.condense_s = seconds_since(condensing);
+  offset_energy_ = loads.offset_energy;
 }
 
 LoadResponse Body::respond(Matrix extra) const {

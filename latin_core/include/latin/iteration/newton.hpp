@@ -4,7 +4,8 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
-#include "latin/iteration/history.hpp"
+#include "latin/iteration/anderson.hpp"
+#include "latin/iteration/newton_proposal.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/interface_system.hpp"
 #include "latin/substructure/local_stage.hpp"
@@ -34,15 +35,10 @@ class Newton {
   Newton(substructure::GlobalStage& global, substructure::LocalStage& local,
          const Matrix& amplitudes);
 
-  struct Outcome {
-    Index solved = 0;     ///< columns solved, from the first; the others stay as they were
-    double stages = 0.0;  ///< work in global stages of all columns, the factorisations not counted
-    Index steps = 0;      ///< Newton steps of single columns
-  };
   /// Solve column after column, until one of them fails.
   /// @param data, traces of the iterate; replaced in the columns that are solved
   /// @param tolerance    on the forces, relative to the largest column of them
-  Outcome solve(Matrix& data, Matrix& traces, double tolerance);
+  NewtonOutcome solve(Matrix& data, Matrix& traces, double tolerance);
 
  private:
   /// LU of the closed zone of one column, kept as long as its tangent stays what it was.
@@ -77,7 +73,7 @@ class Newton {
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
   void apply(const Matrix& data, Matrix& traces, Index index);
-  void relax(Matrix& data, Matrix& traces, Index index, History& history, Index count);
+  void relax(Matrix& data, Matrix& traces, Index index, Anderson& history, Index count);
   void factorise(const Matrix& tangent, Zone& zone) const;
   [[nodiscard]] Vector moved(const Vector& y, const Vector& a) const;
   [[nodiscard]] Vector times(const Matrix& tangent, const Vector& p) const;

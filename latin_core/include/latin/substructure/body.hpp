@@ -143,6 +143,23 @@ class Body {
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
  private:
+  /// Right-hand sides while the body is built, one column a load pattern.
+  struct Loads {
+    Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
+    Matrix of_offset;      ///< Z^T K u0, empty without offsets
+    Matrix offset_energy;  ///< u0^T K u0
+  };
+  // what the constructor does, in this order
+  void order_active_last(const std::vector<BodySide>& sides);
+  void stack_sides(const std::vector<BodySide>& sides);
+  [[nodiscard]] Loads assemble_loads(const BodyDescription& description,
+                                     const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] SparseColumns assemble_operator(const BodyDescription& description,
+                                                const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
+  void factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options);
+  void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
+
   /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
   [[nodiscard]] const Matrix* compliance(Index columns) const;
   /// Solve for the load patterns and the forces added to them.

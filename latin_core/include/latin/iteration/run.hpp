@@ -1,0 +1,76 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/iteration/anderson.hpp"
+#include "latin/iteration/error_estimate.hpp"
+#include "latin/iteration/newton_proposal.hpp"
+#include "latin/iteration/options.hpp"
+#include "latin/iteration/safeguard.hpp"
+#include "latin/iteration/stages.hpp"
+#include "latin/iteration/state.hpp"
+#include "latin/iteration/step.hpp"
+#include "latin/iteration/stopping_rule.hpp"
+#include "latin/iteration/summary.hpp"
+#include "latin/substructure/laws.hpp"
+
+namespace latin::iteration {
+
+/// One solve: the local and the global stage in turn, until the stopping rule says how it ended.
+///
+/// What decides is elsewhere, each by itself: the error estimate, the stopping rule, the safeguard of the accelerated
+/// steps, and the proposals of Newton's method. Here they are asked in their order.
+class Run {
+ public:
+  /// @param state     where it starts, and where the answer is left
+  /// @param snapshots number of those that start_from() will be given
+  Run(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+      State& state, std::size_t snapshots, const Callback& callback);
+  Run(const Run&) = delete;
+  Run(Run&&) = delete;
+  Run& operator=(const Run&) = delete;
+  Run& operator=(Run&&) = delete;
+  ~Run() = default;
+
+  void start_from(const std::vector<const State*>& snapshots);
+  /// @param traces_known whether the state has the traces of its data
+  Summary run(bool traces_known);
+
+ private:
+  [[nodiscard]] bool accelerates() const { return options_.acceleration > 0; }
+  [[nodiscard]] Iterate at() { return {state_, residual_}; }
+  [[nodiscard]] Index iterations() const { return stages_.count() + newton_stages_; }
+  [[nodiscard]] double elapsed() const;
+  void begin(bool traces_known);
+  Measured observe();
+  void report(double error, const Measured& measured);
+  [[nodiscard]] double estimate(const Measured& measured);
+  void advance(const Measured& measured);
+  void propose();
+  bool follow(const Measured& measured);
+  void finish(Status status, const Measured& measured);
+
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  const substructure::Structure& structure_;
+  const Options& options_;
+  State& state_;
+  const Callback& callback_;
+  Matrix residual_;
+  Stages stages_;
+  Anderson history_;
+  Stepper stepper_;
+  ErrorEstimate error_;
+  NewtonProposal newton_;
+  StoppingRule stopping_;
+  Safeguard safeguard_;
+  Summary summary_;
+  Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
+  double callback_s_ = 0.0;
+  bool interrupted_ = false;  ///< on this rank
+  bool stop_ = false;         ///< interrupted on some rank, as all know
+};
+
+}  // namespace latin::iteration

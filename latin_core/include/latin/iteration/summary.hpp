@@ -1,0 +1,57 @@
+#pragma once
+
+#include <exception>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "latin/common/types.hpp"
+
+namespace latin::iteration {
+
+/// How an iteration ended.
+enum class Status {
+  converged,       ///< the estimated error is below the tolerance
+  max_iterations,  ///< the tolerance was not reached in the allowed iterations
+  stagnated,       ///< the error stopped falling: rounding, or a direction far off
+  diverged,        ///< the residual grew beyond any use, or became NaN
+  interrupted      ///< a callback asked for what is done so far
+};
+std::string to_string(Status status);
+
+/// One iteration as a callback sees it.
+struct Iteration {
+  Index number;  ///< from 0, of this solve
+  double
+      error;  ///< estimated relative error (k-free, see Size::relative_to), infinity while unknown
+  double indicator;  ///< the paper's error indicator (depends on k)
+  double residual;   ///< |r| in sqrt(W/k), absolute
+  double seconds;    ///< since the solve began
+};
+
+/// A callback throws it to end the run with what is done so far; on several ranks, that of any of them does.
+class Interrupted : public std::exception {
+ public:
+  [[nodiscard]] const char* what() const noexcept override { return "interrupted"; }
+};
+
+/// Called after every iteration; may throw to end the run.
+using Callback = std::function<void(const Iteration&)>;
+
+/// What a run did.
+struct Summary {
+  Status status = Status::max_iterations;
+  Index iterations = 0;  ///< global stages, and the work of Newton steps in such
+  double error = 0.0;    ///< last estimate
+  double indicator = 0.0;
+  double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
+  double global_s = 0.0;
+  double local_s = 0.0;
+  double newton_s = 0.0;   ///< tangents and dense systems of Newton steps
+  double other_s = 0.0;    ///< acceleration and error measure
+  Index newton_steps = 0;  ///< of single columns
+  Index restarts = 0;      ///< times the safeguard dropped the history
+  std::vector<Iteration> history;
+};
+
+}  // namespace latin::iteration

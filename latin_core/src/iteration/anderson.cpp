@@ -1,0 +1,198 @@
+#include "latin/iteration/anderson.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+namespace latin::iteration {
+
+Fit least_squares(const Matrix& gram, const Vector& projection, double norm) {
+  Fit fit{Vector::Zero(projection.size()), 1.0};
+  if (projection.size() == 0 || norm == 0.0) {
+    return fit;
+  }
+  // unit columns, then drop directions that are noise
+  Vector scale = gram.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt();
+  scale = scale.cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scale.asDiagonal() * gram * scale.asDiagonal());
+  const Vector& values = eigen.eigenvalues();
+  const double smallest = 1e-13 * values.tail(1)(0);
+  Vector coordinates = eigen.eigenvectors().transpose() * (scale.asDiagonal() * projection);
+  double explained = 0.0;
+  for (Index i = 0; i < coordinates.size(); ++i) {
+    if (values(i) > smallest) {
+      explained += coordinates(i) * coordinates(i) / values(i);
+      coordinates(i) /= values(i);
+    } else {
+      coordinates(i) = 0.0;
+    }
+  }
+  fit.gamma = scale.asDiagonal() * (eigen.eigenvectors() * coordinates);
+  fit.remainder = std::sqrt(std::max(0.0, 1.0 - explained / (norm * norm)));
+  return fit;
+}
+
+Anderson::Anderson(Metric metric, Index columns, Index depth, Index sets)
+    : metric_(std::move(metric)),
+      rows_(metric_.weights().size()),
+      columns_(columns),
+      depth_(depth),
+      sets_(sets),
+      data_(rows_ * columns, depth),
+      traces_(rows_ * columns, depth),
+      residual_(rows_ * columns, sets * depth),
+      gram_(static_cast<std::size_t>(sets), Matrix::Zero(depth, depth)),
+      work_(rows_ * columns, sets),
+      gamma_(0, sets),
+      remainders_(Vector::Ones(sets)),
+      norms_(Vector::Zero(sets)) {}
+
+void Anderson::clear() {
+  size_ = 0;
+  next_ = 0;
+  common_ = 0;
+  fresh_.clear();
+  gamma_.resize(0, sets_);
+  predicted_ = false;
+}
+
+Index Anderson::take_slot(ConstMatrixRef residual) {
+  if (common_ < size_ && sets_ > 1) {
+    throw std::logic_error("a history of several sets takes one difference of their own, at last");
+  }
+  const Index slot = next_;
+  for (Index set = 0; set < sets_; ++set) {
+    residual_.col(set * depth_ + slot) = residual.middleCols(set * columns_, columns_).reshaped();
+  }
+  next_ = (next_ + 1) % depth_;
+  size_ = std::min(size_ + 1, depth_);
+  if (std::ranges::find(fresh_, slot) == fresh_.end()) {
+    fresh_.push_back(slot);
+  }
+  return slot;
+}
+
+void Anderson::push_common(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
+  if (depth_ == 0) {
+    return;
+  }
+  const Index slot = take_slot(residual);
+  common_ = size_;
+  data_.col(slot) = data.reshaped();
+  traces_.col(slot) = traces.reshaped();
+}
+
+void Anderson::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
+  if (sets_ == 1) {
+    push_common(data, residual, traces);
+  } else if (depth_ > 0) {
+    take_slot(residual);
+    own_data_ = data.reshaped(rows_ * columns_, sets_);
+    own_traces_ = traces.reshaped(rows_ * columns_, sets_);
+  }
+}
+
+void Anderson::products_of(Index set, ConstMatrixRef residual, Matrix& products) const {
+  products = Matrix::Zero(size_, 1 + static_cast<Index>(fresh_.size()));
+  Vector weighted(rows_);
+  // piece by piece, so that all products pass over the history once
+  for (Index column = 0; column < columns_ && products.rows() > 0 && rows_ > 0; ++column) {
+    const auto stored = residual_.block(column * rows_, set * depth_, rows_, size_);
+    for (Index i = 0; i < products.cols(); ++i) {
+      if (i == 0) {
+        weighted = metric_.weights().cwiseProduct(residual.col(column));
+      } else {
+        weighted =
+            metric_.weights().cwiseProduct(stored.col(fresh_[static_cast<std::size_t>(i - 1)]));
+      }
+      products.col(i).noalias() += stored.transpose() * weighted;
+    }
+  }
+}
+
+void Anderson::fit(ConstMatrixRef residual, std::span<double> shares) {
+  // all that must be summed over ranks, in one message: the caller's, |r|^2, dR^T r, new rows of the Gram matrix
+  std::vector<double> sums(shares.begin(), shares.end());
+  Matrix products;
+  for (Index set = 0; set < sets_; ++set) {
+    const auto of_set = residual.middleCols(set * columns_, columns_);
+    sums.push_back(metric_.share_of_square(of_set));
+    products_of(set, of_set, products);
+    sums.insert(sums.end(), products.data(), products.data() + products.size());
+  }
+  metric_.sum(sums);
+  auto next = sums.cbegin() + static_cast<std::ptrdiff_t>(shares.size());
+  std::copy(sums.cbegin(), next, shares.begin());
+
+  gamma_.resize(size_, sets_);
+  Vector projection(size_);
+  for (Index set = 0; set < sets_; ++set) {
+    norms_(set) = std::sqrt(*next++);
+    for (double& value : projection) {
+      value = *next++;
+    }
+    Matrix& gram = gram_[static_cast<std::size_t>(set)];
+    for (const Index slot : fresh_) {
+      for (Index other = 0; other < size_; ++other) {
+        gram(slot, other) = *next++;
+        gram(other, slot) = gram(slot, other);
+      }
+    }
+    const Fit best = least_squares(gram.topLeftCorner(size_, size_), projection, norms_(set));
+    gamma_.col(set) = best.gamma;
+    remainders_(set) = best.remainder;
+  }
+  fresh_.clear();
+  predicted_ = false;
+}
+
+double Anderson::explained(Index set) const {
+  return std::sqrt(std::max(0.0, 1.0 - remainders_(set) * remainders_(set)));
+}
+
+void Anderson::combine(const Matrix& common, const Matrix& own, Matrix& sum) const {
+  sum.resize(rows_, sets_ * columns_);
+  Eigen::Map<Matrix> all(sum.data(), rows_ * columns_, sets_);
+  if (sets_ == 1) {
+    all.col(0).noalias() = common.leftCols(gamma_.rows()) * gamma_.col(0);
+    return;
+  }
+  const Index shared = std::min(common_, gamma_.rows());
+  all.noalias() = common.leftCols(shared) * gamma_.topRows(shared);
+  if (shared < gamma_.rows()) {
+    all += own * gamma_.row(shared).asDiagonal();
+  }
+}
+
+const State& Anderson::predicted_error() const {
+  if (!predicted_) {
+    predicted_ = true;
+    combine(data_, own_data_, error_.data);
+    combine(traces_, own_traces_, error_.traces);
+  }
+  return error_;
+}
+
+void Anderson::step(ConstMatrixRef residual, double beta, const Preconditioner& precondition,
+                    MatrixRef step) {
+  const Index used = gamma_.rows();
+  for (Index set = 0; set < sets_; ++set) {
+    work_.col(set).noalias() = residual_.middleCols(set * depth_, used) * gamma_.col(set);
+  }
+  step = residual - Eigen::Map<const Matrix>(work_.data(), rows_, sets_ * columns_);
+  if (precondition) {
+    precondition(step);
+  }
+  step = beta * step - predicted_error().data;
+}
+
+Anderson::Difference Anderson::difference(Index slot) const {
+  return {{data_.col(slot).data(), rows_, columns_},
+          {traces_.col(slot).data(), rows_, columns_},
+          std::sqrt(gram_.front()(slot, slot))};
+}
+
+}  // namespace latin::iteration

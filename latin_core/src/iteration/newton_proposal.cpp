@@ -1,0 +1,96 @@
+#include "latin/iteration/newton_proposal.hpp"
+
+#include <utility>
+
+#include "latin/common/error.hpp"
+
+namespace latin::iteration {
+namespace {
+
+/// From zero some averaged steps find most of what is open and closed. From elsewhere (another parameter set)
+/// a few accelerated steps are often enough, and cheaper than dense factorisations: so many more for each of the
+/// unknowns.
+constexpr Index steps_before = 2;
+constexpr double steps_per_unknown = 0.05;
+/// Accelerated steps after Newton's method failed; twice as many after the next time.
+constexpr Index steps_after_failure = 8;
+/// A proposal that leaves less than this of the residual is the error of the iterate before it.
+constexpr double believable = 0.5;
+/// A step so much larger than the data is a body that flies off.
+constexpr double absurd = 1e6;
+/// Below this share of the data the residual need not fall.
+constexpr double settled = 1e-10;
+
+}  // namespace
+
+NewtonProposal::NewtonProposal(Metric metric, Solver solver, Residual residual)
+    : metric_(std::move(metric)),
+      solver_(std::move(solver)),
+      residual_of_(std::move(residual)),
+      wait_(steps_before),
+      wait_after_failure_(steps_after_failure) {}
+
+void NewtonProposal::begin(bool from_zero, Index unknowns) {
+  wait_ = steps_before;
+  if (!from_zero) {
+    wait_ += static_cast<Index>(steps_per_unknown * static_cast<double>(unknowns));
+  }
+}
+
+NewtonOutcome NewtonProposal::propose(Iterate from) {
+  if (!possible() || !from.residual.allFinite() || from.residual.isZero(0.0)) {
+    return {};
+  }
+  State proposal = from.state;
+  NewtonOutcome outcome;
+  try {
+    outcome = solver_(proposal);
+  } catch (const NumericalError&) {
+    solver_ = {};  // a body without a usable flexibility: the accelerated iteration goes on alone
+    return {};
+  }
+  made_ = true;
+  columns_ = outcome.solved;
+  step_.data = proposal.data - from.state.data;
+  step_.traces = proposal.traces - from.state.traces;
+  residual_.resize(step_.data.rows(), step_.data.cols());
+  residual_of_(proposal, residual_);
+  length_ = metric_.norm(step_.data);
+  norm_ = metric_.norm(residual_);
+  return outcome;
+}
+
+bool NewtonProposal::sane(double residual, double data) const {
+  return length_ < absurd * (residual + data);
+}
+
+std::optional<double> NewtonProposal::left(double residual, double data) const {
+  if (!whole() || !sane(residual, data)) {
+    return std::nullopt;
+  }
+  const double share = norm_ > settled * data ? norm_ / residual : 0.0;
+  return share < believable ? std::optional(share) : std::nullopt;
+}
+
+bool NewtonProposal::follow(double residual, double data, Iterate at) {
+  if (!made_) {
+    return false;
+  }
+  const bool all = whole();
+  const bool good = sane(residual, data) && (all ? norm_ < residual : columns_ > solved_);
+  if (!all || !good) {
+    ++failures_;
+    wait_ = wait_after_failure_;
+    wait_after_failure_ *= 2;
+  }
+  if (!good) {
+    return false;
+  }
+  solved_ = columns_;
+  at.state.data += step_.data;
+  at.state.traces += step_.traces;
+  at.residual.swap(residual_);
+  return true;
+}
+
+}  // namespace latin::iteration

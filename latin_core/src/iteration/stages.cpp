@@ -1,0 +1,122 @@
+#include "latin/iteration/stages.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <memory>
+
+#include "latin/iteration/newton.hpp"
+#include "latin/substructure/interface_system.hpp"
+
+namespace latin::iteration {
+
+using substructure::Structure;
+
+Metric metric_of(const Structure& structure) {
+  return Metric(structure.weights().cwiseQuotient(structure.directions()),
+                [&structure](std::span<double> values) { structure.communicator().sum(values); });
+}
+
+Gauge gauge_of(const Structure& structure) {
+  return {[&structure](ConstMatrixRef data, ConstMatrixRef traces) {
+            return substructure::difference_size(structure, data, traces);
+          },
+          [&structure](const State& a, const State& b) {
+            return substructure::share_of_distance(structure, a.data, a.traces, b.data, b.traces);
+          }};
+}
+
+Stages::Stages(const substructure::Laws& laws, const Matrix& amplitudes, bool single_precision)
+    : global_(laws),
+      local_(laws, amplitudes.cols()),
+      amplitudes_(amplitudes),
+      single_precision_(single_precision) {}
+
+FixedPoint Stages::fixed_point() {
+  FixedPoint stages{
+      [this](Matrix& step, Matrix& data, Matrix& traces) { global(&step, data, traces); },
+      [this](const Matrix& data, const Matrix& traces, Matrix& residual) {
+        local(data, traces, residual);
+      },
+      {}};
+  if (laws().preconditions()) {
+    stages.precondition = [this](MatrixRef residual) { laws().precondition(residual); };
+  }
+  return stages;
+}
+
+void Stages::evaluate(Iterate at) {
+  global(nullptr, at.state.data, at.state.traces);
+  local(at.state.data, at.state.traces, at.residual);
+}
+
+void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
+  const Timed timed(global_s_);
+  rounded_ = step != nullptr && single_precision_;
+  ++count_;
+  attempt([&] {
+    if (rounded_) {
+      global_.change(*step, traces);
+    } else {
+      global_.apply(data, amplitudes_, traces);
+    }
+    if (structure().macro_size() > 0) {
+      const Matrix added = global_.balance(local_, data, traces);
+      if (step != nullptr) {
+        *step += added;
+      }
+    }
+  });
+}
+
+void Stages::local(const Matrix& data, const Matrix& traces, Matrix& residual) {
+  const Timed timed(local_s_);
+  attempt([&] { local_.apply(data, traces, residual); });
+}
+
+void Stages::refresh(State& state) { global_.apply(state.data, amplitudes_, state.traces); }
+
+Measured Stages::measure(Iterate at, Anderson& history, const ErrorEstimate& error, bool& stop) {
+  const substructure::Size size =
+      global_.share_of_size(at.state.data, at.state.traces, amplitudes_);
+  const auto [distance, extent] =
+      stage_shares(structure().weights(), structure().directions(), at.state, at.residual);
+  constexpr std::size_t own = 8;
+  std::array<double, own + 2 * Hindsight::most> sums{
+      size.strain,
+      size.trace,
+      size.work,
+      distance,
+      extent,
+      history.metric().share_of_square(at.state.data),
+      failure_ ? 1.0 : 0.0,
+      stop ? 1.0 : 0.0};
+  std::ranges::copy(error.shares(at.state), sums.begin() + own);
+  history.fit(at.residual, sums);
+  if (sums[6] > 0.0) {
+    agree();
+  }
+  stop = sums[7] > 0.0;
+  Measured measured{history.residual_norm(),
+                    std::sqrt(sums[5]),
+                    stage_distance({sums[3], sums[4]}),
+                    substructure::Size{sums[0], sums[1], sums[2]}.positive(),
+                    {}};
+  std::copy(sums.begin() + own, sums.end(), measured.distances.begin());
+  return measured;
+}
+
+NewtonProposal::Solver Stages::newton(Index limit, double tolerance) {
+  if (!substructure::InterfaceSystem::suits(laws(), limit)) {
+    return {};
+  }
+  return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
+    if (!newton) {
+      newton = std::make_shared<Newton>(global_, local_, amplitudes_);
+    }
+    return newton->solve(state.data, state.traces, tolerance);
+  };
+}
+
+}  // namespace latin::iteration
