@@ -5,10 +5,12 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here.
 """
 
-from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend import geometry, reference
-from dolfinx_frontend.assembly.assemble import Problem, Substructure, assemble
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.estimate import mesh_error as discretisation
@@ -57,20 +59,20 @@ from dolfinx_frontend.solvers.sampling import (
 )
 from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
 from dolfinx_frontend.solvers.sweep import SweepResult, sweep
-from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
-from dolfinx_frontend.uncertainty.random import (
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import (
     Beta,
-    Chaos,
-    Correlated,
     FromDistribution,
     FromSamples,
     Gamma,
     LogNormal,
     Normal,
-    RandomField,
     TruncatedNormal,
     Uniform,
 )
+from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 from latin_core import Options
 
 __all__ = [

@@ -17,34 +17,26 @@ cylinder, the means of the coordinates differ by O(h^2) with straight facets (th
 chords) and by O(h^4) with quadratic ones.
 
 On triangles of degree 1 there are two facets a node: laws that prescribe jumps lock there.
-
-All pairs are clipped at once in NumPy, thirty lines for convex polygons of at most four corners. Shapely
-(GEOS) intersects arrays of polygons too; every pair would become two planar polygon objects, made in the
-plane of a facet of side 1 as here, and its results would be cut into triangles as here. It is worth one more
-package for polygons that are not convex, which facets are not.
-
-Source: J. Sutherland, G. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974) 32-42.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
+from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.clipping import flatten, measure, rule_on, simplices_of
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.scene import Overlap
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.pairing import FacetMap
-
-__all__ = ["Averages", "Polygons", "average", "clip", "means", "polygons"]
+__all__ = ["Averages", "Polygons", "average", "means", "polygons"]
 
 
 UNCOVERED = 0.01
@@ -121,9 +113,6 @@ class Averages:
     covered: float
 
 
-# ---------------------------------------------------------------------------------------------
-# Polygons and their intersections
-# ---------------------------------------------------------------------------------------------
 def _reference_polygons(cell: Any, parts: int) -> Array:
     """(k, v, fdim): the reference facet, cut into polygons along a lattice."""
     ends = np.arange(parts + 1) / parts
@@ -153,63 +142,8 @@ def polygons(facets: FacetMap) -> Polygons:
     )
 
 
-def clip(subjects: Array, windows: Array) -> Array:
-    """Intersections of convex polygons, pair by pair.
-
-    Parameters
-    ----------
-    subjects
-        (k, a, 2), corners in the order of the rim, either way round.
-    windows
-        (k, b, 2), counter-clockwise.
-
-    Returns
-    -------
-    Array
-        (k, c, 2); polygons with fewer than c corners repeat one of them, empty ones have no area.
-    """
-    out = np.asarray(subjects, dtype=np.float64)
-    rows = np.arange(len(out))[:, None]
-    for edge in range(windows.shape[1]):
-        start = windows[:, edge, None, :]
-        along = windows[:, (edge + 1) % windows.shape[1], None, :] - start
-        inside = along[..., 0] * (out - start)[..., 1] - along[..., 1] * (out - start)[..., 0]
-        following, ahead = np.roll(out, -1, axis=1), np.roll(inside, -1, axis=1)
-        kept, crossed = inside >= 0.0, (inside >= 0.0) != (ahead >= 0.0)
-        share = np.divide(inside, inside - ahead, out=np.zeros_like(inside), where=crossed)
-        crossing = out + share[..., None] * (following - out)
-        # every edge emits its first corner, then where it crosses the line
-        points = np.stack([out, crossing], axis=2).reshape(len(out), -1, 2)
-        valid = np.stack([kept, crossed], axis=2).reshape(len(out), -1)
-        width = max(int(valid.sum(axis=1).max(initial=0)), 1)
-        order = np.argsort(~valid, axis=1, kind="stable")[:, :width]
-        order = np.where(np.take_along_axis(valid, order, axis=1), order, order[:, :1])
-        out = points[rows, order]
-        out[~valid.any(axis=1)] = 0.0  # nothing is left: one point
-    return out
-
-
-def _flatten(window: Array, subject: Array) -> tuple[Array, Array]:
-    """Corners of pairs of polygons (k, v, d) in the plane of the first: (k, v, d - 1) each."""
-    d = window.shape[2]
-    centre = window.mean(axis=1, keepdims=True)
-    if d == 2:
-        along = window[:, 1] - window[:, 0]
-        axes = (along / np.linalg.norm(along, axis=1)[:, None])[:, None, :]
-    else:
-        arms = window - centre
-        area = np.cross(arms, np.roll(arms, -1, axis=1)).sum(axis=1)
-        normal = area / np.linalg.norm(area, axis=1)[:, None]
-        first = window[:, 1] - window[:, 0]
-        first -= np.einsum("ki,ki->k", first, normal)[:, None] * normal
-        first /= np.linalg.norm(first, axis=1)[:, None]
-        axes = np.stack([first, np.cross(normal, first)], axis=1)
-    flat = tuple(np.einsum("kaj,kvj->kva", axes, x - centre) for x in (window, subject))
-    return flat[0], flat[1]
-
-
 def _plane_normals(p: Polygons) -> Array:
-    """(k, d), unit normals of the planes that _flatten projects onto."""
+    """(k, d), unit normals of the planes that flatten projects onto."""
     if p.corners.shape[2] == 2:
         along = p.corners[:, 1] - p.corners[:, 0]
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
@@ -219,41 +153,13 @@ def _plane_normals(p: Polygons) -> Array:
     return np.asarray(normal / np.linalg.norm(normal, axis=1)[:, None])
 
 
-def _simplices(window: Array, subject: Array) -> tuple[Ints, Array]:
-    """Pair of, and corners (r, fdim + 1, fdim) of the simplices the intersections consist of."""
-    if window.shape[2] == 1:
-        low = np.maximum(window[:, :, 0].min(axis=1), subject[:, :, 0].min(axis=1))
-        high = np.minimum(window[:, :, 0].max(axis=1), subject[:, :, 0].max(axis=1))
-        pair = np.flatnonzero(high > low)
-        return pair, np.stack([low, high], axis=1)[pair, :, None]
-    common = clip(subject, window)
-    count = common.shape[1] - 2
-    if count < 1:
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 3, 2))
-    apex = np.repeat(common[:, :1], count, axis=1)
-    fan = np.stack([apex, common[:, 1:-1], common[:, 2:]], axis=2).reshape(-1, 3, 2)
-    pair = np.repeat(np.arange(len(common)), count)
-    solid = _measure(fan) > 0.0
-    return pair[solid], fan[solid]
-
-
-def _measure(simplices: Array) -> Array:
-    """(r,) length or area."""
-    sides = simplices[:, 1:] - simplices[:, :1]
-    if simplices.shape[2] == 1:
-        return np.abs(sides[:, 0, 0])
-    return np.asarray(
-        0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
-    )
-
-
 def _plane_areas(own: Polygons, facets: int) -> Array:
     """(facets,): area of the polygons of every facet, each in its own plane."""
     v, fdim = own.corners.shape[1], own.corners.shape[2] - 1
-    flat, _ = _flatten(own.corners, own.corners)
+    flat, _ = flatten(own.corners, own.corners)
     fan = [flat[:, [0, *range(k, k + fdim)]] for k in range(1, v - fdim + 1)]
     out = np.zeros(facets)
-    np.add.at(out, own.parent, sum(_measure(f) for f in fan))
+    np.add.at(out, own.parent, sum(measure(f) for f in fan))
     return out
 
 
@@ -326,9 +232,6 @@ def _piece_degree(facets: FacetMap, degree: int) -> int:
     return 2 * degree + min(int(np.ceil(_DIGITS / gain)), _MOST)
 
 
-# ---------------------------------------------------------------------------------------------
-# Which facets meet
-# ---------------------------------------------------------------------------------------------
 def _pairs(p1: Polygons, p2: Polygons, reach1: Array, reach2: Array) -> Iterator[tuple[Ints, Ints]]:
     """Pairs of polygons whose bounding boxes are within reach and whose normals oppose.
 
@@ -372,16 +275,6 @@ class _Pieces:
     x2: Array
 
 
-def _rule(simplices: Array, degree: int) -> tuple[Array, Array]:
-    """Points (r, q, fdim) and weights (r, q) of a rule on every simplex."""
-    fdim = simplices.shape[2]
-    cell = basix.CellType.interval if fdim == 1 else basix.CellType.triangle
-    s, w = (np.asarray(a) for a in basix.make_quadrature(cell, degree))
-    barycentric = np.column_stack([1.0 - s.sum(axis=1), s])
-    points = np.einsum("qv,rvi->rqi", barycentric, simplices)
-    return points, _measure(simplices)[:, None] * (w / w.sum())
-
-
 def _intersect(
     first: FacetMap, second: FacetMap, degree: int, limit: float
 ) -> tuple[_Pieces, Array, sp.csr_matrix, float]:
@@ -401,14 +294,14 @@ def _intersect(
             if not part.size:
                 continue
             i, j = a[part], b[part]
-            window, subject = _flatten(p1.corners[i], p2.corners[j])
-            pair, simplices = _simplices(window, subject)
-            area = _measure(simplices)
+            window, subject = flatten(p1.corners[i], p2.corners[j])
+            pair, simplices = simplices_of(window, subject)
+            area = measure(simplices)
             solid = area > 1e-15 * whole[p1.parent[i[pair]]]
             pair, simplices, area = pair[solid], simplices[solid], area[solid]
             if not pair.size:
                 continue
-            y, w = _rule(simplices, degree)
+            y, w = rule_on(simplices, degree)
             q = y.shape[1]
             at = np.repeat(pair, q)
             y = y.reshape(-1, fdim)
@@ -489,9 +382,6 @@ def _check_cover(
         )
 
 
-# ---------------------------------------------------------------------------------------------
-# Averages
-# ---------------------------------------------------------------------------------------------
 def means(rows: Ints, weights: Array, n: int) -> sp.csr_matrix:
     """(n, points): weighted mean of the points of each row (points,); rows without points are 0."""
     total = np.bincount(rows, weights, minlength=n)

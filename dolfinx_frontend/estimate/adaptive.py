@@ -30,10 +30,10 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.solvers.sampling import SampleResult
 from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
-from dolfinx_frontend.uncertainty.random import Chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.assemble import Problem
+    from dolfinx_frontend.assembly.problem import Problem
 
 __all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments", "solve_to_accuracy"]
 

@@ -20,9 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_frontend.assembly.assemble import Problem, Substructure, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface, frames
+from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery

@@ -21,8 +21,8 @@ import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
-from dolfinx_frontend.assembly.assemble import Substructure
-from dolfinx_frontend.assembly.pairing import coordinate_element, quadrature, tabulate
+from dolfinx_frontend.assembly.elements import coordinate_element, quadrature, tabulate
+from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError

@@ -793,7 +793,7 @@ def _facet_lines(
     """Facets of a face in the plane, displaced and coloured."""
     from matplotlib.collections import LineCollection
 
-    from dolfinx_frontend.assembly.pairing import FacetMap
+    from dolfinx_frontend.assembly.facet_map import FacetMap
 
     facets = FacetMap(part.part, face, part.name)
     row = np.searchsorted(np.sort(part.part.facet_tags.find(part.part.names[face])), numbers)

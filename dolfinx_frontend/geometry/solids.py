@@ -21,8 +21,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend.assembly.averages import clip
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.clipping import clip
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
 __all__ = [

@@ -27,7 +27,9 @@ from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.uncertainty.random import CorrelatedParameter, RandomParameter, RandomSpace, Sobol
+from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
+from dolfinx_frontend.uncertainty.parameters import RandomParameter
+from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 __all__ = [
     "ChaosFile",

@@ -25,9 +25,10 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from dolfinx import fem, plot
 
-from dolfinx_frontend.assembly.assemble import Substructure
 from dolfinx_frontend.assembly.averages import means
-from dolfinx_frontend.assembly.pairing import FacetMap, Interface
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io.saved import SavedResult

@@ -25,7 +25,7 @@ from dolfinx_frontend.scene.laws import Displacement
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.pairing import Interface
+    from dolfinx_frontend.assembly.interface import Interface
     from dolfinx_frontend.plan.plan import Plan
     from dolfinx_frontend.solvers.chaos import ChaosResult
     from dolfinx_frontend.solvers.sampling import SampleResult

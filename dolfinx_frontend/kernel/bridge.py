@@ -13,9 +13,10 @@ from time import perf_counter
 
 import numpy as np
 
-from dolfinx_frontend.assembly.assemble import Problem, resolve, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.values import resolve, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.user_laws import batched

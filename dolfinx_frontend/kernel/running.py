@@ -26,7 +26,7 @@ import numpy.typing as npt
 from latin_core import Iteration, State, Summary
 from latin_core import Problem as Kernel
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.plan.plan import Plan
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
 
 __all__ = ["Moments", "basis"]

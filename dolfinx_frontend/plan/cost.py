@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import log2
 
-from dolfinx_frontend.assembly.assemble import Problem
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
 
 __all__ = ["Cost", "predict", "shown"]
 

@@ -32,7 +32,7 @@ from dolfinx_frontend.scene.laws import (
 from latin_core import Options
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.assemble import Problem
+    from dolfinx_frontend.assembly.problem import Problem
     from dolfinx_frontend.plan.random_laws import RandomLaws
 
 __all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]

@@ -11,12 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.translate import kernel_values, law_fields
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
-from dolfinx_frontend.uncertainty.random import DiscretisedField, RandomField, RandomParameter, RandomSpace
+from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
+from dolfinx_frontend.uncertainty.parameters import RandomParameter
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random"]
 

@@ -15,8 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface, frames
+from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.scene.amplitudes import Amplitude

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dolfinx_frontend.assembly.assemble import forces, jumps, resolve, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.values import forces, jumps, resolve, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Varying

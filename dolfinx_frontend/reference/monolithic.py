@@ -16,8 +16,9 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc as _PETSc
 
-from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
-from dolfinx_frontend.assembly.pairing import petsc_matrix
+from dolfinx_frontend.assembly.elements import petsc_matrix
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.reduction import Body, body_load, body_matrix, displacements, reduce, spring_jump

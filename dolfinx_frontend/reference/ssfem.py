@@ -32,15 +32,19 @@ from latin_core.stochastic import ChaosBasis
 from petsc4py import PETSc as _PETSc
 from scipy.sparse import linalg as sparse_linalg
 
-from dolfinx_frontend.assembly.assemble import Problem, forces, jumps, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_operator
 from dolfinx_frontend.reference.monolithic import Cholesky
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Law, Perfect, Pressure, Traction
-from dolfinx_frontend.uncertainty.random import Chaos, DiscretisedField, RandomParameter, RandomSpace
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.uncertainty.parameters import RandomParameter
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["SSFEMSolution", "energy_error_modes", "smallest_eigenvalue", "ssfem"]
 

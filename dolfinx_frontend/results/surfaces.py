@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.scene.laws import Contact, Law

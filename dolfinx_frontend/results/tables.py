@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.assemble import Problem, Substructure, resolve
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.uncertainty.quantities import Quantity
-from dolfinx_frontend.uncertainty.random import RandomSpace
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["Samples", "StochasticResult", "one_number_a_sample", "timed"]
 

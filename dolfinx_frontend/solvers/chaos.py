@@ -30,7 +30,7 @@ from dolfinx import fem
 from latin_core import Iteration, Options, State, stochastic
 from latin_core import Problem as Kernel
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io import saved
@@ -43,8 +43,10 @@ from dolfinx_frontend.results import tables
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
 from dolfinx_frontend.solvers.collocation import Collocation, collocation, sampled_parameters
 from dolfinx_frontend.solvers.solve import Result, fields_of_cuts, start_states
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.quantities import Quantity
-from dolfinx_frontend.uncertainty.random import Chaos, DiscretisedField, RandomSpace, Sobol
+from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 if TYPE_CHECKING:
     from dolfinx_frontend.solvers.sampling import SampleResult

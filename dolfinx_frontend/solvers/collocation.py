@@ -23,7 +23,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
-from dolfinx_frontend.uncertainty.random import Chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["MOST_TENSOR", "Collocation", "collocation", "sampled_parameters"]
 

@@ -21,7 +21,7 @@ from latin_core import sweep as kernel_sweep
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
@@ -35,7 +35,7 @@ from dolfinx_frontend.results.surfaces import Moments
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
 from dolfinx_frontend.solvers.sweep import PointResults, fingerprint, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Quantity
-from dolfinx_frontend.uncertainty.random import RandomSpace
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 if TYPE_CHECKING:
     from dolfinx_frontend.estimate.adaptive import Errors

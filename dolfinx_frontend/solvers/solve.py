@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dolfinx_frontend.assembly.assemble import Problem, stiffnesses
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io import saved
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from dolfinx_frontend.estimate.adaptive import Errors
     from dolfinx_frontend.results.resultant import Resultant
     from dolfinx_frontend.solvers.chaos import ChaosResult
-    from dolfinx_frontend.uncertainty.random import Chaos
+    from dolfinx_frontend.uncertainty.chaos import Chaos
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
 

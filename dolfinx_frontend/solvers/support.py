@@ -36,10 +36,12 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from dolfinx_frontend.assembly.assemble import Problem, forces, held
-from dolfinx_frontend.assembly.pairing import Interface
+from dolfinx_frontend.assembly.held import held
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
+from dolfinx_frontend.assembly.values import forces
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.translate import law_fields

@@ -21,7 +21,7 @@ from scipy import stats
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.uncertainty.random import RandomSpace
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
 

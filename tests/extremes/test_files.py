@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Field, load_chaos, save_chaos
-from dolfinx_frontend.uncertainty.random import Chaos, LogNormal, RandomSpace, Uniform
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.parameters import LogNormal, Uniform
+from dolfinx_frontend.uncertainty.space import RandomSpace
 from latin_core.checkpoint import Checkpoint, CheckpointError
 
 HEADER = {"run": "fuzz", "points": 4}

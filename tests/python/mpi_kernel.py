@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from mpi4py import MPI
 
-from dolfinx_frontend.assembly.pairing import petsc_matrix
+from dolfinx_frontend.assembly.elements import petsc_matrix
 from latin_core import Options, RemoteError, _core
 
 NODES = 6

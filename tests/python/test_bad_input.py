@@ -12,8 +12,9 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import assemble, resolve
+from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.rigid import check_rigid_bodies
+from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.reduction import reduce
 from dolfinx_frontend.reference.monolithic import Cholesky, monolithic
@@ -31,7 +32,7 @@ from dolfinx_frontend.scene.laws import (
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.solve import solve
-from dolfinx_frontend.uncertainty.random import LogNormal
+from dolfinx_frontend.uncertainty.parameters import LogNormal
 
 STEEL = LinearElastic(2e5, 0.3)
 UNIT = geometry.box((1.0, 1.0), (2, 2))

@@ -17,20 +17,20 @@ from scipy import stats
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.io import chaos_file
 from dolfinx_frontend.io.chaos_file import ChaosFileError, Field, load_chaos, save_chaos, to_openturns
-from dolfinx_frontend.uncertainty.random import (
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import (
     Beta,
-    Chaos,
-    Correlated,
     FromDistribution,
     FromSamples,
     Gamma,
     LogNormal,
     Normal,
-    RandomField,
-    RandomSpace,
     TruncatedNormal,
     Uniform,
 )
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.assembly.assemble import Problem, assemble
-from dolfinx_frontend.assembly.pairing import FacetMap
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Contact

@@ -6,7 +6,8 @@ import pytest
 from latin_core import Options
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.plan.cost import predict, shown
 from dolfinx_frontend.scene.laws import Elastic
 from dolfinx_frontend.scene.materials import LinearElastic

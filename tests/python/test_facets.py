@@ -12,8 +12,11 @@ from dolfinx import fem
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
-from dolfinx_frontend.assembly.averages import average, clip, polygons
-from dolfinx_frontend.assembly.pairing import FacetMap, csr, make_interface
+from dolfinx_frontend.assembly.averages import average, polygons
+from dolfinx_frontend.assembly.elements import csr
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.pairing import make_interface
+from dolfinx_frontend.common.clipping import clip
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.plan.reduction import reduce

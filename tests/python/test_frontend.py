@@ -11,9 +11,12 @@ import scipy.sparse as sp
 from dolfinx import fem
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import assemble, jumps, stiffnesses
-from dolfinx_frontend.assembly.pairing import csr, frames, make_interface
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.elements import csr
+from dolfinx_frontend.assembly.interface import frames
+from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.rigid import check_rigid_bodies
+from dolfinx_frontend.assembly.values import jumps, stiffnesses
 from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
 from dolfinx_frontend.reference.monolithic import (
     Cholesky,

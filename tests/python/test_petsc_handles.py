@@ -16,8 +16,9 @@ from petsc4py import PETSc as _PETSc
 
 import latin_core
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
-from dolfinx_frontend.assembly.pairing import csr
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.elements import csr
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.kernel.bridge import build
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.scene.laws import Elastic

@@ -9,18 +9,12 @@ import pytest
 from scipy import integrate, stats
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import FromSamples, Gamma, LogNormal, Normal, Uniform
 from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity, sobol_of
-from dolfinx_frontend.uncertainty.random import (
-    Chaos,
-    Correlated,
-    FromSamples,
-    Gamma,
-    LogNormal,
-    Normal,
-    RandomField,
-    RandomSpace,
-    Uniform,
-)
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 
 def sampled(values, **settings):

@@ -12,7 +12,8 @@ import pytest
 from dolfinx import fem
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import running
 from dolfinx_frontend.plan.plan import Direction, make_plan

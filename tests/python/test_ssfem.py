@@ -18,7 +18,8 @@ from petsc4py import PETSc
 from scipy import integrate, linalg, stats
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.reference.monolithic import Monolithic, energy_error, monolithic
 from dolfinx_frontend.reference.ssfem import (
@@ -31,16 +32,10 @@ from dolfinx_frontend.reference.ssfem import (
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Pressure, Symmetry, Traction
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.uncertainty.random import (
-    Chaos,
-    Correlated,
-    Gamma,
-    LogNormal,
-    Normal,
-    RandomField,
-    TruncatedNormal,
-    Uniform,
-)
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import Gamma, LogNormal, Normal, TruncatedNormal, Uniform
 from tests.python.helpers import block, lame
 
 Array = npt.NDArray[np.float64]

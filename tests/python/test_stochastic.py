@@ -8,22 +8,22 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.uncertainty import random as rnd
-from dolfinx_frontend.uncertainty.random import (
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.distributions import Atoms, Distribution
+from dolfinx_frontend.uncertainty.fields import RandomField, exponential_1d_eigenvalues
+from dolfinx_frontend.uncertainty.parameters import (
     Beta,
-    Chaos,
-    Correlated,
     FromDistribution,
     FromSamples,
     Gamma,
     LogNormal,
     Normal,
-    RandomField,
     RandomParameter,
-    RandomSpace,
     TruncatedNormal,
     Uniform,
 )
+from dolfinx_frontend.uncertainty.space import RandomSpace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from latin_core import stochastic as core
@@ -224,7 +224,7 @@ def test_moments_maps_and_chaos_agree(parameter: RandomParameter) -> None:
     assert lower <= low and up <= upper
 
     hermite = parameter.hermite_coefficients(30)
-    if not hasattr(parameter, "_law") or not isinstance(parameter._law, rnd._Atoms):
+    if not hasattr(parameter, "_law") or not isinstance(parameter._law, Atoms):
         assert np.sum(hermite[1:] ** 2) == pytest.approx(parameter.std**2, rel=2e-3)
     assert hermite[0] == pytest.approx(parameter.mean, rel=1e-9)
 
@@ -246,7 +246,7 @@ def test_discrete_hermite_coefficients_are_exact() -> None:
     ],
 )
 def test_numerical_polynomials_equal_the_classical_ones(
-    law: rnd._Law, germ: core.Germ
+    law: Distribution, germ: core.Germ
 ) -> None:
     own = FromDistribution("x", law, germ="own")
     alpha, beta = own.germ.recurrence(30)
@@ -537,15 +537,15 @@ def segment(facets: int, points: int = 3, size: float = 1.0) -> tuple[Array, Arr
 
 def test_exponential_eigenvalues_solve_the_integral_equation() -> None:
     """Their sum is the size; lambda_1 is the one tabulated for correlation length = size = 1."""
-    values = rnd.exponential_1d_eigenvalues(0.5, 1.0, 4000)
+    values = exponential_1d_eigenvalues(0.5, 1.0, 4000)
     assert (np.diff(values) < 0.0).all()
     tail = 2.0 / 0.5 / (math.pi**2 * 4000.0)
     assert values.sum() + tail == pytest.approx(1.0, abs=1e-6)
-    assert rnd.exponential_1d_eigenvalues(1.0, 1.0, 1)[0] == pytest.approx(0.7388108, abs=1e-6)
+    assert exponential_1d_eigenvalues(1.0, 1.0, 1)[0] == pytest.approx(0.7388108, abs=1e-6)
 
 
 def test_karhunen_loeve_reaches_the_closed_form() -> None:
-    exact = rnd.exponential_1d_eigenvalues(0.5, 1.0, 10)
+    exact = exponential_1d_eigenvalues(0.5, 1.0, 10)
     field = RandomField("k", 100.0, 0.2, length=0.5, modes=10)
     coarse, fine = (field.on(*segment(n)).eigenvalues for n in (100, 200))
     assert np.abs(fine[:4] / exact[:4] - 1.0).max() < 2e-6

@@ -18,7 +18,8 @@ import pytest
 from latin_core import InputError, Options
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.plan import Direction
@@ -30,7 +31,8 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.sampling import monte_carlo
 from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.solvers.sweep import sweep
-from dolfinx_frontend.uncertainty.random import LogNormal, RandomField
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import LogNormal
 
 Array = npt.NDArray[np.float64]
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "laws.md"

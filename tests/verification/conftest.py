@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.reference.monolithic import ReferenceSolution, monolithic
 from tests.verification import scenes
 

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.scene.laws import Elastic, Law, Perfect, Pressure, Symmetry
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene

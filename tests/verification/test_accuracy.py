@@ -9,7 +9,8 @@ from latin_core import Options
 from scipy import stats
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import Moments, moments
 from dolfinx_frontend.reference.monolithic import energy_error
@@ -20,7 +21,9 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.chaos import ChaosResult
 from dolfinx_frontend.solvers.sampling import SampleResult
 from dolfinx_frontend.solvers.solve import solve
-from dolfinx_frontend.uncertainty.random import Chaos, LogNormal, Normal, RandomField
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal
 
 OPENING = Resultant("layer", "jump")
 BOTH = [OPENING, Resultant("layer", "jump", 2)]

@@ -9,7 +9,8 @@ import pytest
 from latin_core import CheckpointError, Options, stochastic
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.io.chaos_file import load_chaos
 from dolfinx_frontend.plan.plan import Direction
@@ -25,16 +26,10 @@ from dolfinx_frontend.solvers.sampling import (
     tensor_quadrature,
 )
 from dolfinx_frontend.solvers.solve import solve
-from dolfinx_frontend.uncertainty.random import (
-    Chaos,
-    Correlated,
-    Gamma,
-    LogNormal,
-    Normal,
-    RandomField,
-    TruncatedNormal,
-    Uniform,
-)
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import Gamma, LogNormal, Normal, TruncatedNormal, Uniform
 
 TIGHT = Options(rtol=1e-10)
 

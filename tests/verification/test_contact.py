@@ -10,7 +10,8 @@ import pytest
 from latin_core import Options
 
 from dolfinx_frontend import geometry, reference
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
@@ -18,7 +19,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.sampling import quasi_monte_carlo
 from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.solvers.sweep import sweep
-from dolfinx_frontend.uncertainty.random import Normal
+from dolfinx_frontend.uncertainty.parameters import Normal
 
 TIGHT = Options(rtol=1e-11, max_iterations=1000)
 AREA = 100.0  # mm^2

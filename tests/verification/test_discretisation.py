@@ -10,7 +10,8 @@ import pytest
 import ufl
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import DiscretisationError, estimate
 from dolfinx_frontend.results.resultant import Resultant
@@ -20,7 +21,7 @@ from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic, 
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.sampling import monte_carlo
 from dolfinx_frontend.solvers.solve import Result, solve
-from dolfinx_frontend.uncertainty.random import LogNormal
+from dolfinx_frontend.uncertainty.parameters import LogNormal
 from tests.python.helpers import DIMENSION, block, wavy
 from tests.verification import scenes
 

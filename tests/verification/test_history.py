@@ -9,7 +9,8 @@ import pytest
 from latin_core import Options
 
 from dolfinx_frontend import geometry, reference
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.plan import Direction, make_plan
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -18,7 +19,7 @@ from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.solvers.sweep import sweep
-from dolfinx_frontend.uncertainty.random import Normal
+from dolfinx_frontend.uncertainty.parameters import Normal
 
 TIGHT = Options(rtol=1e-11, max_iterations=2000)
 TIMES = np.linspace(0.25, 3.0, 12)

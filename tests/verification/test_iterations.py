@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, geometry
-from dolfinx_frontend.assembly.assemble import Problem
-from dolfinx_frontend.assembly.pairing import csr
+from dolfinx_frontend.assembly.elements import csr
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.geometry.lap_joint import lap_joint
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction

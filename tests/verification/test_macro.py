@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.reference.monolithic import energy_error, monolithic
 from dolfinx_frontend.scene.laws import Contact, Perfect, Pressure

@@ -15,7 +15,8 @@ from latin_core import InputError, Options
 from scipy import stats
 
 from dolfinx_frontend import geometry
-from dolfinx_frontend.assembly.assemble import Problem, assemble
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.scene.amplitudes import Amplitude
@@ -26,16 +27,10 @@ from dolfinx_frontend.solvers.chaos import ChaosResult, TruncationWarning
 from dolfinx_frontend.solvers.collocation import MOST_TENSOR, collocation
 from dolfinx_frontend.solvers.sampling import sample
 from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import RandomField
+from dolfinx_frontend.uncertainty.parameters import FromSamples, LogNormal, Normal, TruncatedNormal, Uniform
 from dolfinx_frontend.uncertainty.quantities import Quantity
-from dolfinx_frontend.uncertainty.random import (
-    Chaos,
-    FromSamples,
-    LogNormal,
-    Normal,
-    RandomField,
-    TruncatedNormal,
-    Uniform,
-)
 
 Array = npt.NDArray[np.float64]
 

@@ -1,0 +1,62 @@
+"""Elements of the meshes, tabulated, and sparse matrices between SciPy and PETSc."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix
+import numpy as np
+import scipy.sparse as sp
+from dolfinx import mesh as dmesh
+from petsc4py import PETSc as _PETSc
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.compat import coordinate_map
+
+__all__ = ["coordinate_element", "csr", "petsc_matrix", "quadrature", "tabulate"]
+
+PETSc: Any = _PETSc  # its stubs know no members
+
+
+def petsc_matrix(matrix: sp.csr_matrix) -> Any:
+    """Sequential PETSc AIJ matrix of a SciPy one (copied)."""
+    matrix = matrix.tocsr()
+    matrix.sort_indices()
+    data = (
+        matrix.indptr.astype(PETSc.IntType),
+        matrix.indices.astype(PETSc.IntType),
+        matrix.data.astype(np.float64),
+    )
+    out = PETSc.Mat().createAIJ(matrix.shape, csr=data, comm=PETSc.COMM_SELF)
+    out.assemble()
+    return out
+
+
+def csr(matrix: Any) -> sp.csr_matrix:
+    """SciPy copy of a sequential PETSc AIJ matrix."""
+    indptr, indices, values = matrix.getValuesCSR()
+    return sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+
+
+def coordinate_element(mesh: dmesh.Mesh) -> Any:
+    """Scalar basix element of the coordinate map."""
+    cmap = coordinate_map(mesh)
+    return basix.create_element(
+        basix.ElementFamily.P,
+        basix.CellType[mesh.topology.cell_name()],
+        cmap.degree,
+        basix.LagrangeVariant(int(cmap.variant)),
+    )
+
+
+def tabulate(element: Any, derivatives: int, x: Array) -> Array:
+    """Scalar shape functions, (1 [+ tdim], points, functions): values, then first derivatives."""
+    if not len(x):  # basix ends the process
+        return np.zeros((1 + derivatives * x.shape[1], 0, element.dim))
+    return np.asarray(element.tabulate(derivatives, x))[:, :, :, 0]
+
+
+def quadrature(cell: Any, degree: int) -> tuple[Array, Array]:
+    """Points (q, tdim) and weights (q,) of a rule on a reference cell."""
+    x, w = basix.make_quadrature(cell, degree)
+    return np.asarray(x), np.asarray(w)

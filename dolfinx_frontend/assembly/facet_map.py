@@ -1,0 +1,344 @@
+"""Facets of a face: maps, shape functions and closest points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any
+
+import basix
+import numpy as np
+import scipy.sparse as sp
+
+from dolfinx_frontend.assembly.elements import coordinate_element, quadrature, tabulate
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.scene import PartLike
+
+__all__ = ["FaceCopy", "FacetMap", "face_copy"]
+
+
+@dataclass(frozen=True)
+class FaceCopy:
+    """The cells along a face with their unknowns: what another rank needs to pair it. Plain data.
+
+    Attributes
+    ----------
+    cell, order, variant
+        Cell name, degree and variant of its coordinate map.
+    nodes, local
+        (facets, nodes per cell, d) coordinates, and (facets,) number of the facet within its cell.
+    degree, lagrange
+        Degree and variant of the displacements.
+    dofs, coordinates
+        (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
+    """
+
+    cell: str
+    order: int
+    variant: int
+    nodes: Array = field(repr=False)
+    local: Ints = field(repr=False)
+    degree: int
+    lagrange: int
+    dofs: Ints = field(repr=False)
+    coordinates: Array = field(repr=False)
+
+    @property
+    def space(self) -> Any:
+        """Stands for the function space in the pairing."""
+        variant = basix.LagrangeVariant(self.lagrange)
+        element = basix.create_element(
+            basix.ElementFamily.P, basix.CellType[self.cell], self.degree, variant
+        )
+        return SimpleNamespace(
+            element=SimpleNamespace(basix_element=element),
+            dofmap=SimpleNamespace(
+                list=self.dofs, index_map=SimpleNamespace(size_local=len(self.coordinates))
+            ),
+            tabulate_dof_coordinates=lambda: self.coordinates,
+        )
+
+
+def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
+    """Copy of a face for another rank.
+
+    Raises
+    ------
+    SceneError
+        The face has no facets, or some inside the part.
+    """
+    facets = FacetMap(part, face, where)
+    element = space.element.basix_element
+    nodes, dofs = np.unique(np.asarray(space.dofmap.list)[facets.cells], return_inverse=True)
+    cmap = coordinate_map(part.mesh)
+    return FaceCopy(
+        cell=facets.cell.name,
+        order=facets.order,
+        variant=int(cmap.variant),
+        nodes=facets.nodes,
+        local=facets.local,
+        degree=int(element.degree),
+        lagrange=int(element.lagrange_variant),
+        dofs=dofs.reshape(len(facets), -1),
+        coordinates=space.tabulate_dof_coordinates()[nodes],
+    )
+
+
+class FacetMap:
+    """The facets of one face of a part, as images of the reference facet.
+
+    Parameters
+    ----------
+    part
+        The part.
+    face
+        Name of the face.
+    where
+        Prefix of error messages.
+
+    Attributes
+    ----------
+    cells, local
+        (facets,), cell of each facet and the facet's number within it.
+    nodes
+        (facets, nodes per cell, d), coordinates of the cells.
+    """
+
+    def __init__(self, part: PartLike | FaceCopy, face: str, where: str) -> None:
+        if isinstance(part, FaceCopy):
+            self._take(part)
+        else:
+            self._read(part, face, where)
+        tdim = self.dim
+        corners = np.asarray(basix.geometry(self.cell))
+        vertices = np.array(basix.topology(self.cell)[tdim - 1])
+        self.origin: Array = corners[vertices[:, 0]]
+        # (facets of the cell, tdim, fdim): tangents of the reference facet
+        self.tangents: Array = np.stack(
+            [corners[vertices[:, k]] - self.origin for k in range(1, tdim)], axis=2
+        )
+        gram = np.swapaxes(self.tangents, 1, 2) @ self.tangents
+        self.scale: Array = np.sqrt(np.linalg.det(gram))
+        self.conormal: Array = np.asarray(
+            basix.cell.facet_outward_normals(self.cell), dtype=np.float64
+        )
+        self.facet_cell: basix.CellType = {
+            "triangle": basix.CellType.interval,
+            "quadrilateral": basix.CellType.interval,
+            "tetrahedron": basix.CellType.triangle,
+            "hexahedron": basix.CellType.quadrilateral,
+        }[self.cell.name]
+
+    def _take(self, copy: FaceCopy) -> None:
+        """The facets of a copy, whose cells are numbered by facet."""
+        self.dim = int(copy.nodes.shape[2])
+        self.cell = basix.CellType[copy.cell]
+        self.cells: Ints = np.arange(len(copy.local))
+        self.local: Ints = copy.local
+        self.element = basix.create_element(
+            basix.ElementFamily.P, self.cell, copy.order, basix.LagrangeVariant(copy.variant)
+        )
+        self.order = copy.order
+        self.nodes: Array = copy.nodes
+
+    def _read(self, part: PartLike, face: str, where: str) -> None:
+        """The facets of a mesh."""
+        mesh = part.mesh
+        tdim = mesh.topology.dim
+        self.dim = int(mesh.geometry.dim)
+        self.cell = basix.CellType[mesh.topology.cell_name()]
+        facets = np.sort(part.facet_tags.find(part.names[face]))
+        if not facets.size:
+            raise SceneError(f"{where}: face {face!r} has no facets; check the tags of the part")
+        mesh.topology.create_connectivity(tdim - 1, tdim)
+        mesh.topology.create_connectivity(tdim, tdim - 1)
+        to_cell = mesh.topology.connectivity(tdim - 1, tdim)
+        to_facet = mesh.topology.connectivity(tdim, tdim - 1).array.reshape(
+            -1, len(basix.topology(self.cell)[tdim - 1])
+        )
+        count = np.diff(to_cell.offsets)[facets]
+        if np.any(count != 1):
+            raise SceneError(
+                f"{where}: {np.count_nonzero(count != 1)} facets of face {face!r} are inside the "
+                "part; a face consists of exterior facets"
+            )
+        self.cells = to_cell.array[to_cell.offsets[facets]].astype(np.int64)
+        self.local = np.argmax(to_facet[self.cells] == facets[:, None], axis=1)
+        cmap = coordinate_map(mesh)
+        self.element = coordinate_element(mesh)
+        self.order = int(cmap.degree)
+        x = np.asarray(mesh.geometry.x, dtype=np.float64)
+        self.nodes = x[cell_nodes(mesh)[self.cells]][:, :, : self.dim]
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+    def reference(self, index: Ints, s: Array) -> Array:
+        """(p, tdim): points of the reference cell, of facet coordinates s (p, fdim)."""
+        local = self.local[index]
+        x: Array = self.origin[local] + np.einsum("pij,pj->pi", self.tangents[local], s)
+        return x
+
+    def push_forward(self, index: Ints, s: Array) -> tuple[Array, Array]:
+        """Points x (p, d) and Jacobians dx/dX (p, d, tdim) of the cell map."""
+        tables = tabulate(self.element, 1, self.reference(index, s))
+        nodes = self.nodes[index]
+        x = np.einsum("pk,pki->pi", tables[0], nodes)
+        jacobian = np.einsum("jpk,pki->pij", tables[1:], nodes)
+        return x, jacobian
+
+    def surface(self, index: Ints, s: Array) -> tuple[Array, Array, Array]:
+        """Points (p, d), outward unit normals (p, d), area per area of the reference facet (p,)."""
+        x, jacobian = self.push_forward(index, s)
+        local = self.local[index]
+        conormal = np.linalg.solve(
+            np.swapaxes(jacobian, 1, 2), self.conormal[local][:, :, None]
+        )[:, :, 0]
+        length = np.linalg.norm(conormal, axis=1)
+        area = np.abs(np.linalg.det(jacobian)) * length * self.scale[local]
+        return x, conormal / length[:, None], area
+
+    def quadrature(self, degree: int) -> tuple[Ints, Array, Array]:
+        """Facet indices, facet coordinates and reference weights of all points, facet by facet."""
+        s, w = quadrature(self.facet_cell, degree)
+        if w.min() <= 0.0:
+            raise SceneError(
+                f"quadrature_degree = {degree}: the rule of degree {degree} on a "
+                f"{self.facet_cell.name} has weights <= 0; choose another degree"
+            )
+        n = len(self)
+        index = np.repeat(np.arange(n), len(w))
+        return index, np.tile(s, (n, 1)), np.tile(w, n)
+
+    def lattice(self) -> Array:
+        """Coordinates of a few points that represent the reference facet, (k, fdim)."""
+        points = np.asarray(
+            basix.create_lattice(self.facet_cell, 2, basix.LatticeType.equispaced, True)
+        )
+        if self.facet_cell == basix.CellType.triangle:
+            points = np.vstack([points, np.full((1, 2), 1 / 3)])
+        return points
+
+    @cached_property
+    def samples(self) -> Array:
+        """(facets, k, d), the lattice on every facet."""
+        lattice = self.lattice()
+        n, k = len(self), len(lattice)
+        x, _ = self.push_forward(np.repeat(np.arange(n), k), np.tile(lattice, (n, 1)))
+        return x.reshape(n, k, self.dim)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(facets,), diagonal of the bounding box."""
+        size: Array = np.linalg.norm(np.ptp(self.samples, axis=1), axis=1)
+        return size
+
+    @cached_property
+    def sags(self) -> Array:
+        """(facets,), estimated distance of the facets from the smooth face that they stand for, length.
+
+        A chord of length h with the turn phi to its neighbours is h phi / 8 from the arc; curved facets
+        have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
+        """
+        corners = np.asarray(basix.geometry(self.facet_cell))
+        n, v = len(self), len(corners)
+        index = np.repeat(np.arange(n), v)
+        x, normals, _ = self.surface(index, np.tile(corners, (n, 1)))
+        grid = np.round((x - x.min(axis=0)) / (1e-7 * self.sizes.max())).astype(np.int64)
+        _, vertex = np.unique(grid, axis=0, return_inverse=True)
+        vertex = vertex.ravel()
+        mean = np.zeros((vertex.max() + 1, self.dim))
+        np.add.at(mean, vertex, normals)
+        mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+        cosine = np.einsum("pi,pi->p", normals, mean[vertex])
+        turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
+        turn = np.where(turn > np.pi / 4, 0.0, turn).reshape(n, v).max(axis=1)
+        sag: Array = self.sizes * turn / 8.0
+        return sag
+
+    def clamp(self, s: Array) -> Array:
+        """The nearest point of the reference facet (in its own coordinates)."""
+        out = np.clip(s, 0.0, 1.0)
+        if self.facet_cell == basix.CellType.triangle:
+            excess = np.maximum(s.sum(axis=1) - 1.0, 0.0)
+            beyond = excess > 0.0
+            # onto the hypotenuse, then onto its ends
+            along = np.clip(0.5 * (1.0 + s[:, 0] - s[:, 1]), 0.0, 1.0)
+            hypotenuse = np.stack([along, 1.0 - along], axis=1)
+            out = np.where(beyond[:, None], hypotenuse, out)
+        return out
+
+    def closest(
+        self, index: Ints, points: Array, along: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Closest point of facet index[p] to points[p], or to a line through it.
+
+        Parameters
+        ----------
+        index, points
+            (p,), (p, d).
+        along
+            (p, d), unit directions of the lines; None: the closest point to points[p] itself.
+
+        Returns
+        -------
+        s
+            (p, fdim), coordinates of the closest point, within the reference facet.
+        x
+            (p, d), the closest point.
+        outside
+            (p,), how far the foot of the perpendicular is outside the reference facet.
+        """
+        s = np.full((len(index), self.dim - 1), 1 / 3 if self.dim == 3 else 0.5)
+        active = np.arange(len(index))
+        affine = self.order == 1 and self.facet_cell != basix.CellType.quadrilateral
+        for _ in range(2 if affine else 30):  # one step does it; the second polishes
+            x, jacobian = self.push_forward(index[active], s[active])
+            tangents = jacobian @ self.tangents[self.local[index[active]]]
+            residual = points[active] - x
+            if along is not None:  # what is beside the line
+                n = along[active]
+                residual = residual - np.einsum("pi,pi->p", residual, n)[:, None] * n
+                tangents = tangents - n[:, :, None] * np.einsum("pi,pij->pj", n, tangents)[:, None]
+            # least squares by QR: the normal equations would lose thin facets
+            q, r = np.linalg.qr(tangents)
+            step = np.linalg.solve(r, np.swapaxes(q, 1, 2) @ residual[:, :, None])[:, :, 0]
+            updated = np.clip(s[active] + step, -3.0, 4.0)
+            change = np.abs(updated - s[active]).max(axis=1)
+            s[active] = updated
+            active = active[change > 1e-13]
+            if not active.size:
+                break
+        inside = self.clamp(s)
+        outside = np.abs(s - inside).max(axis=1)
+        x, _ = self.push_forward(index, inside)
+        return inside, x, outside
+
+    def trace(
+        self, space: Any, index: Ints, s: Array, columns: int
+    ) -> sp.csr_matrix:
+        """Shape functions of a scalar component at points of the facets, (p, columns)."""
+        element = space.element.basix_element
+        closure = np.array(element.entity_closure_dofs[self.dim - 1])[self.local[index]]
+        values = np.empty(closure.shape)
+        for chunk in np.array_split(np.arange(len(index)), 1 + len(index) // 50_000):
+            table = tabulate(element, 0, self.reference(index[chunk], s[chunk]))[0]
+            values[chunk] = np.take_along_axis(table, closure[chunk], axis=1)
+        nodes = np.asarray(space.dofmap.list)[self.cells[index]]
+        dofs = np.take_along_axis(nodes, closure, axis=1)
+        p, k = closure.shape
+        matrix = sp.csr_matrix(
+            (values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns)
+        )
+        matrix.sum_duplicates()
+        return matrix
+
+    def face_nodes(self, space: Any) -> Ints:
+        """Nodes of a space on the face, sorted."""
+        closure = np.array(space.element.basix_element.entity_closure_dofs[self.dim - 1])
+        nodes = np.asarray(space.dofmap.list)[self.cells]
+        out: Ints = np.unique(np.take_along_axis(nodes, closure[self.local], axis=1))
+        return out.astype(np.int64)

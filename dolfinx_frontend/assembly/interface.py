@@ -1,0 +1,207 @@
+"""An interface and its two sides, in the frames of its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.scene.laws import Law
+from dolfinx_frontend.scene.scene import Space
+
+__all__ = ["Interface", "Side", "frames", "nodal_normals"]
+
+
+@dataclass(frozen=True, repr=False)
+class Side:
+    """One side of an interface.
+
+    Attributes
+    ----------
+    substructure, face
+        Names.
+    trace
+        T (d*m, n), petsc4py seqaij, no unit: w = T u in global components, row d*point + component,
+        column d*node + component.
+    shape
+        The same for one component, (m, nodes of the substructure), SciPy.
+    nodes
+        Nodes (blocks of unknowns) on the face, sorted.
+    node_normals
+        (len(nodes), d), area-weighted unit normals out of this side at those nodes.
+    flatness
+        Largest difference between a facet normal and their mean; 0 for a plane face.
+    normal
+        (d,), area-weighted mean unit normal out of this side (0 if the face is closed).
+    area
+        Area of the whole face.
+    """
+
+    substructure: str
+    face: str
+    trace: Any = field(repr=False)
+    shape: sp.csr_matrix = field(repr=False)
+    nodes: Ints = field(repr=False)
+    node_normals: Array = field(repr=False)
+    flatness: float
+    normal: Array
+    area: float
+
+    def __repr__(self) -> str:
+        return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
+
+
+@dataclass(frozen=True, repr=False)
+class Interface:
+    """One or two sides with a law, discretised.
+
+    Attributes
+    ----------
+    points
+        (m, d), on side 1, length.
+    weights
+        (m,), areas > 0; their sum is the area of side 1.
+    frames
+        (m, d, d), rows n (out of side 1), t1[, t2]; right-handed.
+    gap
+        (m,), distance from side 1 to side 2 along n as meshed, length; zeros for one side.
+    sag
+        (m,), how far the meshed faces may be from the smooth ones, length: an estimate from the kinks
+        between facets, see :meth:`FacetMap.sags`.
+    matching
+        None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
+    tangent_axis
+        Global axis whose projection is t1 (3D).
+    space
+        ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1.
+    facets
+        (m,), the facet of side 1 that a point is on, numbered as in its :class:`FacetMap`.
+    """
+
+    name: str
+    law: Law
+    points: Array = field(repr=False)
+    weights: Array = field(repr=False)
+    frames: Array = field(repr=False)
+    gap: Array = field(repr=False)
+    sides: tuple[Side, ...]
+    matching: Ints | None = field(repr=False)
+    tangent_axis: int = field(repr=False)
+    space: Space = "points"
+    sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+
+    def __repr__(self) -> str:
+        sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)
+        return (
+            f"Interface({self.name!r}, {sides}, {self.law!r}, {self.num_points} {self.space}, "
+            f"area {self.area:.6g})"
+        )
+
+    @property
+    def clearance(self) -> Array:
+        """The gap without interpenetration that is only that of chords, (m,), length.
+
+        Two meshes of one round face have different chords, which cross.
+        """
+        crossing = (self.gap < 0.0) & (self.gap >= -self.sag)
+        return np.where(crossing, 0.0, self.gap)
+
+    @property
+    def dim(self) -> int:
+        """Space dimension d."""
+        return int(self.points.shape[1])
+
+    @property
+    def num_points(self) -> int:
+        """Number of interface points m."""
+        return len(self.weights)
+
+    @property
+    def area(self) -> float:
+        """Area of side 1, of its covered part if the sides overlap partly."""
+        return float(self.weights.sum())
+
+    @property
+    def normals(self) -> Array:
+        """(m, d), unit normals out of side 1."""
+        return self.frames[:, 0, :]
+
+    def local_trace(self, side: int) -> sp.csr_matrix:
+        """T of side 0 or 1 in the local frame of side 1, (d*m, n)."""
+        d = self.dim
+        shape = self.sides[side].shape.tocsr()
+        point = np.repeat(np.arange(shape.shape[0]), np.diff(shape.indptr))
+        blocks = shape.data[:, None, None] * self.frames[point]
+        size = (d * shape.shape[0], d * shape.shape[1])
+        return sp.bsr_matrix((blocks, shape.indices, shape.indptr), shape=size).tocsr()
+
+
+def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:
+    """Orthonormal frames, rows n, t1[, t2].
+
+    In 2D t1 is n turned by +90 degrees.  In 3D t1 is the projection of one global axis, the same
+    for all points: the one that stays farthest from the normals, so that frames vary smoothly on
+    planes, cylinders and cones.  Where the normal comes close to that axis (spheres) the next one
+    is used.
+
+    Parameters
+    ----------
+    normals
+        (m, d), unit.
+    axis
+        Global axis for t1; None: chosen.
+
+    Returns
+    -------
+    frames, axis
+        (m, d, d), and the axis that was used.
+    """
+    m, d = normals.shape
+    out = np.empty((m, d, d))
+    out[:, 0] = normals
+    if d == 2:
+        out[:, 1] = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+        return out, 0
+    if axis is None:
+        axis = int(np.argmin(np.round(np.abs(normals).max(axis=0), 6)))
+    use = np.full(m, axis)
+    use[np.abs(normals[:, axis]) > 0.99] = (axis + 1) % 3
+    e = np.eye(3)[use]
+    t = e - np.einsum("pi,pi->p", e, normals)[:, None] * normals
+    out[:, 1] = t / np.linalg.norm(t, axis=1)[:, None]
+    out[:, 2] = np.cross(normals, out[:, 1])
+    return out, axis
+
+
+def nodal_normals(shape: sp.csr_matrix, weights: Array, normals: Array, nodes: Ints) -> Array:
+    """Area-weighted unit normals at nodes.
+
+    Parameters
+    ----------
+    shape
+        (m, all nodes), shape functions at the points.
+    weights, normals
+        (m,), (m, d) at the points.
+    nodes
+        Nodes wanted.
+
+    Returns
+    -------
+    Array
+        (len(nodes), d).
+    """
+    share = abs(shape[:, nodes])  # |N|: quadratic vertex functions have zero mean on triangles
+    mean = share.T @ (weights[:, None] * normals)
+    length = np.linalg.norm(mean, axis=1)
+    out: Array = mean / np.where(length > 0.0, length, 1.0)[:, None]
+    return out
+
+
+def snapped(normal: Array) -> Array:
+    """A mean normal, made exact if it is a coordinate axis up to rounding."""
+    rounded = np.round(normal)
+    return rounded if np.abs(normal - rounded).max() < 1e-9 else normal

@@ -1,0 +1,240 @@
+"""The assembled problem: all parts and interfaces of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement
+from dolfinx_frontend.assembly.substructure import Substructure, summary
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
+from dolfinx_frontend.scene.laws import Law
+
+__all__ = ["Problem"]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An assembled scene.
+
+    On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
+    which those that touch no part of this rank have no traces here.
+    """
+
+    substructures: dict[str, Substructure]
+    interfaces: dict[str, Interface]
+    distribution: Distribution | None = field(default=None, repr=False)
+
+    @cached_property
+    def parts(self) -> Mapping[str, PartSummary]:
+        """What every rank knows of all parts."""
+        if self.distribution is not None:
+            return self.distribution.parts
+        return {name: summary(s) for name, s in self.substructures.items()}
+
+    @cached_property
+    def own(self) -> Problem:
+        """What of the problem is on this rank, without the rest."""
+        if self.distribution is None:
+            return self
+        here = {
+            name: i
+            for name, i in self.interfaces.items()
+            if any(side.substructure in self.substructures for side in i.sides)
+        }
+        return Problem(self.substructures, here, self.distribution)
+
+    @property
+    def comm(self) -> Any:
+        """mpi4py communicator of the ranks that share the problem; None: there is one."""
+        return None if self.distribution is None else self.distribution.comm
+
+    def speaks_for(self, name: str) -> bool:
+        """Whether this rank has the first side of an interface: one rank has."""
+        return self.interfaces[name].sides[0].substructure in self.substructures
+
+    @property
+    def rank(self) -> int:
+        """This rank; 0 where there is one."""
+        return 0 if self.distribution is None else self.distribution.rank
+
+    def gather(self, own: Mapping[str, T]) -> dict[str, T]:
+        """What the ranks know of interfaces, put together, in the scene's order; collective."""
+        known = dict(own)
+        if self.comm is not None:
+            known = {n: each for found in self.comm.allgather(known) for n, each in found.items()}
+        return {name: known[name] for name in self.interfaces if name in known}
+
+    def everywhere(self, name: str, read: Callable[[], T]) -> T:
+        """What the rank of an interface's first side reads, on all ranks; collective."""
+        if self.distribution is None or name not in self.interfaces:
+            return read()
+        comm = self.distribution.comm
+        first = self.distribution.owner[self.interfaces[name].sides[0].substructure]
+        found: list[T] = []
+        with agreement(comm):
+            if self.rank == first:
+                found.append(read())
+        shared: list[T] = comm.bcast(found, root=first)
+        return shared[0]
+
+    def here(self, name: str) -> Interface:
+        """An interface that touches this rank.
+
+        Raises
+        ------
+        SceneError
+            It touches other ranks only.
+        """
+        interface = self.interfaces[name]
+        if self.distribution is not None and name not in self.own.interfaces:
+            ranks = self.distribution.ranks([side.substructure for side in interface.sides])
+            raise SceneError(
+                f"interface {name!r} is on rank {' and '.join(map(str, ranks))}, this is rank "
+                f"{self.distribution.rank}: ask there, or all ranks together for gathered(...)"
+            )
+        return interface
+
+    @cached_property
+    def cuts(self) -> tuple[str, ...]:
+        """Interfaces whose sides lie on two ranks."""
+        if self.distribution is None:
+            return ()
+        return tuple(
+            name
+            for name, i in self.interfaces.items()
+            if len(self.distribution.ranks([s.substructure for s in i.sides])) == 2
+        )
+
+    def on_one_rank(self, what: str) -> None:
+        """Raise SceneError unless everything is on this rank, which `what` needs."""
+        if self.distribution is not None:
+            raise SceneError(
+                f"{what} works on one rank only, this problem is spread over "
+                f"{self.distribution.comm.size}: assemble it without comm"
+            )
+
+    @property
+    def dim(self) -> int:
+        """Space dimension d."""
+        return next(iter(self.parts.values())).dim
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns of all substructures."""
+        return sum(s.size for s in self.parts.values())
+
+    @property
+    def load_amplitudes(self) -> tuple[Amplitude, ...]:
+        """Amplitudes of all body forces."""
+        if self.distribution is not None:
+            return self.distribution.load_amplitudes
+        return tuple(a for s in self.substructures.values() for a in s.varying_loads)
+
+    @property
+    def amplitudes(self) -> tuple[Amplitude, ...]:
+        """The different amplitudes of all values that change in time."""
+        varying = [v for i in self.interfaces.values() for v in i.law.varying.values()]
+        bodies = [Varying(((a, 0.0),)) for a in self.load_amplitudes]
+        return tuple(amplitudes_of([*varying, *bodies]))
+
+    def at(self, time: float) -> Problem:
+        """The problem at one time of a load history: nothing in it changes any more."""
+        if not self.amplitudes:
+            return self
+        return Problem(
+            {
+                name: replace(
+                    s,
+                    load=s.load + sum(a(time) * f for a, f in s.varying_loads.items()),
+                    varying_loads={},
+                )
+                for name, s in self.substructures.items()
+            },
+            {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
+            self.distribution,
+        )
+
+    @property
+    def interface_points(self) -> dict[str, Array]:
+        """Interface name -> points (m, d)."""
+        return {name: i.points for name, i in self.interfaces.items()}
+
+    @property
+    def law_parameters(self) -> dict[str, Any]:
+        """Parameters of all laws, ``"joint.normal"`` -> value."""
+        return {
+            f"{name}.{key}": value
+            for name, i in self.interfaces.items()
+            for key, value in i.law.parameters().items()
+        }
+
+    def laws(
+        self, laws: dict[str, Law] | None = None, values: dict[str, Any] | None = None
+    ) -> dict[str, Law]:
+        """The laws of all interfaces with some of them replaced.
+
+        Parameters
+        ----------
+        laws
+            Interface name -> law.
+        values
+            Parameter name -> value, e.g. ``{"joint.normal": 120.0}``.
+
+        Raises
+        ------
+        SceneError
+            Unknown interface or parameter.
+        """
+        out = {name: i.law for name, i in self.interfaces.items()}
+        for name, law in (laws or {}).items():
+            if name not in out:
+                raise unknown_name("interface", name, out)
+            out[name] = law
+        for key, value in (values or {}).items():
+            name, _, parameter = key.rpartition(".")
+            if name not in out or parameter not in out[name].parameters():
+                raise unknown_name("parameter", key, self.law_parameters)
+            out[name] = out[name].with_(**{parameter: value})
+        return out
+
+    def with_laws(
+        self, laws: dict[str, Law] | None = None, values: dict[str, Any] | None = None
+    ) -> Problem:
+        """The same parts and interfaces with some laws replaced; nothing is assembled again.
+
+        Parameters
+        ----------
+        laws, values
+            As for :meth:`laws`.
+        """
+        new = self.laws(laws, values)
+        interfaces = {name: replace(i, law=new[name]) for name, i in self.interfaces.items()}
+        return replace(self, interfaces=interfaces)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"Problem: {self.size} unknowns in {len(self.parts)} substructures, "
+            f"{len(self.interfaces)} interfaces, {self.dim}D",
+            f"  {'substructure':<18}{'unknowns':>10}{'volume':>12}{'modulus':>12}{'length':>11}",
+        ]
+        for name, s in self.parts.items():
+            lines.append(
+                f"  {name:<18}{s.size:>10}{s.volume:>12.4g}{s.modulus:>12.4g}{s.length:>11.4g}"
+            )
+        lines.append(f"  {'interface':<26}{'law':<14}{'points':>8}{'area':>12}  sides")
+        for i in self.interfaces.values():
+            sides = " | ".join(f"{s.substructure}:{s.face}" for s in i.sides)
+            if len(i.sides) == 2:
+                sides += " (matching)" if i.matching is not None else " (non-matching)"
+            lines.append(
+                f"  {i.name:<26}{type(i.law).__name__:<14}{i.num_points:>8}{i.area:>12.4g}  {sides}"
+            )
+        return "\n".join(lines)

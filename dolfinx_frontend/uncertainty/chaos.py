@@ -1,0 +1,110 @@
+"""What chaos is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from latin_core.stochastic import IndexSet
+
+from dolfinx_frontend.common.describe import record
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.uncertainty.checks import checked_number, is_whole
+
+__all__ = ["Chaos"]
+
+
+@dataclass(frozen=True, repr=False)
+class Chaos:
+    """What chaos is wanted.
+
+    Parameters
+    ----------
+    order
+        p >= 0.
+    index_set
+        ``"total"``: total degree <= p; ``"tensor"``: degree <= p in each germ; ``"hyperbolic"``:
+        q-norm of the degrees <= p, which thins out interactions.
+    q
+        Of the hyperbolic set, in (0, 1].
+    weights
+        Anisotropy: a positive number a germ, or by name of the parameters (1 for the others);
+        degree i of a germ counts as weight * i.
+    max_interaction
+        Greatest number of germs in one mode; None: no limit.
+    quadrature
+        Points in each germ (by name of the parameter, or one number for all) of the tensor Gauss rule at
+        which laws that are not linear are evaluated. None: 2 (p + 1), and 16 at least in one or two germs,
+        if that gives few enough points (:data:`dolfinx_frontend.solvers.collocation.MOST_TENSOR`),
+        Sobol points otherwise.
+    sobol_points
+        Use so many scrambled Sobol points instead, a power of two.
+    check_points
+        Deterministic solves with which the truncation of a scene that is not linear is checked; 0: none.
+    tolerance
+        Relative error of mean and standard deviation of an interface force up to which such an answer is
+        trusted.
+    indices
+        Multi-indices (one degree a germ, the zero index among them) of a set of your own, within `order`;
+        `index_set`, `q`, `weights` and `max_interaction` do not apply. ``solve(accuracy=...)`` makes
+        such sets.
+    """
+
+    order: int
+    index_set: IndexSet = "total"
+    q: float = 0.75
+    weights: Sequence[float] | Mapping[str, float] | None = None
+    max_interaction: int | None = None
+    quadrature: int | Mapping[str, int] | None = None
+    sobol_points: int | None = None
+    check_points: int = 32
+    tolerance: float = 0.01
+    indices: tuple[tuple[int, ...], ...] | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        return record(self)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)):
+            raise SceneError(f"Chaos: order = {self.order!r} is not a whole number")
+        if self.order < 0:
+            raise SceneError(f"Chaos: order = {self.order} must be >= 0")
+        if self.index_set not in ("total", "tensor", "hyperbolic"):
+            raise unknown_name(
+                "index set", str(self.index_set), ("total", "tensor", "hyperbolic"), "Chaos"
+            )
+        checked_number("Chaos", "q", "q", self.q, positive=True)
+        if self.q > 1.0:
+            raise SceneError(f"Chaos: q = {self.q:g} must be in (0, 1]")
+        most = self.max_interaction
+        if most is not None and (not is_whole(most) or most < 1):
+            raise SceneError(f"Chaos: max_interaction = {most!r} must be a whole number >= 1")
+        self._check_points()
+        if self.weights is not None:
+            named = isinstance(self.weights, Mapping)
+            if not named and not isinstance(self.weights, (Sequence, np.ndarray)):
+                raise SceneError(f"Chaos: weights = {self.weights!r}: give one a germ, or by name")
+            values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
+            for value in values:
+                checked_number("Chaos", "weights", "weight", value, positive=True)
+            if not named:
+                object.__setattr__(self, "weights", tuple(self.weights))
+
+    def _check_points(self) -> None:
+        checked_number("Chaos", "tolerance", "tolerance", self.tolerance, positive=True)
+        wanted = self.quadrature
+        for count in wanted.values() if isinstance(wanted, Mapping) else (wanted,):
+            if count is not None and (not is_whole(count) or count < 1):
+                raise SceneError(
+                    f"Chaos: quadrature = {wanted!r}: give a whole number of points >= 1 in each germ"
+                )
+        sobol = self.sobol_points
+        if sobol is not None and (not is_whole(sobol) or sobol < 1 or sobol & (sobol - 1)):
+            raise SceneError(f"Chaos: sobol_points = {sobol!r} must be a power of two")
+        if sobol is not None and wanted is not None:
+            raise SceneError("Chaos: quadrature and sobol_points are two rules: give one")
+        if not is_whole(self.check_points) or self.check_points < 0 or self.check_points == 1:
+            raise SceneError(
+                f"Chaos: check_points = {self.check_points!r}: give 0 (no check) or a number >= 2"
+            )

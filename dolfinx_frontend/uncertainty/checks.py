@@ -1,0 +1,61 @@
+"""Checks of the numbers that describe random parameters."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.common.errors import SceneError
+
+
+def checked_number(kind: str, name: str, what: str, value: Any, positive: bool = False) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise SceneError(f"{kind} {name!r}: {what} = {value!r} is not a number") from error
+    if not math.isfinite(number) or (positive and number <= 0.0):
+        wanted = "a positive number" if positive else "a finite number"
+        raise SceneError(f"{kind} {name!r}: {what} = {number:g}; it must be {wanted}")
+    return number
+
+
+LEAST_COV = 1e-13
+"""Coefficient of variation that is told from rounding."""
+
+TINY = 1e-150
+"""Standard deviation whose square is a number."""
+
+
+def deviation(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
+    """Standard deviation from the one of the two that is given."""
+    if (cov is None) == (std is None):
+        raise SceneError(
+            f"{kind} {name!r}: give either cov (std / |mean|) or std, not "
+            + ("none" if cov is None else "both")
+        )
+    if std is not None:
+        spread = checked_number(kind, name, "std", std, positive=True)
+    elif mean == 0.0:
+        raise SceneError(f"{kind} {name!r}: mean 0 has no coefficient of variation; give std")
+    else:
+        spread = abs(mean) * checked_number(kind, name, "cov", cov, positive=True)
+    share = spread / abs(mean) if mean != 0.0 else 1.0
+    if not LEAST_COV < share < 1.0 / LEAST_COV or not TINY < spread < 1.0 / TINY:
+        raise SceneError(
+            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is rounding of the "
+            "other, or their squares leave the range of numbers; give a number instead, or other units"
+        )
+    return spread
+
+
+def checked_bounds(kind: str, name: str, lower: Any, upper: Any) -> tuple[float, float]:
+    lo, up = checked_number(kind, name, "lower", lower), checked_number(kind, name, "upper", upper)
+    if not lo < up:
+        raise SceneError(f"{kind} {name!r}: lower = {lo:g} must be less than upper = {up:g}")
+    return lo, up
+
+
+def is_whole(value: object) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
