@@ -21,7 +21,6 @@ from dolfinx_frontend.io import chaos_file
 from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Tree
 from dolfinx_frontend.results import tables
 from dolfinx_frontend.results.surfaces import ContactValues, contact_values
-from dolfinx_frontend.scene.laws import Displacement
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 if TYPE_CHECKING:
@@ -218,13 +217,13 @@ def _common(result: Result | SampleResult, plan: Plan, readings: tables.Readings
         "missing": json.dumps(readings.missing),
         "interfaces": {
             name: {
-                "law": type(i.law).__name__,
+                "law": i.law.title,
                 "description": _described(i.law),
                 "sides": [f"{s.substructure}:{s.face}" for s in i.sides],
                 "points": i.points,
                 "weights": i.weights,
                 "frames": i.frames,
-                **({"axes": np.array(i.law.axes(i.dim))} if isinstance(i.law, Displacement) else {}),
+                **({"axes": np.array(axes)} if (axes := i.law.axes(i.dim)) is not None else {}),
                 **read.get(name, {}),
             }
             for name, i in problem.interfaces.items()

@@ -16,7 +16,6 @@ import numpy as np
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
-from dolfinx_frontend.assembly.values import resolve, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.user_laws import batched
@@ -24,18 +23,16 @@ from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.reduction import Body, reduce
 from dolfinx_frontend.plan.translate import (
-    KERNEL_NAMES,
     LawFields,
     kernel_parameter,
     kernel_values,
     law_fields,
 )
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Perfect, Symmetry, UserLaw
+from dolfinx_frontend.scene.laws import resolve
 from latin_core import NumericalError, _core
 
 __all__ = [
-    "KERNEL_NAMES",
     "LawFields",
     "active_fields",
     "build",
@@ -83,34 +80,36 @@ def _direction(
         per_point = resolve(given, interface, 1, name="search direction")
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
+    law = interface.law
+    patch = law.search_direction == "patch"
     unit = plan.direction.factor * _scale(problem, plan)
     if plan.direction.length is None:
         shorter = 1.0
         if plan.macro:
             shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
-        if isinstance(interface.law, Contact | UserLaw):
+        if patch:
             # bodies give way to a contact as over its own size, where that is smaller than theirs
             size = interface.area ** (1.0 / (interface.dim - 1))
             shorter = max(shorter, _length(problem) / size)
         unit *= shorter
-    if isinstance(interface.law, Contact | UserLaw) and plan.method == "accelerated" and not plan.macro:
+    if patch and plan.method == "accelerated" and not plan.macro:
         unit *= CONTACT
     k: Array = np.full((interface.num_points, fields.components), unit)
-    if isinstance(interface.law, Elastic) and plan.method == "accelerated":
+    if law.search_direction == "springs" and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
-        kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
+        kappa = law.nominal.stiffnesses(interface)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
     if interface.name in plan.paired and len(interface.sides) == 1:
-        k *= HELD if isinstance(interface.law, (Displacement, Perfect, Symmetry)) else PUSHED
+        k *= HELD if law.prescribes == "jump" else PUSHED
     if fields.softest is not None:
         k = np.maximum(k, fields.softest)
     return k.ravel()
 
 
 def _law(interface: Interface, fields: LawFields) -> str | _core.Law:
-    """The kernel's law: a name, or an object for a law of a user."""
-    law = interface.law
-    if not isinstance(law, UserLaw):
+    """The kernel's law: a name, or an object for a law that is given by functions."""
+    law = interface.law.functions
+    if law is None:
         return fields.kind
     if law.compiled is None:
         names = [(name, -np.inf) for name in law.values]
@@ -138,9 +137,8 @@ def _spring_stiffness(
     interface: Interface, components: int, floors: Mapping[tuple[str, str], Array]
 ) -> Array:
     """kappa (m, components), with some of its values replaced."""
-    assert isinstance(interface.law, Elastic)  # the reduction leaves no other springs
-    stiffness = stiffnesses(interface, interface.law)[:, :components]
-    for parameter, where in (("normal", slice(0, 1)), ("tangential", slice(1, None))):
+    stiffness = interface.law.stiffnesses(interface)[:, :components]
+    for parameter, where in interface.law.spans.items():
         values = floors.get((interface.name, parameter))
         if values is not None:
             stiffness[:, where] = values[:, None]

@@ -18,11 +18,10 @@ from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.reduction import Body, body_load, body_matrix, displacements, reduce, spring_jump
-from dolfinx_frontend.scene.laws import Elastic, Law, Pressure, Traction
+from dolfinx_frontend.scene.laws import Law
 
 __all__ = [
     "Cholesky",
@@ -187,7 +186,7 @@ class Monolithic:
 
     def _prepare(self, laws: Mapping[str, Law]) -> list[Body]:
         """Bodies under these laws; kept as long as only elastic interfaces change."""
-        key = [(n, law) for n, law in laws.items() if not isinstance(law, Elastic)]
+        key = [(n, law) for n, law in laws.items() if not law.springs]
         same = self._key is not None and len(key) == len(self._key) and all(
             a == b and law is other for (a, law), (b, other) in zip(key, self._key, strict=True)
         )
@@ -246,12 +245,12 @@ def _solution(
             (i.local_trace(k) @ u[s.substructure]).reshape(i.num_points, i.dim)
             for k, s in enumerate(i.sides)
         )
-        if isinstance(law, Elastic):
-            stretch = spring_jump(problem, name, u) - jumps(i, law)
-            force[name] = stiffnesses(i, law) * stretch
+        if law.springs:
+            stretch = spring_jump(problem, name, u) - law.jumps(i)
+            force[name] = law.stiffnesses(i) * stretch
             energy += 0.5 * float(i.weights @ np.sum(force[name] * stretch, axis=1))
-        elif isinstance(law, (Pressure, Traction)):
-            force[name] = forces(i, law)
+        elif (load := law.load(i)) is not None:
+            force[name] = load
     return ReferenceSolution(u, traces, force, energy, residual)
 
 
@@ -315,14 +314,14 @@ def energy_error(
     error = {name: np.asarray(u[name]) - reference.u[name] for name in problem.substructures}
     for name, i in problem.interfaces.items():
         law = laws[name]
-        if not springs or not isinstance(law, Elastic):
+        if not springs or not law.springs:
             continue
         parts = [problem.substructures[s.substructure] for s in i.sides]
         cap = min(p.modulus / p.length for p in parts)
-        kappa = stiffnesses(i, law)
+        kappa = law.stiffnesses(i)
         k = i.weights[:, None] * kappa * cap / (kappa + cap)
         above += float(np.sum(k * spring_jump(problem, name, error) ** 2))
-        stretch = spring_jump(problem, name, reference.u) - jumps(i, law)
+        stretch = spring_jump(problem, name, reference.u) - law.jumps(i)
         below += float(np.sum(k * stretch**2))
     if below == 0.0:
         return 0.0 if above == 0.0 else float("inf")

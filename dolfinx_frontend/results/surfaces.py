@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.scene.laws import Contact, Law
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.solvers.collocation import sampled_parameters
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def _contact(interface: Interface, law: Law, time: float | None) -> ContactValue
 def contact_values(interface: Interface, times: Array | None) -> ContactValues | None:
     """Values of a contact at all times, (T, m) each, T = 1 without a history; None: it is no contact."""
     law = interface.law
-    if not isinstance(law, Contact):
+    if not law.unilateral:
         return None
     if times is None:
         each = [_contact(interface, law, None)]
@@ -147,7 +147,7 @@ def sampled_contact_values(
 ) -> ContactValues | None:
     """Values of a contact at points of the germs: what broadcasts to (N, T, m); None: it is no contact."""
     interface = random.problem.interfaces[name]
-    if not isinstance(interface.law, Contact):
+    if not interface.law.unilateral:
         return None
     found = sampled_parameters(
         random, name, germs, bridge.active_fields(interface, plan), plan.steps

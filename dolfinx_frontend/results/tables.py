@@ -23,7 +23,6 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -37,7 +36,6 @@ from dolfinx_frontend.results.surfaces import (
 )
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
-from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Law, Perfect, Preload, Symmetry
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 if TYPE_CHECKING:
@@ -51,7 +49,6 @@ __all__ = [
     "Readings",
     "Table",
     "bolts",
-    "is_glue",
     "known_forces",
     "nodal_reaction",
     "read",
@@ -173,7 +170,7 @@ def measure(
     values["shear_max"] = shear.max(axis=-1)
     nothing = np.full(force.shape[:-2], np.nan)
     values["open_area"] = values["slip_area"] = nothing
-    if isinstance(interface.law, Contact):
+    if interface.law.unilateral:
         open_, slips = contact_states(normal, shear, limits)
         values["open_area"] = open_ @ weights
         values["slip_area"] = slips @ weights if limits is not None else nothing
@@ -182,49 +179,17 @@ def measure(
 
 def _tightened(interface: Interface, times: Array | None) -> int | None:
     """The step of a history that ends the tightening of a bolt; None if the interface is none."""
-    law = interface.law
-    if times is None or not _is_bolt(law):
-        return None
-    if isinstance(law, Preload):
-        controlled = [k for k, t in enumerate(times) if law.controlled(t)]
-        if law.until is None and law.during is None:
-            return _settled([resolve(law.at(t).force, interface, 1, name="force") for t in times])
-        return controlled[-1] if controlled else 0
-    d = interface.dim
-    return _settled([resolve(law.at(t).parameters()["jump"], interface, d, "first", "jump") for t in times])
-
-
-def _settled(values: Sequence[Array]) -> int:
-    """The first step from which nothing changes any more."""
-    last = len(values) - 1
-    while last > 0 and np.array_equal(values[last - 1], values[last]):
-        last -= 1
-    return last
-
-
-def _is_bolt(law: Law) -> bool:
-    if isinstance(law, Preload):
-        return True
-    if not isinstance(law, (Elastic, Contact)):
-        return False
-    try:
-        return bool(np.any(np.asarray(law.jump, dtype=np.float64)))
-    except (TypeError, ValueError):
-        return True
+    return None if times is None else interface.law.tightened(interface, times)
 
 
 # --- reactions of what was assembled across --------------------------------------------------------
-def is_glue(law: Law) -> bool:
-    """Whether the force of an eliminated interface is no unknown, but a reaction."""
-    return isinstance(law, (Perfect, Displacement, Symmetry))
-
-
 def _held_axes(interface: Interface) -> set[int] | None:
     """Global axes along which an interface of this kind acts; None: they are none of these."""
     d, law = interface.dim, interface.law
-    if isinstance(law, Displacement):
-        return set(law.axes(d))
-    if isinstance(law, Symmetry):
+    axes = law.axes(d)
+    if axes is not None:
+        return set(axes)
+    if law.count(d) == 1:  # along the normal
         axis = int(np.argmax(np.abs(interface.normals[0])))
         flat = np.all(np.abs(np.abs(interface.normals[:, axis]) - 1.0) < ALIGNED)
         return {axis} if flat else None
@@ -360,7 +325,7 @@ def with_known_force(result: Result | SampleResult) -> list[str]:
     interfaces, active = result.problem.interfaces, result.plan.active
     if isinstance(result, StochasticResult):
         return list(active)
-    return [name for name, each in interfaces.items() if name in active or not is_glue(each.law)]
+    return [name for name, each in interfaces.items() if name in active or each.law.prescribes != "jump"]
 
 
 def known_forces(result: Result) -> dict[str, Array]:
@@ -389,7 +354,7 @@ def read(result: Result) -> Readings:
                 continue
         if times is None:
             values = {k: v[0] for k, v in values.items()}
-        law_name = type(interface.law).__name__
+        law_name = interface.law.title
         found[name] = Measures(_centre(interface), values, law_name, _tightened(interface, times))
     return Readings(found, times, missing=missing)
 
@@ -468,7 +433,7 @@ def _of_random(
             name,
             lambda i=interface, f=fields: _in_chunks(i, len(germs), steps, f),  # type: ignore[misc]
         )
-        law_name = type(interface.law).__name__
+        law_name = interface.law.title
         tightened = _tightened(interface, plan.times)
         found[name] = Measures(_centre(interface), values, law_name, tightened)
     missing = {name: ELIMINATED for name in problem.interfaces if name not in found}

@@ -15,18 +15,11 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
-from dolfinx_frontend.scene.laws import (
-    Displacement,
-    Law,
-    Parameter,
-    Pressure,
-    Symmetry,
-    Traction,
-    Value,
-    is_plain,
-)
+from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
 from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.values import Parameter, Value, is_plain
 
 if TYPE_CHECKING:
     from dolfinx_frontend.geometry.step import StepAssembly
@@ -79,6 +72,9 @@ class SubstructureSpec:
     degree: int
     body_force: Any
     rank: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body_force", frozen(self.body_force))
 
     @property
     def lazy(self) -> bool:
@@ -348,15 +344,12 @@ class Scene:
         if len(found) not in law.sides:
             wanted = " or ".join("one side" if s == 1 else "two sides" for s in law.sides)
             raise SceneError(
-                f"{where}: {type(law).__name__} takes {wanted}, {len(found)} given"
+                f"{where}: {law.title} takes {wanted}, {len(found)} given"
             )
         if len(found) == 2 and found[0] == found[1]:
             raise SceneError(f"{where}: both sides are {found[0]}; join two different faces")
-        axes = law.components if isinstance(law, Displacement) else None
         spec = self.substructures[found[0].substructure]
-        dim = 3 if spec.lazy else spec.dim
-        if axes is not None and max(axes) >= dim:
-            raise SceneError(f"{where}: components = {axes} in {dim} dimensions; 0 is x")
+        law.check_dimension(3 if spec.lazy else spec.dim, where)
         if quadrature_degree is not None and not 1 <= quadrature_degree <= 30:
             raise SceneError(f"{where}: quadrature_degree = {quadrature_degree}; admissible: 1..30")
         if max_distance is not None and not max_distance > 0.0:
@@ -423,5 +416,5 @@ class Scene:
             lines.append(f"  {s.name:<16} {what}, degree {s.degree}, {material}")
         for i in self.interfaces.values():
             sides = " | ".join(str(f) for f in i.faces)
-            lines.append(f"  {i.name:<24} {sides:<36} {type(i.law).__name__}")
+            lines.append(f"  {i.name:<24} {sides:<36} {i.law.title}")
         return "\n".join(lines)

@@ -16,7 +16,6 @@ from dolfinx import fem
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.io import saved
@@ -25,7 +24,7 @@ from dolfinx_frontend.kernel.running import iterate
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
 from dolfinx_frontend.results import tables
-from dolfinx_frontend.scene.laws import Contact, Elastic, Law
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.solvers.support import check_support
 from latin_core import Iteration, Options, State, Summary
 from latin_core import Problem as Kernel
@@ -221,26 +220,24 @@ side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_m
         self, interface: Interface, law: Law, displacements: Mapping[str, Array]
     ) -> tuple[Array, Array]:
         """Force and jump (m, components) of an interface that was assembled into the bodies."""
-        fields = bridge.law_fields(interface, law)
-        if fields.kind == "perfect":
+        if law.prescribes == "jump":
             name = interface.name
             raise SceneError(
                 f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
                 f"not an unknown: solve with active=[{name!r}] to have it"
             )
-        points = interface.num_points
+        points, components = interface.num_points, law.count(interface.dim)
         jump = sum(
             (
                 sign * (interface.local_trace(i) @ displacements[side.substructure])
                 for i, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False))
             ),
             start=np.zeros(interface.dim * points),
-        ).reshape(points, -1)[:, : fields.components]
-        if not isinstance(law, Elastic):
-            return fields.parameters["force"].reshape(points, -1), jump
-        stiffness = stiffnesses(interface, law)[:, : fields.components]
-        imposed = fields.parameters["jump"].reshape(points, -1)
-        return stiffness * (jump - imposed), jump
+        ).reshape(points, -1)[:, :components]
+        if law.prescribes == "force":
+            return law.fields(interface).parameters["force"].reshape(points, -1), jump
+        kappa, imposed = (each(interface)[:, :components] for each in (law.stiffnesses, law.jumps))
+        return kappa * (jump - imposed), jump
 
     def __repr__(self) -> str:
         steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
@@ -309,9 +306,9 @@ class HistoryResult(Result):
         """
         force, jump = self._local(interface)
         law = self.problem.interfaces[interface].law
-        if not isinstance(law, Contact) or not law.rubs:
+        if not law.rubs:
             raise SceneError(
-                f"interface {interface!r}: {type(law).__name__} has no friction; work() is for every law"
+                f"interface {interface!r}: {law.title} has no friction; work() is for every law"
             )
         return self._along(interface, force[..., 1:], jump[..., 1:])
 

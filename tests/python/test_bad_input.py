@@ -14,7 +14,6 @@ from mpi4py import MPI
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.rigid import check_rigid_bodies
-from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.reduction import reduce
 from dolfinx_frontend.reference.monolithic import Cholesky, monolithic
@@ -27,10 +26,11 @@ from dolfinx_frontend.scene.laws import (
     Pressure,
     Symmetry,
     Traction,
-    evaluate,
+    resolve,
 )
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.values import evaluate
 from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 

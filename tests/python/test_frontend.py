@@ -16,7 +16,6 @@ from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.interface import frames
 from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.rigid import check_rigid_bodies
-from dolfinx_frontend.assembly.values import jumps, stiffnesses
 from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
 from dolfinx_frontend.reference.monolithic import (
     Cholesky,
@@ -344,9 +343,9 @@ def test_elimination_equals_lagrange_multipliers():
     F = np.concatenate([a.load, b.load])
     spring = problem.interfaces["spring"]
     T = spring.local_trace(0)
-    k = np.repeat(spring.weights, 2) * stiffnesses(spring, spring.law).ravel()
+    k = np.repeat(spring.weights, 2) * spring.law.stiffnesses(spring).ravel()
     K[: a.size, : a.size] += (T.T @ sp.diags(k) @ T).toarray()
-    F[: a.size] -= T.T @ (k * jumps(spring, spring.law).ravel())
+    F[: a.size] -= T.T @ (k * spring.law.jumps(spring).ravel())
     rows, values = [], []
 
     def constrain(entries, value):

@@ -126,7 +126,7 @@ class Fields:
     kind: str
     components: int
     frames: Array
-    parameters: dict[str, Array]
+    parameters: Mapping[str, Array]
     softest: Array | None = None
 
 
@@ -428,8 +428,8 @@ class Law:
             )
         if parameter in self.inverse:
             raise SceneError(
-                f"interface {points.name!r}: the {parameter} of a {self.title.lower()} does not enter its law "
-                "linearly"
+                f"interface {points.name!r}: the {parameter} of a {self.title.lower()} does not enter its "
+                "law linearly"
             )
         return self.kernel_name(parameter), self._unit(points, parameter)
 
