@@ -120,7 +120,7 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
     done: dict[int, tuple[list[Array], Array]] = {}
     matrices = {}
     for (name, parameter), source in random.sources.items():
-        if parameter not in ("normal", "tangential") or not random.linear(name):
+        if parameter not in random.problem.interfaces[name].law.spans:
             continue
         if id(source) not in done:
             coefficients, indices = random.space.expansion(source, basis)
@@ -252,7 +252,7 @@ def _linear_parameters(
     constant = np.array([a is None for a in plan.patterns]) if plan.history == "patterns" else np.ones(steps)
     for parameter in interface.law.parameters():
         source = random.source(name, parameter)
-        if source is None or parameter in ("normal", "tangential"):
+        if source is None or parameter in interface.law.spans:
             continue
         kernel, unit = bridge.kernel_parameter(interface, parameter)
         coefficients = random.space.coefficients(source, basis)
@@ -274,9 +274,11 @@ def _columns(
     interface = random.problem.interfaces[name]
     fields = bridge.active_fields(interface, plan)
     linear = _linear_parameters(random, basis, name, plan, steps)
-    if fields.kind != "elastic" or not any(key[0] == name for key in matrices):
+    law = interface.law
+    own = {law.kernel_name(p): matrices[name, p] for p in law.spans if (name, p) in matrices}
+    if not own:
         return Columns(linear, [])
-    normal, tangential = (matrices.get((name, p)) for p in ("normal", "tangential"))
+    normal, tangential = own.get("normal"), own.get("tangential")
     spans: list[tuple[int, int, Galerkin | None]] = [(0, 1, normal)]
     if fields.components > 1:
         shared = normal is not None and tangential is not None
@@ -289,9 +291,9 @@ def _columns(
         parameters = {}
         forward = matrix.forward if matrix is not None else []
         for key in ("normal", "tangential"):
-            own = matrices.get((name, key))
-            if own is not None and matrix is not None and own.source is matrix.source:
-                parameters[key] = np.repeat(own.values, steps, axis=1)
+            stiff = own.get(key)
+            if stiff is not None and matrix is not None and stiff.source is matrix.source:
+                parameters[key] = np.repeat(stiff.values, steps, axis=1)
             else:
                 parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
         parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
