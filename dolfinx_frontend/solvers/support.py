@@ -45,7 +45,7 @@ from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.solvers.solve import Result
+    from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
 

@@ -12,8 +12,7 @@ import numpy.typing as npt
 import pytest
 
 import dolfinx_frontend as lf
-from dolfinx_frontend.reference.monolithic import monolithic
-from dolfinx_frontend.reference.ssfem import ssfem
+from dolfinx_frontend.reference import monolithic, ssfem
 from dolfinx_frontend.scene.laws import Elimination, Fields, Functions, Points, resolve
 
 Array = npt.NDArray[np.float64]
@@ -78,7 +77,8 @@ class Rubber(lf.Law):
         return {"stiffness": self.stiffness}
 
     def fields(self, points: Points, time: float | None = None) -> Fields:
-        values = {"stiffness": resolve(self.stiffness, points, 1, name="stiffness"), "jump": self.imposed(points)}
+        stiffness = resolve(self.stiffness, points, 1, name="stiffness")
+        values = {"stiffness": stiffness, "jump": self.imposed(points)}
         return Fields("user rubber", points.dim, self.rows(points), values)
 
     @property
@@ -161,7 +161,8 @@ def test_a_nonlinear_law_of_this_file_may_be_random() -> None:
     )
     jump = drawn.jump("layer")
     assert np.allclose(drawn.force("layer"), values * (jump + jump**3), atol=1e-8)
-    chaos = lf.solve(own, chaos=lf.Chaos(order=3, tolerance=0.5), options=lf.Options(rtol=1e-9, max_iterations=300))
+    options = lf.Options(rtol=1e-9, max_iterations=300)
+    chaos = lf.solve(own, chaos=lf.Chaos(order=3, tolerance=0.5), options=options)
     assert np.allclose(chaos.sample(drawn.germs).jump("layer"), jump, rtol=1e-3, atol=1e-5)
     with pytest.raises(lf.SceneError, match="'layer'.*negative stiffness"):
         lf.monte_carlo(two(Rubber(lf.Uniform("k", -1.0, 3.0))), 20, seed=1, progress=False)
@@ -238,9 +239,8 @@ def test_a_stiffness_is_copied(active: list[str] | None) -> None:
 def test_a_gap_is_copied() -> None:
     gap = np.zeros(two(lf.Perfect()).interfaces["layer"].num_points)
     bed = lf.Elastic(normal=1.0, tangential=1.0)
-    problem = two(
-        lf.Contact(gap=gap, stiffness=100.0), (-1.0, 0.0), lambda scene: scene.interface("bed", "right:x1", bed)
-    )
+    law = lf.Contact(gap=gap, stiffness=100.0)
+    problem = two(law, (-1.0, 0.0), lambda scene: scene.interface("bed", "right:x1", bed))
     result = lf.solve(problem)
     before = str(result.table())
     gap -= 0.05
