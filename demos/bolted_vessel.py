@@ -463,9 +463,9 @@ def solve_uncertain(problem: Problem, samples: int = 2000, plain: bool = False) 
         timed("plain", of_2004) if plain else None,
         timed("galerkin", lambda: reference.ssfem(problem, order, rtol=CHAOS_RTOL)),
         reference.ssfem(problem, order, rtol=1e-12),
-        timed("quadrature", lambda: tensor_quadrature(problem, ORDER + 1, plan_options=usual)),
+        timed("quadrature", lambda: tensor_quadrature(problem, ORDER + 1, options=usual)),
         # another seed than that of the points at which the chaos is evaluated
-        timed("samples", lambda: monte_carlo(problem, samples, seed=1, plan_options=usual)),
+        timed("samples", lambda: monte_carlo(problem, samples, seed=1, options=usual)),
         seconds,
     )
 

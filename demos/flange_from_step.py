@@ -66,7 +66,8 @@ from dolfinx_frontend import (
     solve,
 )
 from dolfinx_frontend.geometry.parts import Assembly, Connection
-from dolfinx_frontend.geometry.step import Cut, StepAssembly
+from dolfinx_frontend.geometry.solids import Cut
+from dolfinx_frontend.geometry.step import StepAssembly
 
 Array = npt.NDArray[np.float64]
 
@@ -310,7 +311,7 @@ def rotation_error(problem: Problem, times: Array, options: Options) -> tuple[fl
     germs = np.zeros((8, len(names)))
     for k in ROUND:
         germs[k - 1, names.index(f"F{k}")] = 1.0
-    answer = sample(problem, germs, times=times, plan_options=options, progress=False)
+    answer = sample(problem, germs, times=times, options=options, progress=False)
     forces = bolt_forces(problem, answer)[:, -1]
     waves = harmonics(problem, answer)[:, -1]
     turns = np.exp(1j * np.outer(np.arange(8), np.arange(8)) * 2 * np.pi / 8)
@@ -393,7 +394,7 @@ largest pressure on the gasket  {around[-2].max():9.2f}  {around[-1].max():9.2f}
     start = perf_counter()
     # near samples start from each other: Anderson's steps are cheaper than Newton's there (measured: 4 times)
     quickly = Options(rtol=1e-7, max_iterations=1000, newton=0)
-    drawn: SampleResult = quasi_monte_carlo(uncertain, samples, times=pair, plan_options=quickly)
+    drawn: SampleResult = quasi_monte_carlo(uncertain, samples, times=pair, options=quickly)
     seconds = perf_counter() - start
     sample_rest = imbalance(uncertain, drawn, loads[-2:])
     names = drawn.space.germ_names

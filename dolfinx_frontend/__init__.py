@@ -13,7 +13,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import progress
-from dolfinx_frontend.estimate.errors import Errors
+from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
@@ -40,23 +40,20 @@ from dolfinx_frontend.scene.laws import (
 )
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import (
-    ChaosResult,
-    IndefiniteError,
-    NearlyIndefiniteWarning,
-    TruncationError,
-    TruncationWarning,
-)
-from dolfinx_frontend.solvers.sampling import (
-    SampleResult,
+from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solving import (
+    errors,
     monte_carlo,
     quasi_monte_carlo,
     sample,
+    solve,
     sparse_quadrature,
+    sweep,
     tensor_quadrature,
 )
-from dolfinx_frontend.solvers.sweep import SweepResult, sweep
-from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -131,6 +128,7 @@ __all__ = [
     "UserLaw",
     "assemble",
     "discretisation_error",
+    "errors",
     "figures",
     "geometry",
     "io",

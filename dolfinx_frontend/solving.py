@@ -1,9 +1,14 @@
-"""``solve``: which solver answers which request."""
+"""What a user calls: which solver answers which request.
+
+``solve`` for one answer (deterministic, a history, a chaos, or as right as asked), ``sweep`` for a grid of
+parameter sets, ``monte_carlo`` and its kin for points of the germs; ``errors`` of any of these.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, overload
+from pathlib import Path
+from typing import Literal, TypedDict, Unpack, overload
 
 import numpy.typing as npt
 from latin_core import Iteration, Options, State
@@ -11,14 +16,30 @@ from latin_core import Iteration, Options, State
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
-from dolfinx_frontend.plan.plan import Direction, Method, Plan
+from dolfinx_frontend.estimate.errors import errors
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.solvers.chaos import ChaosResult, solve_chaos
-from dolfinx_frontend.solvers.deterministic import solve_deterministic
+from dolfinx_frontend.results.samples import Kind, SampleResult
+from dolfinx_frontend.solvers import sampling
+from dolfinx_frontend.solvers.deterministic import solve_once
+from dolfinx_frontend.solvers.galerkin import solve_chaos
+from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["solve"]
+__all__ = [
+    "SampleSettings",
+    "errors",
+    "monte_carlo",
+    "quasi_monte_carlo",
+    "sample",
+    "solve",
+    "sparse_quadrature",
+    "sweep",
+    "tensor_quadrature",
+]
 
 
 @overload
@@ -33,7 +54,7 @@ def solve(
     active: Sequence[str] | Literal["all"] | None = None,
     direction: Direction | float | None = None,
     options: Options | None = None,
-) -> Any: ...
+) -> Result | SampleResult: ...
 
 
 @overload
@@ -49,6 +70,7 @@ def solve(
     plan: Plan | None = None,
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
 ) -> Result: ...
 
 
@@ -65,6 +87,7 @@ def solve(
     plan: Plan | None = None,
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
 ) -> HistoryResult: ...
 
 
@@ -82,6 +105,7 @@ def solve(
     start: Result | State | None = None,
     indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
 ) -> ChaosResult: ...
 
 
@@ -98,10 +122,11 @@ def solve(
     start: Result | State | None = None,
     indefinite: Literal["refuse", "prove"] = "refuse",
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
     accuracy: float | None = None,
     quantity: Resultant | str | None = None,
     meshes: bool = True,
-) -> Any:
+) -> Result | SampleResult:
     """Solve a problem.
 
     Parameters
@@ -126,6 +151,8 @@ def solve(
     callback
         Called after every iteration; it may raise StopIteration to end the run with what is done so far, as
         Ctrl-C does (see :mod:`dolfinx_frontend.kernel.running`), or anything else to end it without a result.
+    progress
+        A progress bar if on a terminal.
     accuracy
         Instead of a tolerance and an order: the relative error that the answer may have, 1e-10 to 0.5.
         Tolerance, order and modes follow; ``result.errors()`` says what was reached and what dominates.
@@ -191,15 +218,92 @@ def solve(
             start=start,
             indefinite=indefinite,
             callback=callback,
+            progress=progress,
+            estimator=errors,
         )
-    return solve_deterministic(
-        problem,
-        method,
-        times=times,
-        active=active,
-        direction=direction,
-        options=options,
-        plan=plan,
-        start=start,
-        callback=callback,
-    )
+    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
+    return solve_once(problem, plan, start, callback, progress, errors)
+
+
+class SampleSettings(TypedDict, total=False):
+    """Settings of every sampling, see :func:`sample`."""
+
+    method: Method
+    active: Sequence[str] | Literal["all"] | None
+    direction: Direction | float | None
+    options: Options | None
+    plan: Plan | None
+    times: npt.ArrayLike | None
+    keep_states: bool
+    checkpoint: str | Path | None
+    callback: Callable[[Iteration], None] | None
+    progress: bool
+
+
+def sample(
+    problem: Problem,
+    germs: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
+    kind: Kind = "random",
+    **settings: Unpack[SampleSettings],
+) -> SampleResult:
+    """Solve at given points of the germs.
+
+    Parameters
+    ----------
+    germs
+        (N, L) points.
+    weights
+        (N,) quadrature weights; None: equal.
+    kind
+        What the points are: independent draws (``"random"``), ``"qmc"`` or a ``"quadrature"``.
+    settings
+        method, active, direction, options, plan: as for :func:`solve`; interfaces with random parameters are
+        always active.
+        times: times (T,) of a load history; random values do not change in it.
+        keep_states: keep the interface states, from which displacements can be recovered.
+        checkpoint: as for :func:`sweep`.
+        callback: called after every iteration; it may raise StopIteration to end the sampling with what is
+        done so far.
+        progress: a progress bar if on a terminal.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
+    SceneError
+        Nothing is random, or a sample is no admissible law (a negative stiffness).
+    """
+    return sampling.sample(problem, germs, weights, kind, estimator=errors, **settings)
+
+
+def monte_carlo(
+    problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
+) -> SampleResult:
+    """Monte Carlo with `samples` independent points; `settings` as for :func:`sample`."""
+    space = RandomLaws.of(problem).space
+    return sample(problem, space.sample(samples, seed), **settings)
+
+
+def quasi_monte_carlo(
+    problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
+) -> SampleResult:
+    """Scrambled Sobol points, a power of two of them; `settings` as for :func:`sample`."""
+    space = RandomLaws.of(problem).space
+    return sample(problem, space.sample_sobol(samples, seed), kind="qmc", **settings)
+
+
+def tensor_quadrature(
+    problem: Problem, points: int, **settings: Unpack[SampleSettings]
+) -> SampleResult:
+    """Tensor Gauss rule with `points` in each germ; `settings` as for :func:`sample`."""
+    rule = RandomLaws.of(problem).space.tensor_gauss(points)
+    return sample(problem, rule.points, rule.weights, "quadrature", **settings)
+
+
+def sparse_quadrature(
+    problem: Problem, level: int, **settings: Unpack[SampleSettings]
+) -> SampleResult:
+    """Smolyak rule, exact for total degree 2 level + 1; `settings` as for :func:`sample`."""
+    rule = RandomLaws.of(problem).space.sparse_gauss(level)
+    return sample(problem, rule.points, rule.weights, "quadrature", **settings)

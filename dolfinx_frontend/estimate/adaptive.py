@@ -1,11 +1,5 @@
-"""How wrong an answer is, and answers that are as right as asked.
-
-Three errors remain in an answer: of the iteration (algebraic), of the chaos (truncation), of the meshes
-(discretisation). Each is measured in the energy norm and in a quantity of interest by doing a little more
-and looking at what changes: the iteration goes on for one digit, the chaos gets its next modes (both on the
-factors that are there, started from the answer that is there). :func:`solve_to_accuracy` uses the same
-measurements to stop as soon as the answer is good enough.
-"""
+"""Answers that are as right as asked: the measurements of :mod:`dolfinx_frontend.estimate.errors`, used to
+stop as soon as an answer is good enough."""
 
 from __future__ import annotations
 
@@ -13,47 +7,48 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, log2
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
+    INTERRUPTED,
     REPLICATES,
     UNKNOWN,
-    ErrorShare,
-    Errors,
     Interest,
-    Moments,
+    by_solves,
     change_of,
-    checked,
-    distance_of,
+    complete,
+    distance,
     enlarged,
+    error_of_meshes,
+    errors,
     errors_of_samples,
-    interest_of,
+    interest,
     moments,
-    next_step,
-    share_of,
-    share_of_meshes,
+    next_halving,
+    not_known,
     sizes_of,
     tightened,
     whole_of,
 )
-from dolfinx_frontend.plan.plan import Direction, Method
+from dolfinx_frontend.kernel.running import Interrupted
+from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.solvers.chaos import ChaosResult, IndefiniteError, carry_on, solve_chaos
-from dolfinx_frontend.solvers.deterministic import solve_deterministic
-from dolfinx_frontend.solvers.sampling import SampleResult
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.solvers.deterministic import solve_once
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.problem import Problem
 
 __all__ = ["solve_to_accuracy"]
 
@@ -68,7 +63,7 @@ MOST_ORDER = 8
 """Of an adaptive chaos: beyond, samples are cheaper."""
 
 STALLED = 0.6
-"""Moments that change more than so from order to order, in terms of the change before, do not converge."""
+"""MeanStd that change more than so from order to order, in terms of the change before, do not converge."""
 
 MOST_SAMPLES = 8192
 
@@ -119,32 +114,47 @@ def solve_to_accuracy(
     """
     if not (np.isfinite(accuracy) and 1e-10 <= accuracy <= 0.5):
         raise SceneError(f"accuracy = {accuracy!r}: it must lie in 1e-10..0.5")
-    what = interest_of(problem, quantity)
-    options = options or _default_options(method)
-    kept = active
-    settings: dict[str, Any] = {"times": times, "direction": direction}
+    what = interest(problem, quantity)
+    options = options or (Options.plain() if method == "latin" else Options())
+    options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
     if random.sources:
         if what is not None and active is None and what.interface not in random.interfaces:
-            kept = [what.interface]
-        return _adaptive(problem, accuracy, what, method, kept, options, random, meshes, settings)
-    first = max(DIGIT * accuracy, FINEST)
-    result: Result = solve_deterministic(
-        problem, method, active=active, options=options.with_(rtol=first), **settings
-    )
-    of_meshes = share_of_meshes(result, what) if meshes else None
-    target = _visible(accuracy, of_meshes, what, result)
-    made = _settled(result, what, target)
-    while made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
-        rtol = max(result.plan.options.rtol * min(0.5 * target / made.relative("algebraic"), DIGIT), FINEST)
-        result = tightened(result, rtol)
-        made = _settled(result, what, target)
-    answer: Result = _with_errors(result, made, accuracy, of_meshes, ())
-    return answer
+            active = [what.interface]
+        first = solve_chaos(
+            problem,
+            Chaos(order=1, check_points=0),
+            method,
+            times=times,
+            active=active,
+            direction=direction,
+            options=options,
+            estimator=errors,
+        )
+        return _Search(first, accuracy, what).answer(meshes)
+    plan = make_plan(problem, method, active, (), direction, options, times=times)
+    return _tight_enough(solve_once(problem, plan, estimator=errors), accuracy, what, meshes)
 
 
-def _default_options(method: Method) -> Options:
-    return Options.plain() if method == "latin" else Options()
+def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, meshes: bool) -> Result:
+    """A deterministic run carried on until its algebraic error is small enough."""
+    of_meshes: ErrorShare | None = None
+    notes: tuple[str, ...] = ()
+    made = not_known(result, quantity)
+    try:
+        complete(result)
+        of_meshes = error_of_meshes(result, quantity) if meshes else None
+        target = _visible(accuracy, of_meshes, quantity, result)
+        made = _settled(result, quantity)
+        while made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
+            fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
+            result = tightened(result, max(result.plan.options.rtol * fall, FINEST))
+            made = not_known(result, quantity)
+            complete(result)
+            made = _settled(result, quantity)
+    except Interrupted:
+        notes = (INTERRUPTED,)
+    return _with_errors(result, made, accuracy, of_meshes, notes)
 
 
 def _visible(
@@ -159,29 +169,34 @@ def _visible(
     return float(np.clip(0.1 * relative, accuracy, 0.5)) if isfinite(relative) else accuracy
 
 
-def _settled(result: Result, quantity: Resultant | None, target: float) -> Errors:
+def _settled(result: Result, quantity: Resultant | None) -> Errors:
     """Algebraic error of a deterministic run."""
     if quantity is None or not result.plan.active:
-        share = ErrorShare(result.error if result.plan.active else FINEST, how="its estimate")
+        found = ErrorShare(result.error if result.plan.active else FINEST, how="its estimate")
         if quantity is None:
-            return Errors(share, None, None, None, None)
+            return Errors(found, None, None, None, None)
         value = moments(result, quantity)
-        share = replace(share, quantity=FINEST * abs(value.mean), how="direct solve")
-        return Errors(share, None, None, quantity, value)
+        found = replace(found, quantity=FINEST * abs(value.mean), how="direct solve")
+        return Errors(found, None, None, quantity, value)
     value = moments(result, quantity)
-    after = moments(tightened(result, max(DIGIT * result.plan.options.rtol, FINEST)), quantity)
+    tight = tightened(result, max(DIGIT * result.plan.options.rtol, FINEST))
+    complete(tight)
+    after = moments(tight, quantity)
     how = "the iteration carried on for one digit"
-    share = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
-    return Errors(share, None, None, quantity, value)
+    found = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
+    return Errors(found, None, None, quantity, value)
+
+
+Answered = TypeVar("Answered", Result, ChaosResult, SampleResult)
 
 
 def _with_errors(
-    result: Any,
+    result: Answered,
     made: Errors,
     accuracy: float,
     of_meshes: ErrorShare | None,
     notes: tuple[str, ...],
-) -> Any:
+) -> Answered:
     """The result with what is known of its errors."""
     made = replace(made, asked=accuracy, discretisation=of_meshes)
     if made.relative("discretisation") > accuracy:
@@ -191,100 +206,155 @@ def _with_errors(
         )
     if made.total > accuracy:
         notes += (f"the accuracy was not reached: {made.total:.1e} is left",)
-    if isinstance(result, Result):
-        made = replace(made, next_halving=next_step(result, made))
-    result._errors = replace(made, notes=notes)
+    if isinstance(result, Result) and INTERRUPTED not in notes:
+        made = replace(made, next_halving=next_halving(result, made))
     for note in notes:
         _log.warning("%s", note)
-    return result
+    return result.with_notes(found=replace(made, notes=notes))
 
 
-def _adaptive(
-    problem: Problem,
-    accuracy: float,
-    quantity: Resultant | None,
-    method: Method,
-    active: Sequence[str] | Literal["all"] | None,
-    options: Options,
-    random: RandomLaws,
-    meshes: bool,
-    settings: dict[str, Any],
-) -> Result | SampleResult:
-    """A chaos that grows where it matters, until what it leaves out is small enough."""
-    rtol = max(DIGIT * accuracy, FINEST)
-    result = solve_chaos(
-        problem,
-        Chaos(order=1, check_points=0),
-        method,
-        active=active,
-        options=options.with_(rtol=rtol),
-        **settings,
-    )
-    # how much worse a quantity is than the energy norm is found out where it is cheap
-    loose = result.error
-    before = None if quantity is None else moments(result, quantity)
-    result = carry_on(result, result.chaos, max(DIGIT * min(rtol, loose), FINEST))
-    gain = 1.0
-    if quantity is not None and before is not None and loose > 0.0:
-        gain = max(change_of(before, moments(result, quantity), rtol) / loose, _mean_over_spread(result))
-    of_meshes = share_of_meshes(result, quantity) if meshes else None
-    target = _visible(accuracy, of_meshes, quantity, result)
-    rtol = float(np.clip(0.2 * target / gain, FINEST, 1e-3))
+class _Search:
+    """A chaos that grows where it matters, until what it leaves out is small enough.
 
-    curved = bool(result.collocations)
-    notes: tuple[str, ...] = ()
-    if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
-        # few germs and laws that are not linear: rules converge where the chaos does, at less for a point
-        # what the iteration leaves shows in the changes from rule to rule
-        each = float(np.clip(0.03 * target, FINEST, 3e-3))
-        by_rules = _by_rules(result, quantity, target, each)
-        if by_rules is None:
-            return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
-        return _with_errors(*by_rules, accuracy, of_meshes, notes)  # type: ignore[no-any-return]
-    change_before, left, fall = np.nan, np.inf, SLOWEST
-    stalled = False
-    while True:
-        chaos = enlarged(result, quantity, target)
+    Attributes
+    ----------
+    result
+        The largest chaos so far.
+    target
+        What algebraic and truncation error must keep below.
+    gain
+        How much worse the quantity is than the energy norm.
+    """
+
+    def __init__(self, first: ChaosResult, accuracy: float, quantity: Resultant | None) -> None:
+        self.result = first
+        self.accuracy = self.target = accuracy
+        self.quantity = quantity
+        self.rtol = first.plan.options.rtol
+        self.gain = 1.0
+        self.of_meshes: ErrorShare | None = None
+        self.notes: tuple[str, ...] = ()
+
+    def answer(self, meshes: bool) -> ChaosResult | SampleResult:
+        """The chaos, or samples where it does not converge; after Ctrl-C the chaos as far as it came."""
+        try:
+            return self._answer(meshes)
+        except Interrupted:
+            self.notes += (INTERRUPTED,)
+            return self._found(not_known(self.result, self.quantity))
+
+    def _answer(self, meshes: bool) -> ChaosResult | SampleResult:
+        self._calibrate()
+        result, quantity = self.result, self.quantity
+        if meshes:
+            self.of_meshes = error_of_meshes(result, quantity)
+        self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
+        self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
+        curved = bool(result.collocations)
+        if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
+            # few germs and laws that are not linear: rules converge where the chaos does, at less for a point
+            # what the iteration leaves shows in the changes from rule to rule
+            each = float(np.clip(0.03 * self.target, FINEST, 3e-3))
+            by_rules = _by_rules(result, quantity, self.target, each)
+            if by_rules is None:
+                return self._by_samples()
+            return _with_errors(*by_rules, self.accuracy, self.of_meshes, self.notes)
+        left, stalled = self._grow(curved)
+        if curved and (stalled or left > 0.5 * self.target):
+            return self._by_samples()
+        made = _errors_of_chaos(self.result, quantity, left, self.gain)
+        if curved:
+            made = replace(made, truncation=by_solves(self.result, quantity))
+            if made.relative("truncation") > self.target and quantity is not None:
+                return self._by_samples()
+        return self._found(made)
+
+    def _found(self, made: Errors) -> ChaosResult:
+        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes)
+
+    def _carry_on(self, chaos: Chaos, rtol: float) -> None:
+        self.result = carry_on(self.result, chaos, rtol)
+        complete(self.result)
+
+    def _calibrate(self) -> None:
+        """Find out where it is cheap how much worse the quantity is than the energy norm."""
+        result, quantity, rtol = self.result, self.quantity, self.rtol
+        complete(result)
+        loose = result.error
+        before = None if quantity is None else moments(result, quantity)
+        self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
+        if quantity is not None and before is not None and loose > 0.0:
+            change = change_of(before, moments(self.result, quantity), rtol)
+            self.gain = max(change / loose, _mean_over_spread(self.result))
+
+    def _grow(self, curved: bool) -> tuple[float, bool]:
+        """Enlarge the chaos; what it still leaves out, and whether it has stopped converging."""
+        quantity, target = self.quantity, self.target
+        change_before, left, fall = np.nan, np.inf, SLOWEST
+        stalled = False
+        while not stalled and left > 0.5 * target:
+            old = self.result
+            chaos = self._next(curved)
+            if chaos is None:
+                break
+            before = None if quantity is None else moments(old, quantity)
+            try:
+                self._carry_on(chaos, self.rtol)
+            except IndefiniteError as error:
+                self.notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
+                break
+            if quantity is None or before is None:
+                change = distance(self.result, old)
+            else:
+                change = change_of(before, moments(self.result, quantity), self.rtol)
+            if isfinite(change_before) and change_before > 0.0:
+                fall = min(change / change_before, SLOWEST)
+                stalled = curved and change > STALLED * change_before and change > target
+            else:
+                fall = float(np.clip(_decay(self.result, quantity), UNKNOWN, SLOWEST))
+            left = change * fall / (1.0 - fall)
+            change_before = change
+        return left, stalled
+
+    def _next(self, curved: bool) -> Chaos | None:
+        """The next larger chaos; None: that would be too large."""
+        result = self.result
+        chaos = enlarged(result, self.quantity, self.target)
         if curved:
             chaos = Chaos(order=result.chaos.order + 1, check_points=0)
         modes = len(chaos.indices) if chaos.indices is not None else 0
         if chaos.order > MOST_ORDER + (0 if curved else 12) or modes > MOST_MODES:
-            notes += (f"the chaos was not carried beyond order {result.chaos.order}, {result.modes} modes",)
-            break
-        before = None if quantity is None else moments(result, quantity)
-        old = result
-        try:
-            result = carry_on(result, chaos, rtol)
-        except IndefiniteError as error:
-            old.resume()
-            result = old
-            notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
-            break
-        if result.status == "interrupted":
-            notes += ("interrupted",)
-            break
-        if quantity is None or before is None:
-            change = distance_of(result, old)
-        else:
-            change = change_of(before, moments(result, quantity), rtol)
-        if isfinite(change_before) and change_before > 0.0:
-            fall = min(change / change_before, SLOWEST)
-            stalled = curved and change > STALLED * change_before and change > target
-        else:
-            fall = float(np.clip(_decay(result, quantity), UNKNOWN, SLOWEST))
-        left = change * fall / (1.0 - fall)
-        change_before = change
-        if left <= 0.5 * target or stalled:
-            break
-    if curved and result.status != "interrupted" and (stalled or left > 0.5 * target):
-        return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
-    made = _errors_of_chaos(result, quantity, left, gain)
-    if curved and result.status != "interrupted":
-        share = checked(result, quantity)
-        made = replace(made, truncation=share)
-        if made.relative("truncation") > target and quantity is not None:
-            return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
-    return _with_errors(result, made, accuracy, of_meshes, notes)  # type: ignore[no-any-return]
+            self.notes += (
+                f"the chaos was not carried beyond order {result.chaos.order}, {result.modes} modes",
+            )
+            return None
+        return chaos
+
+    def _by_samples(self) -> ChaosResult | SampleResult:
+        """Quasi-Monte Carlo on the solver of a chaos that converges too slowly."""
+        result, quantity = self.result, self.quantity
+        if quantity is None:
+            return self._found(_errors_of_chaos(result, None, by_solves(result, None).energy, 1.0))
+        self.notes += (
+            "chaos and Gauss rules converge slowly (a law is not linear): quasi-Monte Carlo on the same "
+            "solver",
+        )
+        each = 32
+        while True:
+            parts = [result.space.sample_sobol(each, seed) for seed in range(REPLICATES)]
+            samples = result.sample(np.concatenate(parts), kind="qmc")
+            complete(samples)
+            made = errors_of_samples(samples, quantity)
+            total = each * REPLICATES
+            if made.relative("truncation") <= 0.7 * self.target:
+                break
+            # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
+            factor = 2 ** max(1, min(3, round(log2(made.relative("truncation") / (0.5 * self.target)))))
+            if total * factor > MOST_SAMPLES:
+                self.notes += (f"{total} samples: more are left to you, see quasi_monte_carlo",)
+                break
+            each *= factor
+        return _with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
 
 
 def _mean_over_spread(result: ChaosResult) -> float:
@@ -328,13 +398,14 @@ def _by_rules(
     result: ChaosResult, quantity: Resultant, target: float, rtol: float
 ) -> tuple[SampleResult, Errors] | None:
     """Tensor Gauss rules of rising order on the solver of a chaos; None: they do not converge in time."""
-    before: Moments | None = None
+    before: MeanStd | None = None
     changes: list[float] = []
     for points in RULES:
         rule = result.space.tensor_gauss(points)
         if len(rule.points) > MOST_SAMPLES:
             return None
         samples = result.sample(rule.points, rule.weights, "quadrature", rtol=rtol)
+        complete(samples)
         value = moments(samples, quantity)
         if before is not None:
             changes.append(change_of(before, value, rtol))
@@ -365,35 +436,3 @@ def _by_rules(
                 )
         before = value
     return None
-
-
-def _by_samples(
-    result: ChaosResult,
-    quantity: Resultant | None,
-    accuracy: float,
-    target: float,
-    of_meshes: ErrorShare | None,
-    notes: tuple[str, ...],
-) -> Result | SampleResult:
-    """Quasi-Monte Carlo on the solver of a chaos that converges too slowly."""
-    if quantity is None:
-        made = _errors_of_chaos(result, None, checked(result, None).energy, 1.0)
-        return _with_errors(result, made, accuracy, of_meshes, notes)  # type: ignore[no-any-return]
-    notes += (
-        "chaos and Gauss rules converge slowly (a law is not linear): quasi-Monte Carlo on the same solver",
-    )
-    each = 32
-    while True:
-        parts = [result.space.sample_sobol(each, seed) for seed in range(REPLICATES)]
-        samples = result.sample(np.concatenate(parts), kind="qmc")
-        made = errors_of_samples(samples, quantity)
-        total = each * REPLICATES
-        if made.relative("truncation") <= 0.7 * target:
-            break
-        # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
-        factor = 2 ** max(1, min(3, round(log2(made.relative("truncation") / (0.5 * target)))))
-        if total * factor > MOST_SAMPLES:
-            notes += (f"{total} samples: more are left to you, see quasi_monte_carlo",)
-            break
-        each *= factor
-    return _with_errors(samples, made, accuracy, of_meshes, notes)  # type: ignore[no-any-return]

@@ -1,37 +1,61 @@
-"""Errors of an answer: of the iteration, the chaos and the meshes."""
+"""How wrong an answer is: the error of its iteration, of its chaos, of its meshes.
+
+Each is measured in the energy norm and in a quantity of interest by doing a little more and looking at what
+changes: the iteration goes on for one digit, the chaos gets its next modes (both on the factors that are
+there, started from the answer that is there).
+"""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, isfinite, log
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
-from dolfinx_frontend.kernel.running import iterate
+from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results import surfaces
-from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.results.chaos import NOISE, ChaosResult
+from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on
-from dolfinx_frontend.solvers.sampling import SampleResult
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.solvers.deterministic import solve_on
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.problem import Problem
-
-__all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments"]
+__all__ = [
+    "DIGIT",
+    "FINEST",
+    "INTERRUPTED",
+    "Interest",
+    "change_of",
+    "complete",
+    "distance",
+    "enlarged",
+    "error_of_meshes",
+    "errors",
+    "errors_of_samples",
+    "by_solves",
+    "interest",
+    "moments",
+    "next_halving",
+    "not_known",
+    "sizes_of",
+    "tightened",
+    "whole_of",
+]
 
 _log = logging.getLogger(__name__)
-
 Index = tuple[int, ...]
-
 Interest = Resultant | str | None
 
 DIGIT = 0.1
@@ -44,133 +68,15 @@ DROPPED = 0.02
 """Variance of modes that may be left out, as predicted, as a share of the accuracy of the moments: these
 change with the square of such modes, and predictions are right within a factor of three, squared."""
 
+INTERRUPTED = "interrupted (Ctrl-C): what is nan was not measured"
 UNKNOWN = 0.3
 """Fall from one degree to the next where nothing is known of it."""
 
 REPLICATES = 4
 
 
-class Moments(NamedTuple):
-    """Mean and standard deviation of a quantity of interest; None: not random."""
-
-    mean: float
-    std: float | None
-
-
-@dataclass(frozen=True)
-class ErrorShare:
-    """One error of an answer.
-
-    Attributes
-    ----------
-    energy
-        Relative, in the energy norm; NaN: not known.
-    quantity
-        Of the quantity of interest (of its mean, if random), absolute, in its unit; None: none was named.
-    std
-        Of its standard deviation, absolute; None: not random.
-    how
-        How it was measured.
-    """
-
-    energy: float
-    quantity: float | None = None
-    std: float | None = None
-    how: str = ""
-
-
-@dataclass(frozen=True, repr=False)
-class Errors:
-    """Errors of an answer by their source.
-
-    Attributes
-    ----------
-    algebraic, truncation, discretisation
-        Of the iteration, of the chaos or the samples (None: nothing is random), of the meshes (None: not
-        estimated).
-    quantity, moments
-        What they are measured in (None: the energy norm), and its value.
-    whole
-        What an error of the standard deviation is relative to: the deviation, or the mean where it is noise.
-    asked
-        The accuracy that was asked for, or None.
-    next_halving
-        What would halve the dominating error, and its predicted cost.
-    notes
-        What a reader must know: sources that could not be reduced as asked.
-    """
-
-    algebraic: ErrorShare
-    truncation: ErrorShare | None
-    discretisation: ErrorShare | None
-    quantity: Resultant | None
-    moments: Moments | None
-    whole: float | None = None
-    asked: float | None = None
-    next_halving: str = ""
-    notes: tuple[str, ...] = ()
-
-    def relative(self, source: Literal["algebraic", "truncation", "discretisation"]) -> float:
-        """One error as a share: of mean and standard deviation the larger, or of the energy norm; else 0."""
-        share: ErrorShare | None = getattr(self, source)
-        if share is None:
-            return 0.0
-        if self.quantity is None or self.moments is None or share.quantity is None:
-            return share.energy
-        parts = [share_of(share.quantity, self.moments.mean)]
-        if share.std is not None and self.whole is not None:
-            parts.append(share_of(share.std, self.whole))
-        return max(parts)
-
-    @property
-    def dominating(self) -> Literal["algebraic", "truncation", "discretisation"]:
-        """The largest source."""
-        sources: tuple[Literal["algebraic", "truncation", "discretisation"], ...] = (
-            "algebraic",
-            "truncation",
-            "discretisation",
-        )
-        return max(sources, key=lambda s: np.nan_to_num(self.relative(s)))
-
-    @property
-    def total(self) -> float:
-        """Relative error of the answer on its meshes: algebraic and truncation together."""
-        return self.relative("algebraic") + self.relative("truncation")
-
-    @property
-    def reached(self) -> bool:
-        """Whether the accuracy that was asked for is reached; the meshes count as far as they are known."""
-        return self.asked is None or max(self.total, self.relative("discretisation")) <= self.asked
-
-    def __repr__(self) -> str:
-        of = "the energy norm" if self.quantity is None else str(self.quantity)
-        return f"Errors(of {of}: {self.total:.1e} in all, most of it {self.dominating})"
-
-    def __str__(self) -> str:
-        where = "energy norm" if self.quantity is None else str(self.quantity)
-        lines = [f"errors in the {where}" + (f", asked {self.asked:g}" if self.asked else "")]
-        if self.moments is not None:
-            spread = "" if self.moments.std is None else f", standard deviation {self.moments.std:.6g}"
-            lines[0] += f" (value {self.moments.mean:.6g}{spread})"
-        for source in ("algebraic", "truncation", "discretisation"):
-            share: ErrorShare | None = getattr(self, source)
-            if share is not None:
-                mark = "  <- dominates" if source == self.dominating else ""
-                relative = self.relative(source)
-                lines.append(f"  {source:<15}{relative:9.1e}  ({share.how}){mark}")
-        if self.next_halving:
-            lines.append(f"  half of it: {self.next_halving}")
-        return "\n".join(lines + [f"  {note}" for note in self.notes])
-
-
-def share_of(error: float, whole: float) -> float:
-    if whole == 0.0:
-        return 0.0 if error == 0.0 else np.inf
-    return abs(error / whole)
-
-
 # --- quantities -------------------------------------------------------------------------------------
-def interest_of(problem: Problem, quantity: Interest) -> Resultant | None:
+def interest(problem: Problem, quantity: Interest) -> Resultant | None:
     """The quantity that is meant; None: the energy norm."""
     if quantity is None or quantity == "energy":
         return None
@@ -189,35 +95,35 @@ def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
     return values if result.times is None else values[..., -1]
 
 
-def _samples(result: Any, fields: Any, quantity: Resultant) -> Array:
+def samples_of(result: Any, fields: Any, quantity: Resultant) -> Array:
     """A quantity (N,) in samples of the fields, of a history at its end."""
     weights = result.problem.interfaces[quantity.interface].weights
     values = quantity.total(quantity.field(fields), weights)
     return values if result.plan.times is None else values[..., -1]
 
 
-def moments(result: Result | SampleResult, quantity: Resultant) -> Moments:
+def moments(result: Result | SampleResult, quantity: Resultant) -> MeanStd:
     """The quantity in a result, of a history at its end: mean and standard deviation if it is random."""
     if isinstance(result, SampleResult):
-        values = _samples(result, result, quantity)
+        values = samples_of(result, result, quantity)
         sums = surfaces.Moments()
         sums.add({"": values}, result.weights)
         mean, std = sums.found()[""]
-        return Moments(float(mean), float(std))
+        return MeanStd(float(mean), float(std))
     if not isinstance(result, ChaosResult):
-        return Moments(float(np.ravel(quantity.value(result))[-1]), None)
+        return MeanStd(float(np.ravel(quantity.value(result))[-1]), None)
     if quantity.interface in result.collocations:
         germs = result.moment_germs()
         parts = [
-            _samples(result, result.at(germs[i : i + 512]), quantity) for i in range(0, len(germs), 512)
+            samples_of(result, result.at(germs[i : i + 512]), quantity) for i in range(0, len(germs), 512)
         ]
         values = np.concatenate(parts)
-        return Moments(float(values.mean()), float(values.std()))
+        return MeanStd(float(values.mean()), float(values.std()))
     values = _coefficients(result, quantity)
-    return Moments(float(values[0]), float(np.sqrt(np.sum(values[1:] ** 2))))
+    return MeanStd(float(values[0]), float(np.sqrt(np.sum(values[1:] ** 2))))
 
 
-def whole_of(value: Moments, rtol: float) -> float | None:
+def whole_of(value: MeanStd, rtol: float) -> float | None:
     """What an error of the standard deviation is relative to."""
     if value.std is None:
         return None
@@ -225,7 +131,7 @@ def whole_of(value: Moments, rtol: float) -> float | None:
     return abs(value.mean) if noise else value.std
 
 
-def change_of(one: Moments, other: Moments, rtol: float) -> float:
+def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     """Relative change of mean and standard deviation, the larger."""
     change = share_of(one.mean - other.mean, other.mean)
     whole = whole_of(other, rtol)
@@ -234,22 +140,22 @@ def change_of(one: Moments, other: Moments, rtol: float) -> float:
     return change
 
 
-def distance_of(one: Result, other: Result) -> float:
+def distance(one: Result, other: Result) -> float:
     """Relative difference of two results with the same kernel in the energy norm, over all columns.
 
     The first may have modes that the second has not.
     """
-    core = one.core
+    solver = one.solver
     data, traces = one.state.data.copy(), one.state.traces.copy()
     places = np.arange(data.shape[1])
     if isinstance(one, ChaosResult) and isinstance(other, ChaosResult):
-        steps = one._steps
+        steps = one.steps
         found = [one.basis.indices.find([int(i) for i in row]) for row in other.basis.indices.table]
         places = np.concatenate([np.arange(p * steps, (p + 1) * steps) for p in found if p is not None])
     data[:, places] -= other.state.data
     traces[:, places] -= other.state.traces
-    forces = data - core.directions[:, None] * traces
-    square = float(np.sum(traces * core.weights[:, None] * forces))
+    forces = data - solver.directions[:, None] * traces
+    square = float(np.sum(traces * solver.weights[:, None] * forces))
     return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
 
 
@@ -258,21 +164,7 @@ def tightened(result: Result, rtol: float) -> Result:
     """The run carried on to another tolerance."""
     if isinstance(result, ChaosResult):
         return carry_on(result, result.chaos, rtol)
-    options = result.plan.options.with_(rtol=rtol)
-    plan = replace(result.plan, options=options)
-    summary, state = iterate(
-        result.problem, plan, result.core, plan.amplitudes, [result.state], None
-    )
-    changes: dict[str, Any] = {"_all": None} if isinstance(result, HistoryResult) else {}
-    return replace(
-        result,
-        plan=plan,
-        summary=summary,
-        state=state,
-        _displacements=None,
-        _errors=None,
-        **changes,
-    )
+    return solve_on(result, rtol)
 
 
 def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
@@ -292,8 +184,8 @@ def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
 
 def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Array]:
     """(P + 1,) how much each mode matters in the quantity and in the whole field, relative to the mean."""
-    steps = result._steps
-    metric = (result.core.weights / result.core.directions)[:, None]
+    steps = result.steps
+    metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
     of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
     if quantity is None or quantity.interface in result.collocations:
@@ -357,75 +249,106 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
         ``solve(accuracy=..., quantity=...)`` was asked for, or the energy norm.
 
     The iteration is carried on for one digit, and a chaos is solved again with its next modes, both started
-    from the answer: about half the cost of the run without its factorisation.
+    from the answer: about half the cost of the run without its factorisation. The result stays as it is.
+    Ctrl-C ends the measurement: what it has not reached is NaN then, and a note says so.
     """
-    if quantity is None and result._errors is not None:
-        return result._errors
-    what = interest_of(result.problem, quantity)
+    if quantity is None and result.found is not None:
+        return result.found
+    what = interest(result.problem, quantity)
     if isinstance(result, SampleResult):
         return errors_of_samples(result, what)
-    value = None if what is None else moments(result, what)
-    rtol = result.plan.options.rtol
-    whole = None if value is None else whole_of(value, rtol)
+    made = not_known(result, what)
+    try:
+        if result.plan.active:
+            tight = tightened(result, max(DIGIT * min(result.plan.options.rtol, result.error), FINEST))
+            made = replace(made, algebraic=_algebraic(result, tight, what, made.moments))
+            if isinstance(tight, ChaosResult):
+                made = replace(made, truncation=_truncation(tight, what))
+        else:
+            value = made.moments
+            of_quantity = None if value is None else FINEST * abs(value.mean)
+            exact = ErrorShare(FINEST, of_quantity, how="direct solve")
+            made = replace(made, algebraic=exact, whole=None)
+        made = replace(made, discretisation=error_of_meshes(result, what))
+    except Interrupted:
+        return replace(made, notes=(INTERRUPTED,))
+    return replace(made, next_halving=next_halving(result, made))
+
+
+def complete(result: Result | SampleResult) -> None:
+    """Ctrl-C in a measurement is no measurement.
+
+    Raises
+    ------
+    Interrupted
+        The run was interrupted.
+    """
+    if result.status == "interrupted":
+        raise Interrupted
+
+
+def not_known(result: Result, quantity: Resultant | None) -> Errors:
+    """The errors of a result of which nothing is measured."""
+    value = None if quantity is None else moments(result, quantity)
+    nan = None if value is None else np.nan
+    of_std = None if value is None or value.std is None else np.nan
+    algebraic = ErrorShare(result.error, nan, of_std, "its estimate; not measured")
     truncation = None
-    if not result.plan.active:
-        exact = ErrorShare(FINEST, None if value is None else FINEST * abs(value.mean), how="direct solve")
-        made = Errors(exact, None, None, what, value)
-    else:
-        tight = tightened(result, max(DIGIT * min(rtol, result.error), FINEST))
-        algebraic = ErrorShare(result.error, how="the iteration carried on for one digit")
-        after = None
-        if what is not None and value is not None:
-            after = moments(tight, what)
-            algebraic = replace(
-                algebraic, quantity=abs(after.mean - value.mean), std=_difference(after.std, value.std)
-            )
-        if isinstance(tight, ChaosResult):
-            truncation = _truncation(tight, what, after)
-        if isinstance(result, ChaosResult):
-            result.resume()
-        made = Errors(algebraic, truncation, None, what, value, whole)
-    made = replace(made, discretisation=share_of_meshes(result, what))
-    return replace(made, next_halving=next_step(result, made))
+    if isinstance(result, ChaosResult):
+        truncation = ErrorShare(np.nan, nan, of_std, "not measured")
+    whole = None if value is None else whole_of(value, result.plan.options.rtol)
+    return Errors(algebraic, truncation, None, quantity, value, whole)
+
+
+def _algebraic(
+    result: Result, tight: Result, quantity: Resultant | None, value: MeanStd | None
+) -> ErrorShare:
+    """The error of the iteration by the run that was carried on."""
+    complete(tight)
+    how = "the iteration carried on for one digit"
+    if quantity is None or value is None:
+        return ErrorShare(result.error, how=how)
+    after = moments(tight, quantity)
+    return ErrorShare(result.error, abs(after.mean - value.mean), _difference(after.std, value.std), how)
 
 
 def _difference(one: float | None, other: float | None) -> float | None:
     return None if one is None or other is None else abs(one - other)
 
 
-def _truncation(
-    result: ChaosResult, quantity: Resultant | None, value: Moments | None
-) -> ErrorShare:
-    """The error of a chaos, on its own kernel."""
+def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
+    """The error of a chaos, by a larger one."""
     if result.collocations:
-        return checked(result, quantity)
+        return by_solves(result, quantity)
     try:
         wider = carry_on(result, enlarged(result, quantity), result.plan.options.rtol)
     except IndefiniteError as error:
         return ErrorShare(np.nan, how=f"not known: {str(error).splitlines()[0]}")
-    share = ErrorShare(distance_of(wider, result), how=f"the next {wider.modes - result.modes} modes")
-    if quantity is None or value is None:
-        return share
-    after = moments(wider, quantity)
-    return replace(share, quantity=abs(after.mean - value.mean), std=_difference(after.std, value.std))
+    complete(wider)
+    found = ErrorShare(distance(wider, result), how=f"the next {wider.modes - result.modes} modes")
+    if quantity is None:
+        return found
+    before, after = moments(result, quantity), moments(wider, quantity)
+    of_std = _difference(after.std, before.std)
+    return replace(found, quantity=abs(after.mean - before.mean), std=of_std)
 
 
-def checked(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
+def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     """The error of a chaos of a law that is not linear, by deterministic solves.
 
     The chaos is their control variate: moments are corrected by mean and variance of the difference, and two
     standard errors are added.
     """
     count = max(result.chaos.check_points, 32)
-    result.resume()
     truth = result.sample(result.space.sample(count, 1))
+    complete(truth)
     names = result.plan.active if quantity is None else (quantity.interface,)
     error = max(result.compared(name, [truth]).error for name in names)
     how = f"{count} deterministic solves"
     if quantity is None:
         return ErrorShare(error, how=how)
     value = moments(result, quantity)
-    exact, own = (_samples(result, fields, quantity) for fields in (truth, result.at(truth.germs)))
+    exact, own = (samples_of(result, fields, quantity) for fields in (truth, result.at(truth.germs)))
     shift = exact - own
     margin = 2.0 * shift.std(ddof=1) / np.sqrt(count)
     better = value.mean + shift.mean()
@@ -447,7 +370,7 @@ def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Error
             "one quadrature does not tell its error: compare it with one of more points, or let "
             "solve(accuracy=...) do so"
         )
-    values = _samples(result, result, quantity)
+    values = samples_of(result, result, quantity)
     value = moments(result, quantity)
     spread = np.array(
         [[p.mean(), p.std()] for p in np.array_split(values, REPLICATES)]
@@ -463,7 +386,7 @@ def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Error
     )
 
 
-def share_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
+def error_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
     """The error of the meshes, where it can be estimated."""
     try:
         found = discretisation_error(result, quantity)
@@ -473,7 +396,7 @@ def share_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | 
     return ErrorShare(found.energy, found.quantity, None, "recovered stresses")
 
 
-def next_step(result: Result, made: Errors) -> str:
+def next_halving(result: Result, made: Errors) -> str:
     """What would halve the dominating error, and its cost by the model of the plan."""
     cost = result.plan.cost
     spent = max(result.summary.global_s + result.summary.local_s + result.summary.other_s, 1e-6)

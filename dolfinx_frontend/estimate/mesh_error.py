@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field
 from time import perf_counter
-from typing import Any
 
 import numpy as np
+from latin_core import State
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
@@ -28,13 +28,14 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import KernelLaws
+from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.results import tables
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
-
 
 __all__ = ["DiscretisationError", "discretisation_error"]
 
@@ -90,7 +91,7 @@ class DiscretisationError:
             No quantity was named.
         """
         if self.quantity is None or self.value is None:
-            raise SceneError("no quantity of interest: estimate(result, Resultant('interface'))")
+            raise SceneError("no quantity of interest: discretisation_error(result, Resultant('interface'))")
         if self.value == 0.0:
             return 0.0 if self.quantity == 0.0 else float("inf")
         return self.quantity / abs(self.value)
@@ -109,7 +110,7 @@ def discretisation_error(
     """Estimate the error of the meshes in a result; collective on several ranks.
 
     The quantity costs one more solution with the factors of the result; of a chaos, and of laws that are not
-    linear, two. The kernel of the result is left as it was.
+    linear, two.
 
     Parameters
     ----------
@@ -123,6 +124,8 @@ def discretisation_error(
 
     Raises
     ------
+    KeyboardInterrupt
+        At Ctrl-C.
     SceneError
         A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
         converge.
@@ -345,68 +348,59 @@ class _Dual:
     def solve(self) -> dict[str, Array]:
         """z by substructure of this rank, (n,); collective."""
         result, plan = self.result, self.result.plan
-        core, amplitudes = result.core, plan.amplitudes
+        solver, laws, amplitudes = result.solver, result.mean_laws, plan.amplitudes
         pattern = int(np.argmax(np.abs(amplitudes[:, self.column])))
         factor = float(amplitudes[pattern, self.column])
         if self.loads and factor == 0.0:
             raise SceneError("no load pattern acts at this time: choose another step")
-        with result.at_mean():
-            before = self._base()
-            known = before is result.state and plan.times is None
-            base = (
-                {name: u[:, None] for name, u in result.displacements.items()}
-                if known
-                else core.displacements(before, amplitudes)
-            )
-            try:
-                self._change(pattern, self.unit / (factor or 1.0))
-                after = self._run([before])
-                moved = core.displacements(after, amplitudes)
-            finally:
-                self._change(pattern, 0.0)
+        before = self._base(laws)
+        base: Mapping[str, Array]
+        if before is result.state and plan.times is None:
+            base = {name: u[:, None] for name, u in result.displacements.items()}
+        else:
+            base = solver.displacements(laws, before, amplitudes)
+        changed = self._changed(laws, pattern, self.unit / (factor or 1.0))
+        after = self._run(changed, [before])
+        moved = solver.displacements(changed, after, amplitudes)
         out = {}
         for name in result.problem.own.substructures:
             difference = moved[name][:, self.column] - base[name][:, self.column]
             out[name] = difference / self.unit + self.lift.get(name, 0.0)
         return out
 
-    def _base(self) -> Any:
+    def _base(self, laws: KernelLaws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""
         if isinstance(self.result, StochasticResult):  # its state has other columns
-            return self._run([])
-        return self.result.state if _linear(self.result) else self._run([self.result.state])
+            return self._run(laws, [])
+        return self.result.state if _linear(self.result) else self._run(laws, [self.result.state])
 
-    def _run(self, start: list[Any]) -> Any:
-        options = self.result.plan.options
+    def _run(self, laws: KernelLaws, start: list[State]) -> State:
+        solver, options = self.result.solver, self.result.plan.options
         if not _linear(self.result):
             options = options.with_(rtol=min(options.rtol, TANGENT_RTOL))
-        warm = start if self.result.core.total_rows else []
+        warm = start if solver.total_rows else []
         for states in (warm, []) if warm else ([],):
-            summary, state = self.result.core.solve(
-                options=options.kernel(),
-                amplitudes=self.result.plan.amplitudes,
-                start=states,
-                callback=None,
-            )
+            summary, state = solver.run(laws, options, self.result.plan.amplitudes, states, progress=False)
             if summary.status == "converged":
                 return state
+            if summary.status == "interrupted":
+                raise Interrupted
         raise SceneError(
             f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "
-            f"error {summary.error:.1e}); estimate(result) without a quantity needs none, and the same scene "
-            "on a finer mesh tells the error of a quantity as well"
+            f"error {summary.error:.1e}); discretisation_error(result) without a quantity needs "
+            "none, and the same scene on a finer mesh tells the error of a quantity as well"
         )
 
-    def _change(self, pattern: int, amount: float) -> None:
-        """Add the change to the kernel, or take it away again with an amount of 0."""
-        result, core = self.result, self.result.core
+    def _changed(self, laws: KernelLaws, pattern: int, amount: float) -> KernelLaws:
+        """The laws with the change."""
         extra: dict[str, Array] = {}
-        for name, load in self.loads.items() if amount else ():
-            extra[name] = np.zeros((len(load), core.loads), order="F")
+        for name, load in self.loads.items():
+            extra[name] = np.zeros((len(load), self.result.solver.loads), order="F")
             extra[name][:, pattern] = amount * load
-        core.set_extra_loads(extra)
-        for name, jump in self.jump.items():
-            given = bridge.active_fields(result.problem.interfaces[name], result.plan)
-            core.set_parameter(name, "jump", given.parameters["jump"] + amount * jump)
+        jumps = {
+            name: {"jump": laws.parameters[name]["jump"] + amount * jump} for name, jump in self.jump.items()
+        }
+        return laws.with_(parameters=jumps, extra_loads=extra)
 
 
 def _linear(result: Result) -> bool:

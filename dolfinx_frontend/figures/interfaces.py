@@ -17,7 +17,7 @@ from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
 if TYPE_CHECKING:
     from dolfinx import fem
     from dolfinx_frontend.results.result import Result
-    from dolfinx_frontend.solvers.sampling import SampleResult
+    from dolfinx_frontend.results.samples import SampleResult
 
 __all__ = ["interface_figure", "interface_map"]
 
@@ -47,7 +47,7 @@ def interface_figure(
     path
         PNG file to write.
     quantity
-        A field of :func:`dolfinx_frontend.io.write_interfaces`: ``"pressure"``, ``"gap"``,
+        A field of :func:`dolfinx_frontend.io.fields.write_interfaces`: ``"pressure"``, ``"gap"``,
         ``"pressure std"``, ``"slip probability"``, ...; of vectors the size is drawn.
     label
         Of the colour bar, with the unit; None: the quantity.

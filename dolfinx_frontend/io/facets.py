@@ -19,11 +19,11 @@ from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.io.saved import SavedResult
 from dolfinx_frontend.io.vtk import CELLS, Grid, Values, vertices
 from dolfinx_frontend.results import surfaces
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.tables import with_known_force
 from dolfinx_frontend.scene.amplitudes import check_step
-from dolfinx_frontend.solvers.chaos import ChaosResult
-from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = ["facet_fields"]
 

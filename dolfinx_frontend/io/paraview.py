@@ -24,14 +24,20 @@ from dolfinx import fem, plot
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.stress import broken_space, stress_of, von_mises
-from dolfinx_frontend.io.facets import AnyResult, InterfaceWriter, times_of, vector_values, with_given_force
+from dolfinx_frontend.io.facets import (
+    AnyResult,
+    InterfaceWriter,
+    times_of,
+    vector_values,
+    with_given_force,
+)
 from dolfinx_frontend.io.saved import SavedResult
 from dolfinx_frontend.io.vtk import Blocks, Grid, Values, check_target, vertices, write_blocks
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import ChaosResult
-from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = ["write", "write_fields", "write_interfaces"]
 

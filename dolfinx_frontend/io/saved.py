@@ -27,9 +27,9 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 if TYPE_CHECKING:
     from dolfinx_frontend.assembly.interface import Interface
     from dolfinx_frontend.plan.plan import Plan
+    from dolfinx_frontend.results.chaos import ChaosResult
+    from dolfinx_frontend.results.samples import SampleResult
     from dolfinx_frontend.results.result import Result
-    from dolfinx_frontend.solvers.chaos import ChaosResult
-    from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = ["ResultFileError", "SavedInterface", "SavedResult", "load", "save_result", "save_samples"]
 
@@ -241,7 +241,7 @@ def _common(result: Result | SampleResult, plan: Plan, readings: tables.Readings
 def save_result(path: str | Path, result: Result, readings: tables.Readings, fields: bool = True) -> None:
     """Write a deterministic or chaos result, see :meth:`dolfinx_frontend.Result.save`."""
     target = _target(path)
-    from dolfinx_frontend.solvers.chaos import ChaosResult  # which builds on modules that use this one
+    from dolfinx_frontend.results.chaos import ChaosResult  # which builds on modules that use this one
 
     random = isinstance(result, ChaosResult)
     kind = "chaos" if random else "deterministic" if result.plan.times is None else "history"
@@ -322,7 +322,7 @@ def load(path: str | Path) -> SavedResult:
     with source.open("rb") as file:
         first = file.read(len(chaos_file.FORMAT))
     if first == chaos_file.FORMAT.encode():
-        raise ResultFileError(f"{source} is a chaos file: read it with io.load_chaos")
+        raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
     try:
         tree = hdf5.read_tree(source, FORMAT)
         version = int(tree["version"])

@@ -17,26 +17,24 @@ import logging
 import signal
 import threading
 from collections.abc import Callable
-from time import monotonic, perf_counter
+from time import monotonic
 from types import FrameType, TracebackType
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
-from latin_core import Iteration, State, Summary
-from latin_core import Problem as Kernel
+from latin_core import Iteration
 
-from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.plan.plan import Plan
-
-__all__ = ["Interrupt", "iterate", "report_points"]
+__all__ = ["Interrupt", "Interrupted", "report_points"]
 
 TWICE = 2.0
 """Seconds within which a second Ctrl-C raises, in whatever call it comes."""
 
 _log = logging.getLogger(__name__)
 _last_press = -np.inf
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in a run whose last iterate is of no use by itself."""
 
 
 class Interrupt:
@@ -82,50 +80,6 @@ class Interrupt:
     ) -> None:
         if self._mine:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def iterate(
-    problem: Problem,
-    plan: Plan,
-    core: Kernel,
-    amplitudes: npt.NDArray[np.float64],
-    start: list[State],
-    callback: Callable[[Iteration], None] | None,
-) -> tuple[Summary, State]:
-    """Run the kernel's iteration on one problem.
-
-    Parameters
-    ----------
-    amplitudes
-        (loads, columns).
-    start
-        States to start from.
-    callback
-        Of the user.
-    """
-    began = perf_counter()
-    noisy = _log.isEnabledFor(logging.DEBUG)
-    with Interrupt() as interrupt, Bar(None, "solve", "iteration", problem.rank == 0) as bar:
-
-        def each(iteration: Iteration) -> None:
-            bar.step(error=f"{iteration.error:.1e}")
-            if noisy:
-                _log.debug("iteration %d: estimated error %.2e", iteration.number, iteration.error)
-            if callback is not None:
-                callback(iteration)
-
-        summary, state = core.solve(
-            options=plan.options.kernel(),
-            amplitudes=amplitudes,
-            start=start,
-            callback=interrupt.watch(each),
-        )
-    seconds = perf_counter() - began
-    text = "%s after %d iterations, estimated error %.1e, %.2f s"
-    _log.info(text, summary.status, summary.iterations, summary.error, seconds)
-    if interrupt.pressed and summary.status != "interrupted":
-        _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
-    return summary, state
 
 
 def report_points(what: str, interrupt: Interrupt, points: Any, checkpoint: object) -> None:

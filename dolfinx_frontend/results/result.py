@@ -1,39 +1,41 @@
-"""The answer of one solve, and of a load history."""
+"""The answer of a deterministic solve, static or over a load history."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from latin_core import Problem as Kernel, State, Summary
+from latin_core import State, Summary
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Law
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.errors import Errors
-    from dolfinx_frontend.results.resultant import Resultant
-
-__all__ = ["HistoryResult", "Result", "phase_seconds"]
+__all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 
 _OF_RANDOM = ("field_moments", "force_moments", "quantity", "sobol", "truncation")
 """What only random answers have."""
 
 
-@dataclass
-class Result:
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Value):
     """Answer of one solve.
 
     Attributes
@@ -46,17 +48,22 @@ class Result:
         Interface data and traces: a later solve may start from them.
     seconds
         Phase -> wall time: ``setup`` (reduction, factorisation, condensation), ``solve``.
+    solver, laws
+        The factorised structure, which other results may share, and the laws it was solved with.
+    found
+        Errors that ``solve(accuracy=...)`` has measured on its way.
     """
 
     problem: Problem
     plan: Plan
     summary: Summary
     state: State
-    seconds: dict[str, float]
-    core: Kernel = field(repr=False)
-    _displacements: dict[str, Array] | None = field(default=None, repr=False)
-    _cuts: dict[str, tuple[Array, Array]] = field(default_factory=dict, repr=False)
-    _errors: Errors | None = field(default=None, repr=False)
+    seconds: Mapping[str, float]
+    solver: Solver
+    laws: KernelLaws
+    cuts: Mapping[str, tuple[Array, Array]]
+    found: Errors | None = field(default=None, kw_only=True)
+    estimator: Estimator = field(default=not_measured, kw_only=True)
 
     if not TYPE_CHECKING:
 
@@ -89,12 +96,15 @@ class Result:
         return self.summary.error
 
     @property
-    def displacements(self) -> dict[str, Array]:
+    def mean_laws(self) -> KernelLaws:
+        """Laws without anything random."""
+        return self.laws
+
+    @cached_property
+    def displacements(self) -> Mapping[str, Array]:
         """Substructure -> (n,) unknowns; interior fields are recovered when first asked for."""
-        if self._displacements is None:
-            fields = self.core.displacements(self.state, self.plan.amplitudes)
-            self._displacements = {name: fields[name][:, 0] for name in self.problem.substructures}
-        return self._displacements
+        fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
+        return MappingProxyType({name: fields[name][:, 0] for name in self.problem.substructures})
 
     def displacement(self, substructure: str) -> fem.Function:
         """Displacement of a substructure as a dolfinx function (length)."""
@@ -124,9 +134,7 @@ class Result:
             A :class:`Resultant`, the name of an interface (its normal force), ``"energy"``; None: what was
             asked for, or the energy norm.
         """
-        from dolfinx_frontend.estimate.errors import errors  # which builds on this module
-
-        return errors(self, quantity)
+        return self.estimator(self, quantity)
 
     def spent(self) -> str:
         """Where the time and the memory went, beside what the plan predicted, as a table."""
@@ -139,12 +147,11 @@ class Result:
         about: npt.ArrayLike | None = None,
     ) -> tables.Table:
         """Resultants, pressures and areas of the interfaces: ``print`` it, ``to_csv``, ``to_pandas``.
-
-        Columns (see :mod:`dolfinx_frontend.results.tables` for signs): area; ``force_x`` ..., ``moment_x``
-        ... on side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``,
-        ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its
-        limit) of contacts. Of interfaces that were eliminated as supports or glue, the reactions; their
-        points carry no pressure that is known. Collective on several ranks.
+ Columns (see :mod:`dolfinx_frontend.results.tables` for signs): area; ``force_x`` ..., ``moment_x`` ... on
+side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``, ``_mean``, ``_max``;
+``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its limit) of
+        contacts. Of interfaces that were eliminated as supports or glue, the reactions; their points carry
+        no pressure that is known. Collective on several ranks.
 
         Parameters
         ----------
@@ -181,11 +188,6 @@ class Result:
 
         saved.save_result(path, self, tables.read(self), fields)
 
-    @contextmanager
-    def at_mean(self) -> Iterator[None]:
-        """The factorised problem with its deterministic laws, as long as the context lasts."""
-        yield
-
     def _local(self, name: str) -> tuple[Array, Array]:
         """Force and jump (m, components) of an interface."""
         if name not in self.problem.interfaces:
@@ -198,7 +200,7 @@ class Result:
         return self.eliminated(interface, interface.law, self.displacements)
 
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
-        return self._cuts[name] if name in self._cuts else self.core.local_fields(name, self.state)
+        return self.cuts[name] if name in self.cuts else self.solver.local_fields(self.laws, name, self.state)
 
     def gathered(self, interface: str) -> tuple[Array, Array]:
         """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
@@ -240,11 +242,9 @@ class Result:
         )
 
 
-@dataclass(repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HistoryResult(Result):
     """Answer over a load history; every field has the time steps as its first axis."""
-
-    _all: dict[str, Array] | None = field(default=None, repr=False)
 
     @property
     def times(self) -> Array:
@@ -252,13 +252,13 @@ class HistoryResult(Result):
         assert self.plan.times is not None  # a history has them
         return self.plan.times
 
-    @property
-    def displacements(self) -> dict[str, Array]:
+    @cached_property
+    def displacements(self) -> Mapping[str, Array]:
         """Substructure -> (T, n) unknowns; interior fields are recovered when first asked for."""
-        if self._all is None:
-            fields = self.core.displacements(self.state, self.plan.amplitudes)
-            self._all = {n: self.plan.in_time(fields[n]) for n in self.problem.substructures}
-        return self._all
+        fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
+        return MappingProxyType(
+            {n: read_only(self.plan.in_time(fields[n])) for n in self.problem.substructures}
+        )
 
     def displacement(self, substructure: str, step: int = -1) -> fem.Function:
         """Displacement of a substructure at a time step (the last by default) as a dolfinx function."""
@@ -329,7 +329,7 @@ class HistoryResult(Result):
 
 def phase_seconds(result: Result) -> dict[str, Any]:
     """Where the time went: assemble, factorise, condense (all bodies), global, local, other."""
-    costs = result.core.costs
+    costs = result.solver.costs
     return {
         "assemble": sum(c["assemble_s"] for c in costs),
         "factorise": sum(c["factorise_s"] for c in costs),
@@ -344,8 +344,8 @@ def spent(result: Result) -> str:
     """Seconds, rates and bytes of a run beside the prediction of its plan, as a table."""
     cost = result.plan.cost
     phases = phase_seconds(result)
-    numbers = sum(c["factor_numbers"] for c in result.core.costs)
-    dense = sum(c["dense_numbers"] for c in result.core.costs)
+    numbers = sum(c["factor_numbers"] for c in result.solver.costs)
+    dense = sum(c["dense_numbers"] for c in result.solver.costs)
     loop = phases["global"] + phases["local"] + phases["other"]
     lines = [f"{'phase':<12}{'seconds':>10}  predicted"]
     for name, seconds in phases.items():

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from dolfinx_frontend.io.saved import SavedResult
     from dolfinx_frontend.plan.plan import Plan
     from dolfinx_frontend.plan.random_laws import RandomLaws
+    from dolfinx_frontend.results.chaos import ChaosResult
+    from dolfinx_frontend.results.samples import SampleResult
     from dolfinx_frontend.results.result import Result
-    from dolfinx_frontend.solvers.chaos import ChaosResult
-    from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = [
     "CLOSED",

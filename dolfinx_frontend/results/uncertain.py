@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,7 +46,7 @@ class StochasticResult(ABC):
     """A random answer: moments of fields, and quantities of interest sample by sample."""
 
     problem: Problem
-    seconds: dict[str, float]
+    seconds: Mapping[str, float]
 
     @property
     @abstractmethod

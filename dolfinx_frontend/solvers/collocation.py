@@ -13,7 +13,6 @@ fit, which leaves a law alone that happens to be linear.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -21,101 +20,27 @@ from latin_core import stochastic
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.kernel.columns import Collocation, nominal_fields
+from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["MOST_TENSOR", "Collocation", "collocation"]
+__all__ = ["MOST_TENSOR", "collocation"]
 
 
 MOST_TENSOR = 4096
 """Points up to which a tensor Gauss rule is the default..."""
-
 MOST_BYTES = 1e9
 """...if samples and forces of the interface take no more memory."""
-
 LEAST_LINE = 16
 """Points that a germ is given at least while all germs together take no more than..."""
-
 CHEAP = 256
 """...so many: kinks cost a coarse rule up to a tenth of a per cent of the mean."""
-
 SOBOL_A_MODE = 16
 """Sobol points taken for each mode that is projected, at least."""
-
 FEWEST_SOBOL = 1024
-
 MOST_SOBOL = 2**16
-
 UNEVEN = 0.5
 """Departure of the Gram matrix from the identity beyond which Sobol points are too few."""
-
-
-@dataclass(frozen=True)
-class Collocation:
-    """Stochastic quadrature points at which one interface law is evaluated.
-
-    Attributes
-    ----------
-    interface
-        Its name.
-    rule
-        What the points are, in words.
-    points, weights
-        (q, L) germ space, and (q,) >= 0 with sum 1; germs that do not reach the interface stay at one value.
-    germs
-        Numbers of the germs that reach it.
-    forward, backward
-        (P + 1, q) and (q, P + 1); zero for modes in other germs.
-    """
-
-    interface: str
-    rule: str
-    points: Array = field(repr=False)
-    weights: Array = field(repr=False)
-    germs: tuple[int, ...]
-    forward: Array = field(repr=False)
-    backward: Array = field(repr=False)
-
-    def __len__(self) -> int:
-        return len(self.weights)
-
-    def group(self, random: RandomLaws, fields: Fields, steps: int = 1) -> dict[str, object]:
-        """The columns of the interface as the kernel takes them.
-
-        Parameters
-        ----------
-        fields, steps
-            The law with its random values at their means; parameters that change in time have a column a
-            step.
-
-        Raises
-        ------
-        SceneError
-            A random value at a point makes no law.
-        """
-        return {
-            "begin": 0,
-            "end": fields.components,
-            "forward": [self.forward],
-            "backward": [self.backward],
-            "parameters": sampled_parameters(random, self.interface, self.points, fields, steps),
-        }
-
-    def bytes(self, random: RandomLaws, steps: int = 1) -> float:
-        """Memory of the local stage of the interface: transforms, samples, forces, random parameters."""
-        fields = nominal_fields(random, self.interface)
-        law = random.problem.interfaces[self.interface].law
-        names = [law.kernel_name(p) for (name, p) in random.sources if name == self.interface]
-        rows = sum(len(fields.parameters[name]) for name in names if name in fields.parameters)
-        block = steps * (2 * len(fields.frames) + rows)
-        return 8.0 * len(self) * (2 * len(self.forward) + block)
-
-
-def nominal_fields(random: RandomLaws, name: str) -> Fields:
-    """Law of an interface in kernel terms, with what varies at nominal values."""
-    interface = random.problem.interfaces[name]
-    return interface.law.nominal.fields(interface)
 
 
 def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:

@@ -1,57 +1,45 @@
-"""One solve of a planned problem."""
+"""Solve one planned problem: one column, or those of a load history."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
-from typing import Literal
 
-import numpy.typing as npt
-from latin_core import Iteration, Options, Problem as Kernel, State
+from latin_core import Iteration, State
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.running import iterate
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.support import check_support
 
-
-__all__ = ["fields_of_cuts", "solve_deterministic", "start_states"]
+__all__ = ["solve_on", "solve_once", "start_states"]
 
 _log = logging.getLogger(__name__)
 
 
-def solve_deterministic(
+def solve_once(
     problem: Problem,
-    method: Method = "auto",
-    *,
-    times: npt.ArrayLike | None = None,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-    plan: Plan | None = None,
+    plan: Plan,
     start: Result | State | None = None,
     callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
+    estimator: Estimator = not_measured,
 ) -> Result:
-    """One solve, random parameters at their mean; arguments and errors of :func:`dolfinx_frontend.solve`."""
-    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
+    """Build what a plan says and run its iteration; arguments as for :func:`dolfinx_frontend.solve`."""
     began = perf_counter()
-    core = bridge.build(problem, plan)
-    built = perf_counter()
-    summary, state = iterate(problem, plan, core, plan.amplitudes, start_states(start), callback)
-    seconds = {"setup": built - began, "solve": perf_counter() - built}
-    cuts = fields_of_cuts(problem, core, state)
-    kind = Result if plan.times is None else HistoryResult
-    result = kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
+    solver = Solver(problem, plan)
+    setup = perf_counter() - began
+    result = _run(solver, plan, start_states(start), setup, callback, progress, estimator)
     if not result.converged:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning(
             "the iteration ended as %s after %d iterations (estimated error %.1e)",
-            summary.status,
-            summary.iterations,
+            result.status,
+            result.iterations,
             result.error,
         )
     if result.status != "interrupted":  # which is returned, whatever it is
@@ -59,9 +47,32 @@ def solve_deterministic(
     return result
 
 
-def fields_of_cuts(problem: Problem, core: Kernel, state: State) -> dict[str, tuple[Array, Array]]:
-    """Fields of the interfaces between this rank and others, which both work out together: collective."""
-    return {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
+def solve_on(result: Result, rtol: float) -> Result:
+    """The run of a result carried on to another tolerance, on the same factors."""
+    plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
+    more = _run(result.solver, plan, [result.state], result.seconds["setup"], None, True, result.estimator)
+    before = result.seconds["solve"]
+    return more.with_notes(seconds={**more.seconds, "solve": before + more.seconds["solve"]})
+
+
+def _run(
+    solver: Solver,
+    plan: Plan,
+    start: Sequence[State],
+    setup: float,
+    callback: Callable[[Iteration], None] | None,
+    progress: bool,
+    estimator: Estimator,
+) -> Result:
+    began = perf_counter()
+    laws = solver.laws
+    summary, state = solver.run(laws, plan.options, plan.amplitudes, start, callback, progress)
+    seconds = {"setup": setup, "solve": perf_counter() - began}
+    cuts = solver.fields_of_cuts(laws, state)
+    kind = Result if plan.times is None else HistoryResult
+    return kind(
+        solver.problem, plan, summary, state, seconds, solver, laws, cuts, estimator=estimator
+    )
 
 
 def start_states(start: Result | State | None) -> list[State]:

@@ -31,7 +31,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -43,9 +43,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
 
@@ -369,7 +367,7 @@ def _check_slip(
         f"friction does not balance the loads, which move it by {how}: {events}; "
         f"raise preload or friction, or {_MEND}",
         SceneWarning,
-        stacklevel=6,
+        stacklevel=7,
     )
     return True
 
@@ -398,7 +396,7 @@ def _check_undetermined(
         f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
         f"one of many ({how}); hold it if that is not meant",
         SceneWarning,
-        stacklevel=6,
+        stacklevel=7,
     )
     return True
 

@@ -3,173 +3,30 @@
 from __future__ import annotations
 
 import logging
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import (
-    Iteration,
-    Options,
-    Problem as Kernel,
-    State,
-    Summary,
-    SweepPoints,
-    SweptParameter,
-    snake_order,
-    sweep as kernel_sweep,
-)
+from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
-from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.results.sweep import PointFields, SweepResult
 
-__all__ = ["PointFields", "SweepResult", "sweep"]
-
-_log = logging.getLogger(__name__)
+__all__ = ["sweep", "warn_unconverged"]
 
 Key = str | tuple[str, ...]
-
-STATUSES = ("converged", "max_iterations", "stagnated", "diverged", "interrupted")
-"""How an iteration ends, from the best to the worst."""
-
-
-class PointResults(ABC):
-    """Answers at many points, of which Ctrl-C may have left some out; arrays have the points' shape first."""
-
-    problem: Problem
-    plan: Plan
-    points: SweepPoints
-
-    @property
-    @abstractmethod
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the points."""
-
-    @property
-    def iterations(self) -> npt.NDArray[np.int64]:
-        """Global stages of every point, -1 where it was not reached."""
-        return self.points.iterations.reshape(self.shape)
-
-    @property
-    def error(self) -> Array:
-        """Estimated relative error of every point, NaN where it was not reached."""
-        return self.points.error.reshape(self.shape)
-
-    @property
-    def finished(self) -> npt.NDArray[np.bool_]:
-        """Which points were solved; at the others fields are NaN."""
-        reached: npt.NDArray[np.bool_] = self.iterations >= 0
-        return reached
-
-    @property
-    def complete(self) -> bool:
-        """Whether all points were solved: Ctrl-C leaves those that are."""
-        return bool(self.finished.all())
-
-    @property
-    def status(self) -> str:
-        """The worst of the points, as :attr:`Result.status`; ``"interrupted"`` if one was not reached."""
-        return max((str(s) or "interrupted" for s in self.points.status), key=STATUSES.index)
-
-    def _field(self, store: dict[str, Array], interface: str) -> Array:
-        if interface in self.plan.active:
-            self.problem.here(interface)
-        if interface not in store:
-            raise unknown_name("active interface", interface, store, type(self).__name__)
-        return in_time(self.plan, store[interface], self.shape, self.problem.interfaces[interface])
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (points..., [T,] m, components), local frame."""
-        return self._field(self.points.forces, interface)
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 of an active interface, (points..., [T,] m, components), local frame."""
-        return self._field(self.points.jumps, interface)
-
-    def gathered(self, interface: str) -> tuple[Array, Array]:
-        """Force and jump of an active interface on all ranks; collective."""
-        return self.problem.everywhere(
-            interface, lambda: (self.force(interface), self.jump(interface))
-        )
-
-
-@dataclass
-class SweepResult(PointResults):
-    """Answers over the grid; every array has the grid's shape first, then the time steps of a history.
-
-    Attributes
-    ----------
-    axes
-        Swept parameter -> its values, in the order of the axes.
-    points
-        Raw arrays by point number (C order of the grid).
-    seconds
-        Wall time: ``setup``, ``first`` (first point), ``rest``.
-    """
-
-    problem: Problem
-    plan: Plan
-    axes: dict[str, Array]
-    points: SweepPoints
-    seconds: dict[str, float]
-    core: Kernel = field(repr=False)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the grid."""
-        return tuple(len(values) for values in self.axes.values())
-
-    @property
-    def converged(self) -> npt.NDArray[np.bool_]:
-        """Which points reached the tolerance."""
-        status: npt.NDArray[np.bool_] = self.points.status == "converged"
-        return status.reshape(self.shape)
-
-    def output(self, name: str) -> Array:
-        """What a function of `outputs` returned, (grid..., its own shape)."""
-        if name not in self.points.outputs:
-            raise unknown_name("output", name, self.points.outputs, "sweep")
-        values = self.points.outputs[name]
-        return values.reshape(*self.shape, *values.shape[1:])
-
-    def displacements(self, *index: int) -> dict[str, Array]:
-        """Substructure -> ([T,] n) unknowns at one point of the grid; interior fields are recovered here."""
-        if self.points.states is None:
-            raise SceneError("the states of the points were not kept: sweep with keep_states=True")
-        data, traces = self.points.states[np.ravel_multi_index(index, self.shape)]
-        state = State(np.asfortranarray(data), np.asfortranarray(traces))
-        fields = self.core.displacements(state, self.plan.amplitudes)
-        if self.plan.times is None:
-            return {name: values[:, 0] for name, values in fields.items()}
-        return {name: self.plan.in_time(values) for name, values in fields.items()}
-
-    def __repr__(self) -> str:
-        done = f"{int(self.finished.sum())} solved" + ("" if self.complete else " (INTERRUPTED)")
-        total = int(self.iterations[self.finished].sum())
-        return (
-            f"SweepResult({' x '.join(str(n) for n in self.shape)} points, {done}, "
-            f"{int(self.converged.sum())} converged, {total} iterations, "
-            f"{sum(self.seconds.values()):.2f} s)"
-        )
-
-
-def in_time(plan: Plan, values: Array, shape: tuple[int, ...], interface: Interface) -> Array:
-    """Fields of points (N, columns, rows) -> (shape..., [T,] m, components)."""
-    if plan.times is not None:
-        values = np.moveaxis(plan.in_time(np.swapaxes(values, 1, 2)), 0, 1)
-        shape = (*shape, len(plan.times))
-    return values.reshape(*shape, interface.num_points, -1)
+_log = logging.getLogger(__name__)
 
 
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
@@ -185,6 +42,40 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
     if not axes:
         raise SceneError("sweep: the grid is empty; give {'interface.parameter': values}")
     return axes
+
+
+def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tuple[str, str]]:
+    """Swept name -> interface and parameter."""
+    targets: dict[str, tuple[str, str]] = {}
+    for name in (name for key in axes for name in key):
+        interface, _, parameter = name.rpartition(".")
+        if interface not in problem.interfaces or name not in problem.law_parameters:
+            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
+        if name in targets:
+            raise SceneError(f"sweep: {name!r} is on two axes")
+        targets[name] = (interface, parameter)
+    return targets
+
+
+def _swept(
+    problem: Problem,
+    plan: Plan,
+    axes: Mapping[tuple[str, ...], Array],
+    targets: Mapping[str, tuple[str, str]],
+) -> list[SweptParameter]:
+    """The swept values at all points of the grid."""
+    mesh = np.meshgrid(*axes.values(), indexing="ij")
+    parameters = []
+    for key, values in zip(axes, mesh, strict=True):
+        for name in key:
+            interface, parameter = targets[name]
+            where = problem.interfaces[interface]
+            kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
+            if parameter in where.law.not_negative and values.min() < 0.0:
+                raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
+            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
+            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
+    return parameters
 
 
 def sweep(
@@ -246,39 +137,17 @@ def sweep(
     if checkpoint is not None:
         problem.on_one_rank("a checkpoint")
     axes = _axes(grid)
-    names = [name for key in axes for name in key]
-    targets: dict[str, tuple[str, str]] = {}
-    for name in names:
-        interface, _, parameter = name.rpartition(".")
-        if interface not in problem.interfaces or name not in problem.law_parameters:
-            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
-        if name in targets:
-            raise SceneError(f"sweep: {name!r} is on two axes")
-        targets[name] = (interface, parameter)
+    targets = _targets(problem, axes)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
         plan = make_plan(problem, method, active, swept, direction, options, times=times)
     missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
-
-    mesh = np.meshgrid(*axes.values(), indexing="ij")
-    parameters = []
-    for key, values in zip(axes, mesh, strict=True):
-        for name in key:
-            interface, parameter = targets[name]
-            kernel_name, pattern, factors = bridge.kernel_values(
-                problem.interfaces[interface], parameter, values.reshape(1, -1)
-            )
-            if parameter in ("normal", "tangential") and values.min() < 0.0:
-                raise SceneError(
-                    f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
-                )
-            pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
-            parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
+    parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
-    core = bridge.build(problem, plan)
+    solver = Solver(problem, plan)
     setup = perf_counter() - began
     order = snake_order([len(values) for values in axes.values()])
     header = None
@@ -303,25 +172,24 @@ def sweep(
         bar.step(iterations=iterations)
 
     with Interrupt() as interrupt, Bar(len(order), "sweep", "point", shown, stays=True) as bar:
-        points = kernel_sweep(
-            core,
+        points = solver.walk(
+            solver.laws,
             plan.amplitudes,
             parameters,
             order,
-            [name for name in plan.active if name in problem.own.interfaces],
             plan.options,
-            checkpoint,
-            header,
-            point_done,
-            interrupt.watch(callback),
-            keep_states,
-            keep_fields,
-            {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
+            checkpoint=checkpoint,
+            header=header,
+            progress=point_done,
+            callback=interrupt.watch(callback),
+            keep_states=keep_states,
+            keep_fields=keep_fields,
+            outputs={name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
         )
     report_points("sweep", interrupt, points, checkpoint)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
-    named = {", ".join(key): values for key, values in axes.items()}
-    return SweepResult(problem, plan, named, points, seconds, core)
+    named = {", ".join(key): read_only(values) for key, values in axes.items()}
+    return SweepResult(problem, plan, named, points, seconds, solver, solver.laws)
 
 
 def _reading(
@@ -355,29 +223,6 @@ def _through_time(
     else:
         factors = [1.0 if amplitude is None else amplitude(t) for t in plan.times]
     return np.kron(np.reshape(factors, (-1, 1)), pattern), len(factors)
-
-
-@dataclass(frozen=True)
-class PointFields:
-    """Interface fields at one point of a sweep; what a function of `outputs` is given."""
-
-    problem: Problem
-    plan: Plan
-    _fields: dict[str, tuple[Array, Array]] = field(repr=False)
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, ([T,] m, components), local frame."""
-        return self._field(interface, 0)
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 of an active interface, ([T,] m, components), local frame."""
-        return self._field(interface, 1)
-
-    def _field(self, interface: str, which: int) -> Array:
-        if interface not in self._fields:
-            raise unknown_name("active interface", interface, self._fields, "sweep")
-        block = self._fields[interface][which].T[None]
-        return in_time(self.plan, block, (), self.problem.interfaces[interface])
 
 
 def warn_unconverged(what: str, point: int, summary: Summary) -> None:

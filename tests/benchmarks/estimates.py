@@ -50,7 +50,8 @@ from dolfinx_frontend import (
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.estimate.errors import Moments, moments
+from dolfinx_frontend.estimate.errors import moments
+from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.estimate.mesh_error import discretisation_error as of_meshes
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Plan
@@ -75,7 +76,7 @@ class Case:
     settings: dict[str, Any] = field(default_factory=dict)
     linear: bool = True
     accuracies: tuple[float, ...] = ACCURACIES
-    exact: dict[Resultant, Moments] | None = None
+    exact: dict[Resultant, MeanStd] | None = None
 
 
 def vessel(screw: Any, joint: Any, name: str) -> Case:
@@ -174,11 +175,11 @@ def defaults(problem: Problem, plan: Plan) -> dict[str, Any]:
 
 def difference(scale: float, one: Any, exact: Any) -> float:
     """What the estimate means: the larger of the shares in strain energy and in interface displacement."""
-    weights = one.core.weights[:, None]
+    weights = one.solver.weights[:, None]
     traces = exact.state.traces
-    forces = exact.state.data - exact.core.directions[:, None] * traces
+    forces = exact.state.data - exact.solver.directions[:, None] * traces
     w = one.state.traces - traces
-    f = one.state.data - one.core.directions[:, None] * one.state.traces - forces
+    f = one.state.data - one.solver.directions[:, None] * one.state.traces - forces
     strain, of_traces = float(np.sum(w * weights * f)), float(scale * np.sum(weights * w**2))
     whole = exact.summary.energy + scale * float(np.sum(weights * traces**2))
     return float(max(np.sqrt(abs(strain) / exact.summary.energy), np.sqrt(of_traces / whole)))
@@ -239,13 +240,13 @@ def algebraic_scenes() -> list[tuple[str, Problem, dict[str, Any]]]:
 
 
 # --- truncation -----------------------------------------------------------------------------------
-def truth(case: Case) -> tuple[dict[Resultant, Moments], dict[str, Any]]:
-    """Moments far beyond what is compared, and how they were found."""
+def truth(case: Case) -> tuple[dict[Resultant, MeanStd], dict[str, Any]]:
+    """MeanStd far beyond what is compared, and how they were found."""
     if case.exact:
         return case.exact, {"how": "closed form"}
     if not case.linear:
         drawn = tensor_quadrature(
-            case.problem, 24, plan_options=Options(rtol=1e-8), progress=False, **case.settings
+            case.problem, 24, options=Options(rtol=1e-8), progress=False, **case.settings
         )
         if not drawn.converged:
             raise RuntimeError(f"{case.name}: points of the reference did not converge")
@@ -262,13 +263,13 @@ def truth(case: Case) -> tuple[dict[Resultant, Moments], dict[str, Any]]:
     return {q: moments(fine, q) for q in case.quantities}, about
 
 
-def off(found: Moments, exact: Moments) -> tuple[float, float]:
+def off(found: MeanStd, exact: MeanStd) -> tuple[float, float]:
     """Relative errors of mean and standard deviation."""
     assert found.std is not None and exact.std is not None
     return abs(found.mean / exact.mean - 1.0), abs(found.std / exact.std - 1.0)
 
 
-def truncation(case: Case, exact: dict[Resultant, Moments]) -> list[dict[str, Any]]:
+def truncation(case: Case, exact: dict[Resultant, MeanStd]) -> list[dict[str, Any]]:
     """Estimates of ``errors`` against the truth, orders 1 to 5."""
     rows = []
     for order in ORDERS:
@@ -295,7 +296,7 @@ def truncation(case: Case, exact: dict[Resultant, Moments]) -> list[dict[str, An
 
 
 # --- promise --------------------------------------------------------------------------------------
-def promise(case: Case, exact: dict[Resultant, Moments], repeats: int = 1) -> list[dict[str, Any]]:
+def promise(case: Case, exact: dict[Resultant, MeanStd], repeats: int = 1) -> list[dict[str, Any]]:
     """``accuracy=`` against the cheapest setting: order, or rule if laws are not linear, and tolerance."""
     front: list[tuple[float, dict[Resultant, float]]] = []
     for size, rtol in product(range(1, 7), (1e-2, 1e-3, 1e-4, 1e-6)):
@@ -303,7 +304,7 @@ def promise(case: Case, exact: dict[Resultant, Moments], repeats: int = 1) -> li
         runs = [partial(solve, case.problem, chaos=chaos, options=Options(rtol=rtol), **case.settings)]
         if not case.linear:
             # as in the demo: Newton's dense steps do not pay in a sweep
-            how = {"plan_options": Options(rtol=rtol, newton=0), "progress": False}
+            how = {"options": Options(rtol=rtol, newton=0), "progress": False}
             for points in (2 * size, 2 * size + 1):
                 runs.append(partial(tensor_quadrature, case.problem, points, **how, **case.settings))
         for run in runs:

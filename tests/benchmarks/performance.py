@@ -169,7 +169,7 @@ def one(method: str, size: str, repeats: int) -> dict[str, Any]:
         for samples in (200, 1200):  # the difference is what a sample costs
             begin = perf_counter()
             options = Options(rtol=SWEEP_RTOL)
-            drawn = monte_carlo(problem, samples, plan_options=options, progress=False)
+            drawn = monte_carlo(problem, samples, options=options, progress=False)
             record[f"seconds_{samples}"] = perf_counter() - begin
             record |= {"peak": memory.peak(), "iterations": int(drawn.iterations.sum()) / samples}
             del drawn
@@ -334,7 +334,7 @@ def loop(size: str) -> list[dict[str, Any]]:
             result = solve(fixed, "accelerated", options=Options(rtol=1e-9))
             columns = 1
         # two triangular solves with each dense factor, read twice
-        active = [c["active"] for c in result.core.costs]
+        active = [c["active"] for c in result.solver.costs]
         numbers = sum(float(n) ** 2 for n in active)
         stages = max(result.summary.iterations, 1)
         seconds = result.summary.global_s / stages

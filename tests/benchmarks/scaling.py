@@ -99,7 +99,7 @@ def work(cells: int, random: bool, repeats: int, folder: Path) -> None:
         fastest = min(fastest, float(steps.min()))
         found = {
             "unknowns": problem.size,
-            "rows": result.core.total_rows,
+            "rows": result.solver.total_rows,
             "columns": result.state.data.shape[1],
             "converged": result.converged,
             "iterations": result.iterations,
@@ -110,11 +110,11 @@ def work(cells: int, random: bool, repeats: int, folder: Path) -> None:
         if world.bcast(better):
             best = found
     best["fastest_iteration_s"] = fastest
-    amplitudes = np.asfortranarray(np.eye(result.core.loads, best["columns"]))
+    amplitudes = np.asfortranarray(np.eye(result.solver.loads, best["columns"]))
     cpu = []
     for _ in range(20):
         start = thread_time()
-        result.core.global_stage(result.state.data, amplitudes)
+        result.solver.global_stage(result.laws, result.state.data, amplitudes)
         cpu.append(thread_time() - start)
     best["global_cpu_s"] = max(world.allgather(float(np.median(cpu))))
     fields = {

@@ -446,7 +446,7 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
     }
     others = {k: knobs.pop(k) for k in ("snapshots", "together", "acceleration") if k in knobs}
     drawn = samplers[method](
-        plan_options=scene.options.with_(rtol=rtol, **others), times=scene.times, progress=False
+        options=scene.options.with_(rtol=rtol, **others), times=scene.times, progress=False
     )
     status = "converged" if drawn.converged else "not converged"
     return Answer(of_samples(scene, drawn), status, int(drawn.iterations.sum()))

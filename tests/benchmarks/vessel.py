@@ -217,7 +217,7 @@ def uncertain_part(
     }
     cost, rule = measured(
         lambda: tensor_quadrature(
-            problem, vessel.ORDER + 1, plan_options=sampling, progress=False
+            problem, vessel.ORDER + 1, options=sampling, progress=False
         )
     )
     fine = best.space.tensor_gauss(60)
@@ -234,7 +234,7 @@ def uncertain_part(
         "error_std": abs(found.std().value - deviation) / deviation,
     }
     cost, drawn = measured(
-        lambda: monte_carlo(problem, samples, seed=1, plan_options=sampling, progress=False), 1
+        lambda: monte_carlo(problem, samples, seed=1, options=sampling, progress=False), 1
     )
     all_of_them = vessel.Uncertain(best, None, galerkin, exact, rule, drawn, {})
     record["p_traction"] = {}

@@ -34,7 +34,7 @@ from dolfinx_frontend import (
     sweep,
 )
 from dolfinx_frontend.reference.direct import monolithic
-from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solving import sample
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

@@ -19,6 +19,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import build
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.scene.laws import Elastic
@@ -282,7 +283,8 @@ def test_interfaces_that_make_no_sense(changes, message):
 
 
 def test_parameters_are_checked(problem):
-    core = solve(problem, active="all").core
+    core = build(problem, make_plan(problem, active="all"))
+    bridge.apply(core, bridge.laws(problem, make_plan(problem, active="all")), None)
     with pytest.raises(InputError, match="no active interface 'jiont'; active: .*joint"):
         core.set_parameter("jiont", "normal", np.ones((1, 1)))
     with pytest.raises(InputError, match="interface 'joint': .*'norml'"):

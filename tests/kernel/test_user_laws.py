@@ -28,8 +28,8 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Debonding, Elastic, Law, Preload, UserLaw
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.sampling import monte_carlo
-from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import monte_carlo
+from dolfinx_frontend.solving import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal
@@ -268,7 +268,7 @@ def test_values_are_swept_sampled_and_fields() -> None:
     assert np.allclose(jump.T, [-5.0 / 20.0, -5.0 / 50.0], rtol=1e-8)
 
     random = with_law(problem, law.with_(stiffness=LogNormal("k", mean=50.0, cov=0.2)))
-    samples = monte_carlo(random, 8, progress=False, plan_options=TIGHT)
+    samples = monte_carlo(random, 8, progress=False, options=TIGHT)
     drawn = samples.random.space.values(samples.random.source("joint", "stiffness"), samples.germs)
     jumps = samples.jump("joint")[..., 0]
     assert np.allclose(jumps, -5.0 / np.reshape(drawn, (8, 1)), rtol=1e-8)
@@ -291,7 +291,7 @@ def test_the_stiffness_of_a_contact_is_swept_and_sampled() -> None:
     field = RandomField("k", 50.0, cov=0.2, length=20.0, modes=3, distribution="lognormal")
     for value in (k, field):
         random = with_law(problem, Contact(stiffness=value))
-        samples = monte_carlo(random, 6, progress=False, plan_options=TIGHT)
+        samples = monte_carlo(random, 6, progress=False, options=TIGHT)
         drawn = samples.random.space.values(
             samples.random.source("joint", "stiffness"), samples.germs
         )
@@ -375,7 +375,7 @@ def test_a_bond_of_uncertain_strength() -> None:
     expected = [float(exact(np.array(s), 0.25 / s)) for s in strength]
     assert np.allclose(surface.force("joint")[..., 0].T, expected, atol=1e-7)
     uncertain = with_law(problem, replace(BOND, strength=LogNormal("s", mean=5.0, cov=0.1)))
-    samples = monte_carlo(uncertain, 6, progress=False, plan_options=TIGHT)
+    samples = monte_carlo(uncertain, 6, progress=False, options=TIGHT)
     drawn = samples.random.space.values(samples.random.source("joint", "strength"), samples.germs)
     assert np.allclose(samples.force("joint")[..., 0].T, exact(np.ravel(drawn), 0.05), atol=1e-7)
     with pytest.raises(InputError, match=r"'joint'.*'strength' of law 'debonding'.*at least 0"):

@@ -39,10 +39,10 @@ def test_predictions_hold_within_a_factor(cells: int, dim: int, active: tuple[st
     result = solve(problem, active=active, options=Options(rtol=1e-3))
     cost = result.plan.cost
     assert cost is not None
-    spent = sum(c["factor_numbers"] for c in result.core.costs)
-    assert cost.unknowns == result.core.unknowns  # nothing is glued twice here
-    assert cost.active == result.core.active_unknowns
-    assert cost.rows == result.core.rows
+    spent = sum(c["factor_numbers"] for c in result.solver.costs)
+    assert cost.unknowns == result.solver.unknowns  # nothing is glued twice here
+    assert cost.active == result.solver.active_unknowns
+    assert cost.rows == result.solver.rows
     assert 1 / 2.5 < cost.factor_numbers / spent < 2.5
     assert "factorise" in result.spent() and "cost" in str(result.plan)
 

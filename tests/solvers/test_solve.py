@@ -122,7 +122,7 @@ def test_directions_are_what_was_asked_for(problem):
     points = problem.interfaces["glue"].num_points
     rising = np.linspace(1.0, 2.0, points)
     direction = Direction(factor=2.0, length=4.0, given={"layer": 7.0, "glue": rising})
-    core = solve(problem, active="all", direction=direction, options=DIAGONAL).core
+    core = solve(problem, active="all", direction=direction, options=DIAGONAL).solver
     modulus = problem.substructures["a"].modulus
     for name, exact in (
         ("wall", 2.0 * modulus / 4.0), ("layer", 7.0), ("glue", np.repeat(rising, 2))
@@ -218,7 +218,7 @@ def test_time_is_accounted_for(problem):
     assert all(value >= 0.0 for value in phases.values())
     assert sum(phases.values()) <= sum(result.seconds.values())
     assert result.summary.history[-1].seconds <= result.seconds["solve"]
-    assert sum(cost["unknowns"] for cost in result.core.costs) == result.core.unknowns
+    assert sum(cost["unknowns"] for cost in result.solver.costs) == result.solver.unknowns
 
 
 # ---------------------------------------------------------------------------------------------
@@ -426,8 +426,8 @@ def test_unlimited_or_no_memory_for_condensation(problem):
     """A limit of one byte leaves the sparse factor; asking for what a backend cannot do is an error."""
     sparse = solve(problem, active="all", options=TIGHT.with_(memory_limit=1.0))
     dense = solve(problem, active="all", options=TIGHT.with_(memory_limit=0.0))
-    assert not any(cost["condensed"] for cost in sparse.core.costs)
-    assert all(cost["condensed"] for cost in dense.core.costs) == ("cholmod" in available_backends())
+    assert not any(cost["condensed"] for cost in sparse.solver.costs)
+    assert all(cost["condensed"] for cost in dense.solver.costs) == ("cholmod" in available_backends())
     for name, u in dense.displacements.items():
         assert sparse.displacements[name] == pytest.approx(u, rel=1e-7, abs=1e-9)
     with pytest.raises(InputError, match="'mumps' does not condense: use operator 'factored'"):

@@ -12,14 +12,15 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.errors import Moments, moments
+from dolfinx_frontend.estimate.errors import moments
+from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.reference.energy import energy_error
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import ChaosResult
-from dolfinx_frontend.solvers.sampling import SampleResult
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.solving import SampleResult
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -58,13 +59,13 @@ def paper(vessel: Problem) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def exact(blocks: Problem) -> dict[Resultant, Moments]:
-    """Moments of a chaos far beyond."""
+def exact(blocks: Problem) -> dict[Resultant, MeanStd]:
+    """MeanStd of a chaos far beyond."""
     fine = solve(blocks, chaos=7, options=Options(rtol=1e-12))
     return {q: moments(fine, q) for q in BOTH}
 
 
-def off(found: Moments, true: Moments) -> float:
+def off(found: MeanStd, true: MeanStd) -> float:
     """The larger of the relative errors of mean and deviation."""
     assert found.std is not None and true.std is not None
     return max(abs(found.mean / true.mean - 1.0), abs(found.std / true.std - 1.0))
@@ -129,7 +130,7 @@ def test_deterministic_scene(vessel, vessel_reference):
         assert result.errors().truncation is None
 
 
-def rods(spread: float) -> tuple[Problem, Moments]:
+def rods(spread: float) -> tuple[Problem, MeanStd]:
     """Two rods end to end with a random gap, pressed by 0.01: force = E (0.01 - gap)+ / 2, in closed form."""
     E, press, mean = 1000.0, 0.01, 0.008
     scene = Scene()
@@ -145,7 +146,7 @@ def rods(spread: float) -> tuple[Problem, Moments]:
     first = reach * closed + spread * density
     second = (reach**2 + spread**2) * closed + reach * spread * density
     half = 0.5 * E
-    return assemble(scene), Moments(-half * first, half * float(np.sqrt(second - first**2)))
+    return assemble(scene), MeanStd(-half * first, half * float(np.sqrt(second - first**2)))
 
 
 @pytest.mark.parametrize(

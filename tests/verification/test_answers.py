@@ -190,7 +190,7 @@ def test_direction_of_elastic_interfaces(vessel, vessel_reference, factor):
     given["screw"] /= vessel.interfaces["screw"].area
     direction = Direction(given={name: factor * k for name, k in given.items()})
     result = latin(vessel, direction=direction)
-    assert result.core.directions.min() == pytest.approx(factor * min(given.values()))
+    assert result.solver.directions.min() == pytest.approx(factor * min(given.values()))
     check(vessel, result, vessel_reference)
 
 

@@ -18,8 +18,8 @@ from dolfinx_frontend.reference.galerkin import energy_error_modes, ssfem
 from dolfinx_frontend.scene.laws import Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
-from dolfinx_frontend.solvers.sampling import (
+from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, solve_chaos
+from dolfinx_frontend.solving import (
     monte_carlo,
     quasi_monte_carlo,
     sparse_quadrature,
@@ -190,7 +190,7 @@ def test_moments_of_positive_laws(two_blocks: Problem, law: Any, mean: float, se
 def test_error_falls_with_the_order_against_quadrature(paper: Problem) -> None:
     # 16 points would reach xi = -6.6, where the joint's stiffness is negative
     truth = tensor_quadrature(
-        paper, 10, plan_options=Options(rtol=1e-9), keep_states=True, progress=False
+        paper, 10, options=Options(rtol=1e-9), keep_states=True, progress=False
     )
     moments = {name: truth.field_moments(name) for name in paper.substructures}
     mean_size = np.sqrt(sum(np.sum(m**2) for m, _ in moments.values()))
@@ -223,7 +223,7 @@ def test_probability_of_traction_agrees_with_sampling(paper: Problem) -> None:
 
     result = solve_chaos(paper, 3, options=Options(rtol=1e-8))
     chaos = result.quantity(largest, "largest normal stress on the joint", "MPa").probability(above=0.0)
-    settings: dict[str, Any] = {"plan_options": Options(rtol=1e-4), "progress": False}
+    settings: dict[str, Any] = {"options": Options(rtol=1e-4), "progress": False}
     samples = monte_carlo(paper, 100_000, seed=11, **settings)
     assert samples.converged
     sampled = samples.quantity(largest).probability(above=0.0)
@@ -234,7 +234,7 @@ def test_probability_of_traction_agrees_with_sampling(paper: Problem) -> None:
 
 
 def test_samples_equal_deterministic_solves(paper: Problem) -> None:
-    samples = monte_carlo(paper, 5, seed=3, plan_options=Options(rtol=1e-9), progress=False)
+    samples = monte_carlo(paper, 5, seed=3, options=Options(rtol=1e-9), progress=False)
     laws = samples.random.at(samples.germs[4])
     problem = paper.with_laws({n: laws[n] for n in ("screw", "joint")})
     alone = solve(problem, active=["screw", "joint"], options=Options(rtol=1e-9))
@@ -342,7 +342,7 @@ def test_chaos_and_samples_answer_alike(two_blocks: Problem, tmp_path: Any) -> N
     k = Uniform("k", mean=50.0, cov=0.2)
     problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
     chaos = solve_chaos(problem, 6, options=TIGHT)
-    settings: dict[str, Any] = {"plan_options": TIGHT, "progress": False, "keep_states": True}
+    settings: dict[str, Any] = {"options": TIGHT, "progress": False, "keep_states": True}
     for other in (tensor_quadrature(problem, 7, **settings), sparse_quadrature(problem, 6, **settings)):
         for name in problem.substructures:
             assert np.allclose(chaos.mean(name).x.array, other.mean(name).x.array, atol=1e-8)

@@ -16,8 +16,8 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.sampling import quasi_monte_carlo
-from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import quasi_monte_carlo
+from dolfinx_frontend.solving import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import Normal
 
@@ -180,7 +180,7 @@ def test_uncertain_preload_over_a_contact_is_sampled() -> None:
     )
     problem = problem.with_laws({"bolt": bolt})
     samples = quasi_monte_carlo(
-        problem, 1024, plan_options=Options(rtol=1e-8, max_iterations=500), progress=False
+        problem, 1024, options=Options(rtol=1e-8, max_iterations=500), progress=False
     )
     assert samples.converged
     opening = samples.quantity(lambda f: f.force("joint")[..., 0].mean(axis=1), "joint", "MPa")

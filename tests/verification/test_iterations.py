@@ -15,7 +15,8 @@ from dolfinx_frontend.plan.plan import Direction
 from dolfinx_frontend.reference.direct import ReferenceSolution, monolithic
 from dolfinx_frontend.reference.energy import energy_difference, energy_error
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solving import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import Options
 from parts.lap_joint import lap_joint

@@ -23,9 +23,10 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.chaos import ChaosResult, TruncationWarning
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.solvers.galerkin import TruncationWarning
 from dolfinx_frontend.solvers.collocation import MOST_TENSOR, collocation
-from dolfinx_frontend.solvers.sampling import sample
+from dolfinx_frontend.solving import sample
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -92,7 +93,7 @@ def in_norm(problem: Problem, name: str, values: Array) -> float:
     return float(np.sqrt(np.einsum("p,pc->", weights, values**2)))
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("kind", ["stiffness and preload", "gap and preload"])
 def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
@@ -117,7 +118,7 @@ def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
     assert ("NOT TRUSTED" in repr(result)) != result.trusted
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 def test_chance_that_the_joint_opens() -> None:
     # TARGETS 2.6: P = Phi((Q / (K D) - 1) / d1), whatever the stiffness of the joint
     bolt = bolt_law(Normal("K", BOLT, cov=0.1))
@@ -158,7 +159,7 @@ def test_a_joint_that_never_opens_has_the_galerkin_solution() -> None:
             assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 @pytest.mark.parametrize(
     ("joint", "screw", "trusted"),
     [
@@ -222,7 +223,7 @@ def test_every_parameter_of_contact_may_be_random() -> None:
     assert random.space.dimension == 5
     germs = random.space.sample(5, 3)
     options = Options(rtol=1e-8, max_iterations=3000)
-    samples = sample(problem, germs, plan_options=options, progress=False)
+    samples = sample(problem, germs, options=options, progress=False)
     assert samples.converged
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TruncationWarning)
@@ -254,7 +255,7 @@ def test_a_gap_that_varies_from_place_to_place(vessel: Problem) -> None:
         assert in_norm(problem, "joint", each) < 0.01 * in_norm(problem, "joint", whole)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
 def test_only_germs_that_reach_an_interface_are_paid_for() -> None:
     scene = Scene()
     joint = Contact(stiffness=JOINT / AREA)
@@ -307,7 +308,7 @@ def test_the_answer_stays_after_sampling() -> None:
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
     assert error.points == 20 and 0.0 < error.std < 0.5
     # the chaos predicts good starts
-    cold = sample(result.problem, samples.germs, plan_options=TIGHT, progress=False)
+    cold = sample(result.problem, samples.germs, options=TIGHT, progress=False)
     assert np.allclose(samples.force("joint"), cold.force("joint"), atol=1e-5)
     assert samples.iterations.sum() <= cold.iterations.sum()
     with pytest.raises(SceneError, match="active interface"):
@@ -376,7 +377,7 @@ def test_friction_over_a_load_cycle() -> None:
         result = solve(problem, chaos=Chaos(3, check_points=8), times=times, options=options)
     assert result.converged
     germs = result.space.sample(3, 2)
-    drawn = sample(problem, germs, plan_options=options, times=times, progress=False)
+    drawn = sample(problem, germs, options=options, times=times, progress=False)
     own = result.at(germs).force("joint")
     left = []
     for i, point in enumerate(germs):
@@ -411,7 +412,7 @@ def test_linear_histories_are_superposed_with_chaos_too() -> None:
             assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
         expected = still.coefficients("right")
         assert np.abs(result.coefficients("right")[k] - expected).max() < 1e-6 * np.abs(expected).max()
-    drawn = sample(problem, result.space.sample(2, 0), times=times, plan_options=TIGHT, progress=False)
+    drawn = sample(problem, result.space.sample(2, 0), times=times, options=TIGHT, progress=False)
     own = result.at(drawn.germs).force("bolt")
     assert np.abs(own - drawn.force("bolt")).max() < 1e-3 * np.abs(own).max()
     assert result.truncation("bolt").error < 0.01
@@ -462,20 +463,23 @@ def test_the_kernel_checks_what_it_resolves() -> None:
     bolt = bolt_law(LogNormal("K", BOLT, cov=0.1))
     chaos = Chaos(1, check_points=0)
     result = solve(bolted(0.5, bolt, Contact(stiffness=JOINT / AREA)), chaos=chaos)
-    core = result.core
-    rows = len(core.local_fields("joint", result.state)[0])
+    rows = len(result.solver.local_fields(result.laws, "joint", result.state)[0])
+
+    def resolve(free: Array, **parameters: Array) -> tuple[Array, Array]:
+        return result.solver.resolve_samples(result.laws, "joint", free, parameters)
+
     free = np.linspace(-1.0, 1.0, 3 * rows).reshape(rows, 3, order="F")
-    force, jump = core.resolve_samples("joint", free, [("gap", np.zeros((1, 3)))])
+    force, jump = resolve(free, gap=np.zeros((1, 3)))
     assert np.all(force <= 0.0) and np.array_equal(force < 0.0, free < 0.0)
     assert np.array_equal(jump[free >= 0.0], free[free >= 0.0])
     with pytest.raises(InputError, match="'joint'.*free jump of 1 rows"):
-        core.resolve_samples("joint", free[:1], [])
+        resolve(free[:1])
     with pytest.raises(InputError, match="'joint'.*'gap' is 1 x 2"):
-        core.resolve_samples("joint", free, [("gap", np.zeros((1, 2)))])
+        resolve(free, gap=np.zeros((1, 2)))
     with pytest.raises(InputError, match="'joint'.*no parameter 'slip'"):
-        core.resolve_samples("joint", free, [("slip", np.zeros((1, 1)))])
+        resolve(free, slip=np.zeros((1, 1)))
     with pytest.raises(InputError, match="'joint'.*at least"):
-        core.resolve_samples("joint", free, [("compliance", np.full((1, 1), -1.0))])
+        resolve(free, compliance=np.full((1, 1), -1.0))
 
 
 def test_warnings_are_shown() -> None:

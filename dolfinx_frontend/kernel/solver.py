@@ -1,0 +1,260 @@
+"""The factorised structure of a plan, and the only code that calls it.
+
+A kernel problem is one object with laws inside; here every call brings its laws as a value. Results keep both
+and so stay what they are, whatever is computed after them on the same factors.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy.typing as npt
+from latin_core import (
+    Iteration,
+    Options,
+    Problem as Kernel,
+    State,
+    Summary,
+    SweepPoints,
+    SweptParameter,
+    sweep as kernel_sweep,
+)
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.running import Interrupt
+from dolfinx_frontend.plan.plan import Plan
+
+__all__ = ["Solver"]
+
+_log = logging.getLogger(__name__)
+
+
+class Solver:
+    """Factorised bodies and active interfaces of a plan.
+
+    Several threads may use one solver: their calls wait for each other.
+
+    Attributes
+    ----------
+    problem, plan
+        What was built.
+    laws
+        The laws of the plan, what is random at its mean.
+    weights, directions
+        (rows,) areas and search directions of the active interface points on this rank.
+    costs
+        Seconds, numbers and unknowns of every body.
+    """
+
+    def __init__(self, problem: Problem, plan: Plan) -> None:
+        self.problem = problem
+        self.plan = plan
+        self._core = bridge.build(problem, plan)
+        self._lock = threading.RLock()
+        self._busy = False
+        self._set: KernelLaws | None = None
+        with agreement(problem.comm):
+            self.laws = bridge.laws(problem, plan)
+            with self._with(self.laws):
+                pass
+        self.weights = read_only(self._core.weights)
+        self.directions = read_only(self._core.directions)
+        self.costs = tuple(self._core.costs)
+
+    def __repr__(self) -> str:
+        active = len(self.plan.active)
+        return f"Solver({self.unknowns} unknowns, {self.rows} rows on {active} active interfaces)"
+
+    @property
+    def rows(self) -> int:
+        """Rows of the interface fields on this rank."""
+        return self._core.rows
+
+    @property
+    def total_rows(self) -> int:
+        """Rows on all ranks."""
+        return self._core.total_rows
+
+    @property
+    def loads(self) -> int:
+        """Load patterns."""
+        return self._core.loads
+
+    @property
+    def unknowns(self) -> int:
+        """Unknowns of the factorised bodies."""
+        return self._core.unknowns
+
+    @property
+    def active_unknowns(self) -> int:
+        """Those on active interfaces."""
+        return self._core.active_unknowns
+
+    @property
+    def macro_size(self) -> int:
+        """Unknowns of the coarse problem."""
+        return self._core.macro_size
+
+    @contextmanager
+    def _with(self, laws: KernelLaws) -> Iterator[Kernel]:
+        """The kernel problem with these laws, for this thread alone."""
+        with self._lock:
+            if self._busy:
+                raise SceneError(
+                    "this solver is in the middle of a run: a callback or an output of the run cannot use "
+                    "results of the same solver; read them before or after"
+                )
+            if laws is not self._set:
+                before, self._set = self._set, None  # not known, should setting them fail
+                bridge.apply(self._core, laws, before)
+                self._set = laws
+            self._busy = True
+            try:
+                yield self._core
+            finally:
+                self._busy = False
+
+    def run(
+        self,
+        laws: KernelLaws,
+        options: Options,
+        amplitudes: Array,
+        start: Sequence[State] = (),
+        callback: Callable[[Iteration], None] | None = None,
+        progress: bool = True,
+    ) -> tuple[Summary, State]:
+        """Iterate; Ctrl-C ends the run with what is done so far.
+
+        Parameters
+        ----------
+        amplitudes
+            (load patterns, columns).
+        start
+            States to start from.
+        callback
+            Called after every iteration.
+        progress
+            A progress bar if on a terminal.
+        """
+        noisy = _log.isEnabledFor(logging.DEBUG)
+        shown = progress and self.problem.rank == 0
+        with (
+            self._with(laws) as core,
+            Interrupt() as interrupt,
+            Bar(None, "solve", "iteration", shown) as bar,
+        ):
+            began = perf_counter()
+
+            def each(iteration: Iteration) -> None:
+                bar.step(error=f"{iteration.error:.1e}")
+                if noisy:
+                    _log.debug("iteration %d: estimated error %.2e", iteration.number, iteration.error)
+                if callback is not None:
+                    callback(iteration)
+
+            summary, state = core.solve(
+                options=options.kernel(),
+                amplitudes=amplitudes,
+                start=list(start),
+                callback=interrupt.watch(each),
+            )
+        seconds = perf_counter() - began
+        text = "%s after %d iterations, estimated error %.1e, %.2f s"
+        _log.info(text, summary.status, summary.iterations, summary.error, seconds)
+        if interrupt.pressed and summary.status != "interrupted":
+            _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
+        return summary, state
+
+    def walk(
+        self,
+        laws: KernelLaws,
+        amplitudes: Array,
+        parameters: Sequence[SweptParameter],
+        order: Sequence[int],
+        options: Options,
+        *,
+        checkpoint: str | Path | None = None,
+        header: dict[str, Any] | None = None,
+        progress: Callable[[int, Summary], None] | None = None,
+        callback: Callable[[Iteration], None] | None = None,
+        keep_states: bool = False,
+        keep_fields: bool = True,
+        outputs: Mapping[str, Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]] | None = None,
+        start: Mapping[int, State] | None = None,
+    ) -> SweepPoints:
+        """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept."""
+        own = self.problem.own.interfaces
+        with self._with(laws) as core:
+            try:
+                points = kernel_sweep(
+                    core,
+                    amplitudes,
+                    parameters,
+                    order,
+                    [name for name in self.plan.active if name in own],
+                    options,
+                    checkpoint,
+                    header,
+                    progress,
+                    callback,
+                    keep_states,
+                    keep_fields,
+                    outputs,
+                    start,
+                )
+            finally:  # the kernel has the swept values of the last point now
+                self._set = KernelLaws(laws.steps, extra_loads=laws.extra_loads)
+        blocks = [points.iterations, points.error, points.seconds, points.status, points.states]
+        blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
+        for block in blocks:
+            if block is not None:
+                block.flags.writeable = False
+        return points
+
+    def displacements(self, laws: KernelLaws, state: State, amplitudes: Array) -> dict[str, Array]:
+        """Substructure on this rank -> unknowns (n, columns) of a state."""
+        with self._with(laws) as core:
+            return {name: read_only(u) for name, u in core.displacements(state, amplitudes).items()}
+
+    def local_fields(self, laws: KernelLaws, interface: str, state: State) -> tuple[Array, Array]:
+        """Force and jump (rows, columns) of an active interface; collective where it joins two ranks."""
+        with self._with(laws) as core:
+            force, jump = core.local_fields(interface, state)
+        return read_only(force), read_only(jump)
+
+    def fields_of_cuts(self, laws: KernelLaws, state: State) -> dict[str, tuple[Array, Array]]:
+        """Those of the interfaces between this rank and others, which both work out together: collective."""
+        own = self.problem.own.interfaces
+        return {name: self.local_fields(laws, name, state) for name in self.problem.cuts if name in own}
+
+    def resolve_samples(
+        self, laws: KernelLaws, interface: str, free_jump: Array, parameters: Mapping[str, Array]
+    ) -> tuple[Array, Array]:
+        """Force and jump (rows, samples) of a law at given free jumps and parameters."""
+        with self._with(laws) as core:
+            return core.resolve_samples(interface, free_jump, list(parameters.items()))
+
+    def flexibility(self, interface: str) -> Array:
+        """1 / k1 (+ 1 / k2) of an interface, (rows,)."""
+        return self._core.flexibility(interface)
+
+    def first_rows(self, interface: str) -> list[int]:
+        """First row of each side of an interface in the interface fields."""
+        return self._core.first_rows(interface)
+
+    def global_stage(self, laws: KernelLaws, data: Array, amplitudes: Array) -> Array:
+        """Traces (rows, columns) of the bodies under interface data."""
+        with self._with(laws) as core:
+            return core.global_stage(data, amplitudes)

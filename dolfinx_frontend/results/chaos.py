@@ -1,0 +1,642 @@
+"""The answer of a chaos run: its modes, samples of them, and how far it is from the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from latin_core import stochastic
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import unknown_name
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.columns import Collocation
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
+from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.samples import Kind, SampleResult
+from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.quantities import Quantity
+from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.io.chaos_file import Field
+
+__all__ = ["NOISE", "ChaosResult", "FieldSamples", "Sampler", "TruncationError"]
+
+SAMPLES_OF_MOMENTS = 2**12
+"""Sobol points from which the moments of the force of a law that is not linear are computed."""
+
+CHUNK = 512
+"""Samples of a field that are evaluated at once."""
+
+NOISE = 100.0
+"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
+
+
+@dataclass(frozen=True, repr=False)
+class FieldSamples:
+    """Fields at N points of the germs; what a quantity of interest is computed from.
+
+    Attributes
+    ----------
+    germs
+        (N, L).
+    """
+
+    germs: Array
+    _result: ChaosResult = field(repr=False)
+    _psi: Array = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"FieldSamples({len(self.germs)} points in {self.germs.shape[1]} germs)"
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal.
+
+        A law that is not linear is evaluated anew at every sample, with the parameters of the sample: it
+        holds exactly, so that a contact never pulls.
+        """
+        return self.both(interface)[0]
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1, (N, [T,] m, components), local frame."""
+        return self.both(interface)[1]
+
+    def both(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump, for the work of one."""
+        name = interface
+        result = self._result
+        blocks = result._columns_of(name)  # (m, components, modes, steps) each
+        force, jump = (np.einsum("pcjs,nj->pcns", block, self._psi) for block in blocks)
+        if name in result.collocations:
+            shape = force.shape
+            free = jump + result._flexibility(name)[..., None, None] * force
+            fields = bridge.active_fields(result.problem.interfaces[name], result.plan)
+            parameters = sampled_parameters(result.random, name, self.germs, fields, shape[-1])
+            free = np.asfortranarray(free.reshape(shape[0] * shape[1], -1))
+            both = result.solver.resolve_samples(result.laws, name, free, parameters)
+            force, jump = (block.reshape(shape) for block in both)
+        force, jump = (timed(result.plan, block) for block in (force, jump))
+        return np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0)
+
+    def displacement(self, substructure: str) -> Array:
+        """Unknowns (N, [T,] n) of a substructure."""
+        return np.moveaxis(self._result.coefficients(substructure) @ self._psi.T, -1, 0)
+
+
+@dataclass(frozen=True)
+class TruncationError:
+    """How far the chaos is from the answer it truncates, in the force of one interface.
+
+    Attributes
+    ----------
+    decay
+        Estimate from the coefficients: size of the modes of highest degree over the standard deviation,
+        carried on as a geometric series where they fall from degree to degree.
+    sample
+        Root mean square over check points of the difference to deterministic solves, over the standard
+        deviation; NaN if no points were asked for.
+    points
+        Number of check points.
+    interface
+        Interface whose force was compared.
+    mean, std
+        Relative errors of mean and standard deviation of the force per point, in the norm over the interface:
+        the difference that the check points show, the chaos being their control variate, plus two standard
+        errors of it.
+    resultant_mean, resultant_std
+        The same of the total force: its normal part (sum of f_n) and its tangential part, together.
+    estimate
+        The largest of these four without the standard errors.
+    """
+
+    decay: float
+    sample: float
+    points: int
+    interface: str
+    mean: float = np.nan
+    std: float = np.nan
+    resultant_mean: float = np.nan
+    resultant_std: float = np.nan
+    estimate: float = np.nan
+
+    @property
+    def resultant(self) -> float:
+        """The larger error of the resultant."""
+        return max(self.resultant_mean, self.resultant_std)
+
+    @property
+    def error(self) -> float:
+        """The largest of the errors of mean and standard deviation."""
+        return max(self.resultant, self.mean, self.std)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.interface}: resultant within {percent(self.resultant_mean)} (mean) and "
+            f"{percent(self.resultant_std)} (standard deviation), per point within "
+            f"{percent(self.mean)} and {percent(self.std)}"
+        )
+
+
+def percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
+
+
+def _relative(difference: Array, whole: Array, weights: Array) -> float:
+    """Norm of a difference over that of the whole."""
+    size = float(np.sqrt(np.sum(weights * whole**2)))
+    error = float(np.sqrt(np.sum(weights * difference**2)))
+    return error / size if size > 0.0 else (np.inf if error > 0.0 else 0.0)
+
+
+def _moment_errors(
+    truth: Array, chaos: Array, mean: Array, variance: Array, weights: Array, rtol: float
+) -> tuple[float, float, float]:
+    """Bounds of the relative errors of mean and standard deviation of quantities, and the larger estimate.
+
+    Parameters
+    ----------
+    truth, chaos
+        (N, k) at the check points.
+    mean, variance
+        (k,) of the chaos, which is the control variate.
+    weights
+        (k,) of the norm.
+    rtol
+        Of the iterations.
+    """
+    count = len(truth)
+
+    def estimate(samples: Array) -> tuple[Array, Array]:
+        return samples.mean(axis=0), 2.0 * samples.std(axis=0, ddof=1) / np.sqrt(count)
+
+    shift, margin = estimate(truth - chaos)
+    better = mean + shift
+    of_mean = [_relative(np.abs(shift) + m, better, weights) for m in (0.0 * margin, margin)]
+    shift, margin = estimate((truth - better) ** 2 - (chaos - mean) ** 2)
+    ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
+    away = [np.abs(end - np.sqrt(variance)) for end in ends]
+    # nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
+    noise = _relative(truth.std(axis=0, ddof=1), better, weights) <= NOISE * rtol
+    whole = np.abs(better) if noise else ends[0]
+    of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
+    return of_mean[1], of_std[1], max(of_mean[0], of_std[0])
+
+
+class Sampler(Protocol):
+    """Deterministic solves at points of the germs on the factorised problem of a chaos."""
+
+    def __call__(
+        self,
+        result: ChaosResult,
+        germs: npt.ArrayLike,
+        weights: npt.ArrayLike | None = None,
+        kind: Kind = "random",
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult: ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ChaosResult(Result, StochasticResult):
+    """Answer of one LATIN-PCE run; fields have one column a chaos mode.
+
+    Over a load history every field has the T time steps in front of its own axes.
+
+    Attributes
+    ----------
+    random, chaos, basis
+        What is random, what was asked for, and the modes.
+    proven
+        Stiffnesses whose own Galerkin matrix is indefinite, run on because the structure as a whole was
+        proven definite (``indefinite="prove"``); empty otherwise.
+    collocations
+        Interfaces whose law is not linear -> the quadrature points at which it is evaluated.
+    checks
+        Active interface -> its truncation, measured at the end of the run if a law is not linear.
+    checked
+        The deterministic solves of that measurement.
+    sampler
+        Solves deterministically at points of the germs, see :meth:`sample`.
+    """
+
+    random: RandomLaws = field(kw_only=True)
+    chaos: Chaos = field(kw_only=True)
+    basis: stochastic.ChaosBasis = field(kw_only=True)
+    proven: tuple[str, ...] = field(kw_only=True, default=())
+    collocations: Mapping[str, Collocation] = field(kw_only=True, default_factory=dict)
+    checks: Mapping[str, TruncationError] = field(kw_only=True, default_factory=dict)
+    checked: tuple[SampleResult, ...] = field(kw_only=True, default=())
+    sampler: Sampler = field(kw_only=True)
+
+    _notes = Result._notes | {"checks", "checked"}
+
+    @property
+    def space(self) -> RandomSpace:
+        """The germs."""
+        return self.random.space
+
+    @property
+    def modes(self) -> int:
+        """P + 1."""
+        return len(self.basis)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the iteration converged and, if a law is not linear, every force passed the check.
+
+        A linear scene is not checked by itself: ask :meth:`truncation`.
+        """
+        if not self.converged or not self.collocations:
+            return self.converged
+        if not self.checked or not all(part.converged for part in self.checked):
+            return False
+        return all(each.error <= self.chaos.tolerance for each in self.checks.values())
+
+    @property
+    def mean_laws(self) -> KernelLaws:
+        """The laws with every random parameter at its mean."""
+        return self.solver.laws
+
+    @cached_property
+    def displacements(self) -> Mapping[str, Array]:
+        """Substructure -> ([T,] n) mean of the unknowns."""
+        return MappingProxyType({n: self.coefficients(n)[..., 0] for n in self.problem.substructures})
+
+    def displacement(self, substructure: str, step: int = -1) -> fem.Function:
+        """Mean displacement; of a load history at a time step, the last by default."""
+        return self.mean(substructure, step)
+
+    @property
+    def times(self) -> Array | None:
+        """(T,) of a load history, or None."""
+        return self.plan.times
+
+    def coefficients(self, substructure: str) -> Array:
+        """Chaos coefficients ([T,] n, P + 1) of the unknowns of a substructure, length."""
+        if substructure not in self.problem.substructures:
+            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
+        return self._blocks[substructure]
+
+    @cached_property
+    def _blocks(self) -> dict[str, Array]:
+        amplitudes = amplitudes_of(self.plan, self.modes)
+        blocks = self.solver.displacements(self.laws, self.state, amplitudes)
+        return {
+            name: read_only(timed(self.plan, block.reshape(len(block), self.modes, -1)))
+            for name, block in blocks.items()
+        }
+
+    def field_moments(self, substructure: str) -> tuple[Array, Array]:
+        """Mean and standard deviation ([T,] n) of the unknowns of a substructure, length."""
+        block = self.coefficients(substructure)
+        return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
+
+    def force_moments(self, interface: str) -> tuple[Array, Array]:
+        """Mean and standard deviation ([T,] m, components) of the force per area on side 1.
+
+        From the coefficients, or, where the law is not linear, from many samples of the law.
+        """
+        if interface in self.collocations:
+            mean, variance = self._sampled_moments(interface)[:2]
+            return mean, np.sqrt(variance)
+        block = self.force_coefficients(interface)
+        return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
+
+    def moment_germs(self) -> Array:
+        """Points (N, L) of the germs from which moments of a law that is not linear are computed."""
+        return self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
+
+    def _sampled_moments(self, interface: str) -> tuple[Array, Array, Array, Array]:
+        """Mean and variance of the force ([T,] m, components) and of its resultant, from Sobol points."""
+        if interface not in self._moments:
+            germs = self.moment_germs()
+            # about a first sample, so that nothing cancels
+            origin = self.at(germs[:1]).force(interface)[0]
+            total = self._resultant(interface, origin[None])[0]
+            sums = [np.zeros_like(origin), np.zeros_like(origin), 0.0 * total, 0.0 * total]
+            chunk = max(1, CHUNK // self.steps)
+            for i in range(0, len(germs), chunk):
+                force = self.at(germs[i : i + chunk]).force(interface)
+                for k, part in ((0, force - origin), (2, self._resultant(interface, force) - total)):
+                    sums[k] += part.sum(axis=0)
+                    sums[k + 1] += (part**2).sum(axis=0)
+            first, second, r_first, r_second = (each / len(germs) for each in sums)
+            self._moments[interface] = (
+                read_only(origin + first),
+                read_only(np.maximum(second - first**2, 0.0)),
+                read_only(total + r_first),
+                read_only(np.maximum(r_second - r_first**2, 0.0)),
+            )
+        return self._moments[interface]
+
+    @cached_property
+    def _moments(self) -> dict[str, tuple[Array, Array, Array, Array]]:
+        """What was sampled already."""
+        return {}
+
+    def _resultant(self, name: str, force: Array) -> Array:
+        """Total normal and tangential force, (N, [T,] 1 + d), of forces (N, [T,] m, components)."""
+        interface = self.problem.interfaces[name]
+        weighted = interface.weights[:, None] * force
+        frames = interface.frames[:, 1 : force.shape[-1]]
+        shear = np.einsum("...pt,ptd->...d", weighted[..., 1:], frames)
+        return np.concatenate([weighted[..., 0].sum(axis=-1)[..., None], shear], axis=-1)
+
+    def _flexibility(self, name: str) -> Array:
+        """1/k1 (+ 1/k2) of an interface, (m, components)."""
+        return self.solver.flexibility(name).reshape(self.problem.interfaces[name].num_points, -1)
+
+    def mode(self, substructure: str, index: int, step: int = -1) -> fem.Function:
+        """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
+        block = self.coefficients(substructure)[..., index]
+        return self._function(substructure, block, f"u{index}", step)
+
+    def force_coefficients(self, interface: str) -> Array:
+        """Chaos coefficients ([T,] m, components, P + 1) of the force per area on side 1."""
+        return timed(self.plan, self._columns_of(interface)[0])
+
+    def jump_coefficients(self, interface: str) -> Array:
+        """Chaos coefficients ([T,] m, components, P + 1) of the jump."""
+        return timed(self.plan, self._columns_of(interface)[1])
+
+    @property
+    def steps(self) -> int:
+        """Columns of the run for each mode."""
+        return self.state.data.shape[1] // self.modes
+
+    def _columns_of(self, name: str) -> tuple[Array, Array]:
+        """Force and jump of an active interface, (m, components, P + 1, steps) each."""
+        if name not in self.plan.active:
+            raise unknown_name("active interface", name, self.plan.active, "chaos result")
+        points = self.problem.here(name).num_points
+        force, jump = (
+            block.reshape(points, -1, self.modes, self.steps) for block in self._kernel_fields(name)
+        )
+        return force, jump
+
+    def force(self, interface: str) -> Array:
+        """Mean force per area on side 1, ([T,] m, components)."""
+        return self.force_coefficients(interface)[..., 0]
+
+    def jump(self, interface: str) -> Array:
+        """Mean jump, ([T,] m, components)."""
+        return self.jump_coefficients(interface)[..., 0]
+
+    def sobol(self, interface: str) -> dict[str, Sobol]:
+        """Sobol indices ([T *] m * components,) of the interface force, by random source."""
+        block = self.force_coefficients(interface).reshape(-1, self.modes)
+        return self.space.sobol(block, self.basis)
+
+    def at(self, germs: npt.ArrayLike) -> FieldSamples:
+        """Fields at points (N, L) of the germs."""
+        points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+        return FieldSamples(points, self, self.basis.evaluate(points))
+
+    def quantity(
+        self,
+        function: Callable[[FieldSamples], npt.ArrayLike],
+        name: str = "quantity",
+        unit: str = "",
+        samples: int = 100_000,
+        seed: int = 0,
+        chunk: int | None = None,
+    ) -> Quantity:
+        """A scalar quantity of interest, evaluated sample by sample on the chaos.
+
+        Parameters
+        ----------
+        function
+            Takes the fields at N samples, returns (N,) values.
+        name, unit
+            For tables and figures.
+        samples, seed
+            Size and seed of the Monte Carlo sample of the germs.
+        chunk
+            Samples evaluated at once: bounds the memory. None: 5 000, fewer over a history.
+        """
+        chunk = chunk or max(1, 5000 // self.steps)
+        points = self.space.sample(samples, seed)
+        parts = [points[i : i + chunk] for i in range(0, samples, chunk)]
+        values = [one_number_a_sample(function(self.at(p)), len(p), name) for p in parts]
+        return Quantity(
+            name=name, unit=unit, values=np.concatenate(values), weights=None, kind="random"
+        )
+
+    def save_chaos(self, path: str | Path, substructures: Sequence[str] = ()) -> None:
+        """Write the chaos of all active interfaces (force, jump) and of the named substructures.
+
+        The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
+        """
+        from dolfinx_frontend.io.chaos_file import save_chaos
+
+        self.problem.on_one_rank("save_chaos")
+        save_chaos(path, self.space, self.basis, *self.chaos_fields(substructures))
+
+    def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
+        """Fields and notes of the file that :meth:`save_chaos` writes."""
+        from dolfinx_frontend.io.chaos_file import Field
+
+        fields = {}
+        for name in self.plan.active:
+            for what, block, unit in (
+                ("force", self.force_coefficients(name), "force / area"),
+                ("jump", self.jump_coefficients(name), "length"),
+            ):
+                fields[f"{what}:{name}"] = Field(
+                    block.reshape(-1, self.modes), unit, block.shape[:-1], f"{what} of {name}"
+                )
+        for name in substructures:
+            block = self.coefficients(name)
+            fields[f"displacement:{name}"] = Field(
+                block.reshape(-1, self.modes), "length", block.shape[:-1]
+            )
+        return fields, {"order": int(self.chaos.order), "error": self.error, "status": self.status}
+
+    def table(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        step: int | None = -1,
+        about: npt.ArrayLike | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+        samples: int = tables.SAMPLES,
+        seed: int = 0,
+    ) -> tables.Table:
+        """As :meth:`Result.table`, with mean, standard deviation and quantiles over samples of the chaos.
+
+        Every row is of the number itself, sample by sample: the largest pressure of each sample, not that of
+        the mean. Interfaces that are active have rows.
+        """
+        readings = tables.read_chaos(self, samples, seed).select(interfaces)
+        return tables.summarise(readings, step, about, quantiles)
+
+    def bolts(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+        samples: int = tables.SAMPLES,
+        seed: int = 0,
+    ) -> tables.Table:
+        """As :meth:`Result.bolts`, with mean, standard deviation and quantiles."""
+        readings = tables.read_chaos(self, samples, seed).select(interfaces)
+        return tables.bolts(readings, quantiles)
+
+    def save(
+        self, path: str | Path, fields: bool = True, samples: int = tables.SAMPLES, seed: int = 0
+    ) -> None:
+        """As :meth:`Result.save`, with the whole chaos; the tables are made of so many samples."""
+        from dolfinx_frontend.io import saved
+
+        saved.save_result(path, self, tables.read_chaos(self, samples, seed), fields)
+
+    def to_openturns(self, interface: str, inputs: Literal["parameters", "germs"] = "parameters") -> Any:
+        """The force (m * components outputs) of an active interface as OpenTURNS' chaos result."""
+        from dolfinx_frontend.io.openturns import to_openturns
+
+        block = self.force_coefficients(interface).reshape(-1, self.modes)
+        return to_openturns(self.space, self.basis, block, inputs=inputs)
+
+    def sample(
+        self,
+        germs: npt.ArrayLike,
+        weights: npt.ArrayLike | None = None,
+        kind: Kind = "random",
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult:
+        """Deterministic solves at points (N, L) of the germs: as
+        :func:`dolfinx_frontend.solvers.sampling.sample`, on the factorised problem of this result and started
+        from what its chaos predicts; to its tolerance, or to `rtol`."""
+        return self.sampler(
+            self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol
+        )
+
+    def monte_carlo(
+        self,
+        samples: int,
+        seed: int = 0,
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult:
+        """As :func:`dolfinx_frontend.monte_carlo`, on this result's solver, started from its chaos."""
+        germs = self.space.sample(samples, seed)
+        return self.sample(germs, keep_states=keep_states, progress=progress, rtol=rtol)
+
+    def quasi_monte_carlo(
+        self,
+        samples: int,
+        seed: int = 0,
+        *,
+        keep_states: bool = False,
+        progress: bool = False,
+        rtol: float | None = None,
+    ) -> SampleResult:
+        """As :func:`dolfinx_frontend.quasi_monte_carlo`, on this result's solver, started from its chaos."""
+        germs = self.space.sample_sobol(samples, seed)
+        return self.sample(germs, kind="qmc", keep_states=keep_states, progress=progress, rtol=rtol)
+
+    def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
+        """Estimate the error of the truncation in the force of an interface.
+
+        Parameters
+        ----------
+        interface
+            An active interface.
+        points
+            Deterministic solves at independent points of the germs; 0: only the decay.
+        """
+        decay, deviation = self._decay(interface)
+        if points <= 0:
+            return TruncationError(decay, np.nan, 0, interface)
+        return self.compared(interface, [self.sample(self.space.sample(points, seed))])
+
+    def _decay(self, interface: str) -> tuple[float, float]:
+        """Estimate from the coefficients, and standard deviation of the force in the interface's norm."""
+        block = self.force_coefficients(interface)
+        weights = self.problem.interfaces[interface].weights
+        share = (weights[:, None, None] * block**2).reshape(-1, self.modes).sum(axis=0)
+        deviation = float(np.sqrt(share[1:].sum()))
+        degree = self.basis.indices.table.sum(axis=1)
+        by_degree = [float(np.sqrt(share[degree == d].sum())) for d in range(1, degree.max() + 1)]
+        decay = np.nan
+        if deviation > 0.0 and by_degree:
+            ratio = by_degree[-1] / by_degree[-2] if len(by_degree) > 1 and by_degree[-2] > 0 else 1.0
+            ratio = min(ratio, 0.9)
+            decay = by_degree[-1] * ratio / np.sqrt(1.0 - ratio**2) / deviation
+        return float(decay), deviation
+
+    def compared(self, interface: str, truth: Sequence[SampleResult]) -> TruncationError:
+        """The chaos against deterministic solves."""
+        decay, deviation = self._decay(interface)
+        exact = np.concatenate([part.force(interface) for part in truth])
+        own = np.concatenate([self.at(part.germs).force(interface) for part in truth])
+        weights = self.problem.interfaces[interface].weights
+        square = (weights[:, None] * (exact - own) ** 2).reshape(len(exact), -1).sum(axis=1)
+        measured = float(np.sqrt(square.mean())) / deviation if deviation > 0.0 else np.nan
+        count = len(exact)
+        if count < 2:
+            return TruncationError(decay, measured, count, interface)
+        mean, variance, total, total_variance = self._sampled_moments(interface)
+        of_mean, of_std, estimate = _moment_errors(
+            exact.reshape(count, -1),
+            own.reshape(count, -1),
+            mean.ravel(),
+            variance.ravel(),
+            np.broadcast_to(weights[:, None], exact.shape[1:]).ravel(),
+            self.plan.options.rtol,
+        )
+        total_mean, total_std, total_estimate = _moment_errors(
+            self._resultant(interface, exact).reshape(count, -1),
+            self._resultant(interface, own).reshape(count, -1),
+            total.ravel(),
+            total_variance.ravel(),
+            np.ones(total.size),
+            self.plan.options.rtol,
+        )
+        return TruncationError(
+            decay,
+            measured,
+            count,
+            interface,
+            of_mean,
+            of_std,
+            total_mean,
+            total_std,
+            max(estimate, total_estimate),
+        )
+
+    def __repr__(self) -> str:
+        text = (
+            f"ChaosResult({self.status}, {self.modes} modes of order {self.chaos.order} in "
+            f"{self.space.dimension} germs, {self.iterations} iterations, estimated error "
+            f"{self.error:.1e}, {sum(self.seconds.values()):.2f} s"
+        )
+        if self.collocations:
+            limit = percent(self.chaos.tolerance)
+            verdict = f"trusted to {limit}" if self.trusted else f"NOT TRUSTED to {limit}"
+            measured = "".join(f"\n  {c}" for c in self.checks.values()) or " not checked"
+            solves = sum(len(part.germs) for part in self.checked)
+            text += f";\n  truncation {verdict} by {solves} deterministic solves:{measured}"
+        return text + ")"
+
+
+def amplitudes_of(plan: Plan, modes: int) -> Array:
+    """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
+    return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)

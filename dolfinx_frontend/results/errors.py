@@ -1,0 +1,143 @@
+"""Errors of an answer by their source, as values; :mod:`dolfinx_frontend.estimate` measures them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol, get_args
+
+import numpy as np
+
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.results.resultant import Resultant
+
+__all__ = ["ErrorShare", "Errors", "Estimator", "MeanStd", "not_measured", "share_of"]
+
+Source = Literal["algebraic", "truncation", "discretisation"]
+
+
+class MeanStd(NamedTuple):
+    """Mean and standard deviation of a quantity of interest; None: not random."""
+
+    mean: float
+    std: float | None
+
+
+@dataclass(frozen=True)
+class ErrorShare:
+    """One error of an answer.
+
+    Attributes
+    ----------
+    energy
+        Relative, in the energy norm; NaN: not known.
+    quantity
+        Of the quantity of interest (of its mean, if random), absolute, in its unit; None: none was named.
+    std
+        Of its standard deviation, absolute; None: not random.
+    how
+        How it was measured.
+    """
+
+    energy: float
+    quantity: float | None = None
+    std: float | None = None
+    how: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Errors:
+    """Errors of an answer by their source.
+
+    Attributes
+    ----------
+    algebraic, truncation, discretisation
+        Of the iteration, of the chaos or the samples (None: nothing is random), of the meshes (None: not
+        estimated).
+    quantity, moments
+        What they are measured in (None: the energy norm), and its value.
+    whole
+        What an error of the standard deviation is relative to: the deviation, or the mean where it is noise.
+    asked
+        The accuracy that was asked for, or None.
+    next_halving
+        What would halve the dominating error, and its predicted cost.
+    notes
+        What a reader must know: sources that could not be reduced as asked.
+    """
+
+    algebraic: ErrorShare
+    truncation: ErrorShare | None
+    discretisation: ErrorShare | None
+    quantity: Resultant | None
+    moments: MeanStd | None
+    whole: float | None = None
+    asked: float | None = None
+    next_halving: str = ""
+    notes: tuple[str, ...] = ()
+
+    def relative(self, source: Source) -> float:
+        """One error as a share: of mean and standard deviation the larger, or of the energy norm; else 0."""
+        share: ErrorShare | None = getattr(self, source)
+        if share is None:
+            return 0.0
+        if self.quantity is None or self.moments is None or share.quantity is None:
+            return share.energy
+        parts = [share_of(share.quantity, self.moments.mean)]
+        if share.std is not None and self.whole is not None:
+            parts.append(share_of(share.std, self.whole))
+        return max(parts)
+
+    @property
+    def dominating(self) -> Source:
+        """The largest source."""
+        return max(get_args(Source), key=lambda s: np.nan_to_num(self.relative(s)))
+
+    @property
+    def total(self) -> float:
+        """Relative error of the answer on its meshes: algebraic and truncation together."""
+        return self.relative("algebraic") + self.relative("truncation")
+
+    @property
+    def reached(self) -> bool:
+        """Whether the accuracy that was asked for is reached; the meshes count as far as they are known."""
+        return self.asked is None or max(self.total, self.relative("discretisation")) <= self.asked
+
+    def __repr__(self) -> str:
+        of = "the energy norm" if self.quantity is None else str(self.quantity)
+        return f"Errors(of {of}: {self.total:.1e} in all, most of it {self.dominating})"
+
+    def __str__(self) -> str:
+        where = "energy norm" if self.quantity is None else str(self.quantity)
+        lines = [f"errors in the {where}" + (f", asked {self.asked:g}" if self.asked else "")]
+        if self.moments is not None:
+            spread = "" if self.moments.std is None else f", standard deviation {self.moments.std:.6g}"
+            lines[0] += f" (value {self.moments.mean:.6g}{spread})"
+        for source in ("algebraic", "truncation", "discretisation"):
+            share: ErrorShare | None = getattr(self, source)
+            if share is not None:
+                mark = "  <- dominates" if source == self.dominating else ""
+                relative = self.relative(source)
+                lines.append(f"  {source:<15}{relative:9.1e}  ({share.how}){mark}")
+        if self.next_halving:
+            lines.append(f"  half of it: {self.next_halving}")
+        return "\n".join(lines + [f"  {note}" for note in self.notes])
+
+
+def share_of(error: float, whole: float) -> float:
+    """An error relative to the whole; infinite where the whole is nothing."""
+    if whole == 0.0:
+        return 0.0 if error == 0.0 else np.inf
+    return abs(error / whole)
+
+
+class Estimator(Protocol):
+    """Measures the errors of a result, see :meth:`dolfinx_frontend.Result.errors`."""
+
+    def __call__(self, result: Any, quantity: Resultant | str | None = None) -> Errors: ...
+
+
+def not_measured(result: Any, quantity: Resultant | str | None = None) -> Errors:
+    """The estimator of a result that was made without one."""
+    raise SceneError(
+        "this result was made without an estimator: dolfinx_frontend.errors(result) measures its errors"
+    )

@@ -1,0 +1,44 @@
+"""What it means that a result is a value.
+
+A result keeps what it was computed with: the factorised structure (shared, constant) and its laws. What is
+recovered from it later, such as displacements, are cached pure functions of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any, NoReturn, Self, SupportsIndex
+
+__all__ = ["Value"]
+
+
+class Value:
+    """A frozen dataclass that shares its factorised structure with others."""
+
+    _notes: frozenset[str] = frozenset({"seconds", "found"})
+    """Fields that say something about the answer and change nothing in it."""
+
+    def with_notes(self, **notes: Any) -> Self:
+        """The same answer with other notes; what was recovered already is shared."""
+        unknown = set(notes) - self._notes
+        if unknown:
+            raise TypeError(f"{', '.join(sorted(unknown))} would make it another answer")
+        other: Self = replace(self, **notes)  # type: ignore[type-var]
+        own = {each.name for each in fields(self)}  # type: ignore[arg-type]
+        vars(other).update({k: v for k, v in vars(self).items() if k not in own})
+        return other
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        name = type(self).__name__
+        how = "result.save(path) writes it, dolfinx_frontend.load(path) reads it in any process"
+        if not hasattr(self, "save"):
+            how = "take its arrays, or solve in the process that needs it"
+        raise TypeError(
+            f"a {name} cannot be pickled: it holds factorised matrices, which live in this process; {how}"
+        )

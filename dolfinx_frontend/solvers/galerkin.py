@@ -1,0 +1,541 @@
+"""LATIN with polynomial chaos: the columns of the iteration are chaos modes (paper, section 4.3).
+
+The global stage does not change: P + 1 right-hand sides of one factorisation. On an interface with a random
+stiffness kappa = sum_i kappa_i Psi_i the law f = kappa (j - Delta) becomes, mode by mode,
+
+    f_k = sum_j A_kj (j_j - Delta_j),     A_kj = sum_i kappa_i E[Psi_i Psi_j Psi_k],
+
+one system of size P + 1 a point and direction. A = V diag(lambda) V^T decouples it: in the columns j V the
+law is the deterministic one with the stiffness lambda_q. So the kernel runs the same laws and the same
+iteration as for one column, and its fixed point is the stochastic Galerkin solution (equations 17 and 19).
+
+A law that is not linear (contact, friction) is evaluated at stochastic quadrature points instead, see
+:mod:`dolfinx_frontend.solvers.collocation`. The response then has kinks, and its chaos converges slowly:
+such an answer is compared with deterministic solves at check points before it is handed out.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from latin_core import Iteration, Options, State, stochastic
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.bridge import ColumnGroup, KernelLaws
+from dolfinx_frontend.kernel.columns import Collocation
+from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
+from dolfinx_frontend.results.errors import Estimator, not_measured
+from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.solvers.collocation import collocation
+from dolfinx_frontend.solvers.deterministic import start_states
+from dolfinx_frontend.solvers.sampling import sample_chaos
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.uncertainty.space import RandomSpace
+
+__all__ = [
+    "Galerkin",
+    "IndefiniteError",
+    "NearlyIndefiniteWarning",
+    "TruncationWarning",
+    "carry_on",
+    "galerkin",
+    "solve_chaos",
+]
+
+NEAR = 0.1
+"""A smallest eigenvalue below this share of the mean is reported."""
+
+MOST_CHECKS = 4
+"""Times ``check_points`` that a check takes at most."""
+
+
+class IndefiniteError(SceneError):
+    """A random stiffness whose Galerkin matrix is not positive definite: its chaos means nothing."""
+
+
+class NearlyIndefiniteWarning(UserWarning):
+    """A random stiffness whose Galerkin matrix is close to losing definiteness."""
+
+
+class TruncationWarning(UserWarning):
+    """The chaos of a scene that is not linear is further from deterministic solves than was asked for."""
+
+
+@dataclass(frozen=True)
+class Galerkin:
+    """Galerkin matrix of one random stiffness, in its eigenbasis.
+
+    Attributes
+    ----------
+    interface, parameter, source
+        Whose it is.
+    forward
+        One V (P + 1, P + 1), or one for each interface point if the source is a field.
+    values
+        (1 or m, P + 1) eigenvalues, per area.
+    """
+
+    interface: str
+    parameter: str
+    source: Source
+    forward: list[Array] = field(repr=False)
+    values: Array = field(repr=False)
+
+    @property
+    def smallest(self) -> float:
+        """Smallest eigenvalue, force / length^3."""
+        return float(self.values.min())
+
+
+def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str, str], Galerkin]:
+    """Galerkin matrices of all random stiffnesses, by (interface, parameter)."""
+    done: dict[int, tuple[list[Array], Array]] = {}
+    matrices = {}
+    for (name, parameter), source in random.sources.items():
+        if parameter not in random.problem.interfaces[name].law.spans:
+            continue
+        if id(source) not in done:
+            coefficients, indices = random.space.expansion(source, basis)
+            transforms = [
+                stochastic.galerkin_transform(stochastic.galerkin_matrix(basis, row, indices))
+                for row in coefficients
+            ]
+            done[id(source)] = (
+                [np.asfortranarray(t.forward) for t in transforms],
+                np.array([t.values for t in transforms]),
+            )
+        forward, values = done[id(source)]
+        scale = random.area_factor(name, parameter)
+        matrices[name, parameter] = Galerkin(name, parameter, source, forward, scale * values)
+    return matrices
+
+
+def _limit(source: Source, basis: stochastic.ChaosBasis, space: RandomSpace) -> str:
+    """What the coefficient of variation would have to be, where that is known."""
+    if isinstance(source, DiscretisedField) or not source.affine:
+        return ""
+    column = space.germ_names.index(source.name)
+    order = int(basis.indices.table[:, column].max(initial=0))
+    limit = stochastic.critical_cov(source.germ, order)
+    return (
+        f" (order {order} in its germ allows a coefficient of variation below {limit:.5f}, "
+        f"this one has {source.cov:.5g})"
+    )
+
+
+def _guard(
+    problem: Problem,
+    random: RandomLaws,
+    basis: stochastic.ChaosBasis,
+    matrices: dict[tuple[str, str], Galerkin],
+    indefinite: Literal["refuse", "prove"],
+) -> tuple[str, ...]:
+    """Refuse indefinite stiffnesses before anything is iterated on; the overrides that were proven."""
+    bad = []
+    for matrix in matrices.values():
+        source = matrix.source
+        mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
+        where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
+        limit = _limit(source, basis, random.space)
+        if matrix.smallest <= 0.0:
+            bad.append(
+                f"{where}: its Galerkin matrix is indefinite, smallest eigenvalue "
+                f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}"
+            )
+        elif matrix.smallest < NEAR * mean:
+            warnings.warn(
+                f"{where}: its Galerkin matrix is nearly indefinite, smallest eigenvalue "
+                f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "
+                "LogNormal, Gamma and TruncatedNormal stay positive at every order",
+                NearlyIndefiniteWarning,
+                stacklevel=5,
+            )
+    if not bad:
+        return ()
+    mend = (
+        "use a positive law (LogNormal, Gamma, TruncatedNormal with a positive lower bound), a smaller "
+        "coefficient of variation or a lower order"
+    )
+    if indefinite == "refuse":
+        raise IndefiniteError(
+            "\n".join(bad) + f"\n{mend}; or pass indefinite='prove' to go on if the structure as a "
+            "whole is proven definite"
+        )
+    floors = {
+        key: np.broadcast_to(
+            matrix.values.min(axis=1), (problem.interfaces[key[0]].num_points,)
+        )
+        for key, matrix in matrices.items()
+    }
+    problem.on_one_rank("the proof that the structure is definite (indefinite='prove')")
+    if not bridge.definite(problem, floors):
+        raise IndefiniteError(
+            "\n".join(bad) + "\nthe structure as a whole could not be proven definite either (Cholesky "
+            f"with every random stiffness at its smallest eigenvalue breaks down); {mend}"
+        )
+    return tuple(bad)
+
+
+def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
+    """Columns (rows, modes * steps), time steps fastest, times one matrix for all points or one for each."""
+    if not by:
+        return block
+    steps = block.shape[1] // modes
+    parted = block.reshape(points, -1, modes, steps)
+    if len(by) == 1:
+        result: Array = np.einsum("pcjs,jq->pcqs", parted, by[0])
+    else:
+        result = np.einsum("pcjs,pjq->pcqs", parted, np.array(by))
+    return result.reshape(len(block), -1)
+
+
+def _each_step(values: Array, columns: int, steps: int) -> Array:
+    """Values (rows, 1), (rows, steps) or (rows, columns) in all columns * steps; one column stays one."""
+    if values.shape[1] == 1:
+        return values
+    return np.tile(values, (1, columns)) if values.shape[1] == steps else np.repeat(values, steps, axis=1)
+
+
+def _linear_parameters(
+    random: RandomLaws, basis: stochastic.ChaosBasis, name: str, plan: Plan, steps: int
+) -> dict[str, Array]:
+    """Parameters of a linear law in the columns of the run: modes x steps, the steps fastest.
+
+    Jumps and forces enter linearly: what is fixed fills mode 0, what is random is constant in time.
+    """
+    interface = random.problem.interfaces[name]
+    modes = len(basis)
+    values = {}
+    for kernel, block in bridge.active_fields(interface, plan).parameters.items():
+        if kernel in ("normal", "tangential"):
+            values[kernel] = _each_step(block, modes, steps) if block.shape[1] == steps else block
+            continue
+        values[kernel] = np.zeros((len(block), modes * steps))
+        values[kernel][:, :steps] = block
+    # of the columns of a history, those that a constant value is part of
+    constant = np.array([a is None for a in plan.patterns]) if plan.history == "patterns" else np.ones(steps)
+    for parameter in interface.law.parameters():
+        source = random.source(name, parameter)
+        if source is None or parameter in interface.law.spans:
+            continue
+        kernel, unit = interface.law.kernel_unit(interface, parameter)
+        coefficients = random.space.coefficients(source, basis)
+        if len(coefficients) > 1:
+            coefficients = np.repeat(coefficients, len(unit) // len(coefficients), axis=0)
+        values[kernel] = np.kron(unit * coefficients, constant)
+    return values
+
+
+def _groups(
+    random: RandomLaws,
+    basis: stochastic.ChaosBasis,
+    name: str,
+    matrices: dict[tuple[str, str], Galerkin],
+    plan: Plan,
+    steps: int,
+) -> list[ColumnGroup]:
+    """Columns in which springs with random stiffnesses decouple; none where the stiffness is not random."""
+    interface = random.problem.interfaces[name]
+    law = interface.law
+    random_ones = {law.kernel_name(p): matrices[name, p] for p in law.spans if (name, p) in matrices}
+    if not random_ones:
+        return []
+    fields = bridge.active_fields(interface, plan)
+    linear = _linear_parameters(random, basis, name, plan, steps)
+    normal, tangential = random_ones.get("normal"), random_ones.get("tangential")
+    spans: list[tuple[int, int, Galerkin | None]] = [(0, 1, normal)]
+    if fields.components > 1:
+        if normal is not None and tangential is not None and normal.source is tangential.source:
+            spans = [(0, fields.components, normal)]
+        else:
+            spans.append((1, fields.components, tangential))
+    groups = []
+    for begin, end, matrix in spans:
+        parameters = {}
+        forward = matrix.forward if matrix is not None else []
+        for key in ("normal", "tangential"):
+            own = random_ones.get(key)
+            if own is not None and matrix is not None and own.source is matrix.source:
+                parameters[key] = np.repeat(own.values, steps, axis=1)
+            else:
+                parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
+        parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
+        backward = tuple(np.asfortranarray(v.T) for v in forward)
+        groups.append(ColumnGroup(begin, end, tuple(forward), backward, parameters))
+    return groups
+
+
+def _laws(
+    base: KernelLaws,
+    random: RandomLaws,
+    basis: stochastic.ChaosBasis,
+    matrices: dict[tuple[str, str], Galerkin],
+    collocations: Mapping[str, Collocation],
+    plan: Plan,
+) -> KernelLaws:
+    """The laws in the columns of a chaos: modes x steps, the steps fastest."""
+    steps = plan.amplitudes.shape[1]
+    parameters: dict[str, dict[str, Array]] = {}
+    columns: dict[str, list[ColumnGroup]] = {}
+    for name in (n for n in plan.active if n in random.problem.own.interfaces):
+        if name in collocations:
+            fields = bridge.active_fields(random.problem.interfaces[name], plan)
+            columns[name] = [collocations[name].group(random, fields, steps)]
+            continue
+        columns[name] = _groups(random, basis, name, matrices, plan, steps)
+        if not columns[name]:
+            parameters[name] = _linear_parameters(random, basis, name, plan, steps)
+    return base.with_(steps=steps, parameters=parameters, columns=columns)
+
+
+def _with_collocations(
+    plan: Plan, random: RandomLaws, collocations: dict[str, Collocation], chaos: Chaos
+) -> Plan:
+    """The plan with what it means that laws are not linear."""
+    if not collocations:
+        return plan
+    decisions = [
+        Decision(
+            f"law of {name}",
+            f"at {len(each)} points in {len(each.germs)} germs ({each.rule}), "
+            f"{each.bytes(random, plan.steps) / 1e6:.3g} MB",
+            "it is not linear: evaluated at stochastic quadrature points and projected on the modes",
+        )
+        for name, each in collocations.items()
+    ]
+    decisions.append(
+        Decision(
+            "check",
+            f"{chaos.check_points} to {MOST_CHECKS * chaos.check_points} deterministic solves"
+            if chaos.check_points
+            else "none: not asked for",
+            f"laws with kinks: trusted if mean and deviation are within {percent(chaos.tolerance)}",
+        )
+    )
+    return replace(plan, decisions=plan.decisions + tuple(decisions))
+
+
+def solve_chaos(
+    problem: Problem,
+    chaos: Chaos | int,
+    method: Method = "auto",
+    *,
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    start: Result | State | None = None,
+    indefinite: Literal["refuse", "prove"] = "refuse",
+    callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
+    estimator: Estimator = not_measured,
+) -> ChaosResult:
+    """Solve for the chaos coefficients of everything.
+
+    Parameters
+    ----------
+    chaos
+        Order and index set; a number is the order of a total-degree set.
+    method, active, direction, options, plan, start, callback, progress
+        As for :func:`dolfinx_frontend.solve`; interfaces with random parameters are always active.
+    times
+        Times (T,) of a load history; random values do not change in it.
+    estimator
+        Measures the errors of the result when they are asked for.
+    indefinite
+        ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"`` first that the
+        structure as a whole is definite and go on (the result carries the fact).
+
+    Raises
+    ------
+    SceneError
+        Nothing is random, or the basis needs more memory than there is.
+    IndefiniteError
+        A Galerkin stiffness is indefinite.
+
+    Warns
+    -----
+    NearlyIndefiniteWarning
+        A Galerkin stiffness is close to that.
+    TruncationWarning
+        A law is not linear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
+    """
+    if indefinite not in ("refuse", "prove"):
+        raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
+    chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
+    random = RandomLaws.of(problem)
+    if not random.sources:
+        raise SceneError(
+            "chaos: nothing is random: give a law a random parameter, or solve without chaos"
+        )
+    options = options or (Options.plain() if method == "latin" else Options())
+    rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
+    history = len(np.atleast_1d(np.asarray(times))) if times is not None and problem.amplitudes else 1
+    needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
+    basis = random.space.basis(chaos, rows=needed)
+    if plan is None:
+        plan = make_plan(
+            problem,
+            method,
+            active,
+            random.interfaces,
+            direction,
+            options,
+            random,
+            len(basis),
+            times=times,
+        )
+    states = start_states(start)
+    return _run(
+        problem, random, chaos, basis, plan, None, states, indefinite, callback, progress, estimator
+    )
+
+
+def _run(
+    problem: Problem,
+    random: RandomLaws,
+    chaos: Chaos,
+    basis: stochastic.ChaosBasis,
+    plan: Plan,
+    solver: Solver | None,
+    start: Sequence[State],
+    indefinite: Literal["refuse", "prove"] = "refuse",
+    callback: Callable[[Iteration], None] | None = None,
+    progress: bool = True,
+    estimator: Estimator = not_measured,
+) -> ChaosResult:
+    """One run of a plan, on a solver that is factorised already if there is one."""
+    began = perf_counter()
+    steps = plan.amplitudes.shape[1]
+    curved = [name for name in plan.active if not random.linear(name)]
+    collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
+    plan = _with_collocations(plan, random, collocations, chaos)
+    matrices = galerkin(random, basis)
+    proven = _guard(problem, random, basis, matrices, indefinite)
+    base = bridge.laws(problem, plan) if solver is None else solver.laws
+    laws = _laws(base, random, basis, matrices, collocations, plan)
+    solver = solver or Solver(problem, plan)
+    built = perf_counter()
+    amplitudes = amplitudes_of(plan, len(basis))
+    summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)
+    seconds = {"setup": built - began, "solve": perf_counter() - built}
+    result = ChaosResult(
+        problem,
+        plan,
+        summary,
+        state,
+        seconds,
+        solver,
+        laws,
+        solver.fields_of_cuts(laws, state),
+        random=random,
+        chaos=chaos,
+        basis=basis,
+        proven=proven,
+        collocations=collocations,
+        estimator=estimator,
+        sampler=sample_chaos,
+    )
+    return _checked(result)
+
+
+def _checked(result: ChaosResult) -> ChaosResult:
+    """The result with all its forces compared with deterministic solves where a law is not linear.
+
+    More points are taken while the estimates pass and only their standard errors do not. A warning says where
+    they differ.
+    """
+    count, tolerance = result.chaos.check_points, result.chaos.tolerance
+    if not result.collocations or count == 0 or not result.converged:
+        return result
+    problem = result.problem
+    # independent of the Sobol points at which the law may be evaluated
+    germs = result.space.sample(MOST_CHECKS * count, 1)
+    for first, last in ((0, 1), (1, 2), (2, MOST_CHECKS)):
+        part = result.sample(germs[first * count : last * count])
+        if not part.complete:
+            return result  # Ctrl-C: not checked, so not trusted; the log says so
+        checked = (*result.checked, part)
+        own = [name for name in result.plan.active if problem.speaks_for(name)]
+        checks = problem.gather({n: result.compared(n, checked) for n in own})
+        seconds = {**result.seconds, "check": sum(sum(each.seconds.values()) for each in checked)}
+        result = result.with_notes(checks=checks, checked=checked, seconds=seconds)
+        if result.trusted or any(not c.estimate <= tolerance for c in checks.values()):
+            break
+    if not result.trusted and problem.rank == 0:
+        _warn_of_truncation(result)
+    return result
+
+
+def _warn_of_truncation(result: ChaosResult) -> None:
+    tolerance = result.chaos.tolerance
+    solves = sum(len(part.germs) for part in result.checked)
+    bad = [str(c) for c in result.checks.values() if not c.error <= tolerance]
+    lost = sum(int((part.points.status != "converged").sum()) for part in result.checked)
+    if lost:
+        bad.append(f"{lost} check solves did not converge")
+    warnings.warn(
+        f"the chaos of order {result.chaos.order} is not proven converged to {percent(tolerance)} by "
+        f"{solves} deterministic solves:\n  "
+        + "\n  ".join(bad)
+        + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or "
+        "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
+        "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
+        TruncationWarning,
+        stacklevel=6,
+    )
+
+
+def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
+    """The run of another chaos or tolerance on the factorised problem of a result, started from its answer.
+
+    The modes that both have are taken over, the others start from zero.
+
+    Raises
+    ------
+    IndefiniteError
+        A Galerkin stiffness is indefinite in the new basis.
+    """
+    problem, random, old = result.problem, result.random, result.plan
+    rows = result.solver.rows
+    needed = result.steps * (problem.size + rows * (4 + 3 * old.options.acceleration))
+    basis = random.space.basis(chaos, rows=needed)
+    plan = make_plan(
+        problem,
+        old.method if old.method == "latin" else "auto",
+        old.active,
+        random.interfaces,
+        old.direction,
+        old.options.with_(rtol=rtol),
+        random,
+        len(basis),
+        times=old.times,
+    )
+    steps = result.steps
+    states = []
+    for block in (result.state.data, result.state.traces):
+        wider = np.zeros((len(block), len(basis) * steps), order="F")
+        for mode, index in enumerate(np.asarray(result.basis.indices.table)):
+            place = basis.indices.find([int(i) for i in np.atleast_1d(index)])
+            if place is not None:
+                wider[:, place * steps : (place + 1) * steps] = block[:, mode * steps : (mode + 1) * steps]
+        states.append(wider)
+    indefinite: Literal["refuse", "prove"] = "prove" if result.proven else "refuse"
+    start = [State(*states)]
+    return _run(
+        problem, random, chaos, basis, plan, result.solver, start, indefinite, estimator=result.estimator
+    )
