@@ -17,6 +17,7 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -86,6 +87,7 @@ class Direction:
                 raise SceneError(
                     f"search direction of interface {name!r} must be positive and finite, got {value!r}"
                 )
+        object.__setattr__(self, "given", frozen(self.given))
 
 
 @dataclass(frozen=True, repr=False)

@@ -15,6 +15,7 @@ from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
@@ -38,7 +39,7 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
             raise SceneError(
                 f"sweep over {', '.join(names)}: give a list of finite numbers, got {values!r}"
             )
-        axes[names] = data
+        axes[names] = frozen(data)
     if not axes:
         raise SceneError("sweep: the grid is empty; give {'interface.parameter': values}")
     return axes

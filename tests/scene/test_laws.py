@@ -155,7 +155,7 @@ def test_a_nonlinear_law_of_this_file_goes_everywhere() -> None:
 
 def test_a_nonlinear_law_of_this_file_may_be_random() -> None:
     own = two(Rubber(lf.Uniform("k", 40.0, 60.0)))
-    drawn = lf.monte_carlo(own, 4, seed=1, progress=False, plan_options=TIGHT)
+    drawn = lf.monte_carlo(own, 4, seed=1, progress=False, options=TIGHT)
     values = np.reshape(
         drawn.random.space.values(drawn.random.source("layer", "stiffness"), drawn.germs), (4, 1, 1)
     )
@@ -302,6 +302,18 @@ def test_times_are_copied() -> None:
     result = lf.solve(problem, times=times)
     times *= 2.0
     assert result.plan.times is not None and np.array_equal(result.plan.times, [0.5, 1.0])
+
+
+def test_axes_and_directions_are_copied() -> None:
+    stiffness, law = np.array([10.0, 20.0]), lf.Elastic(normal=30.0, tangential=10.0)
+    surface = lf.sweep(two(law), {"layer.normal": stiffness}, progress=False)
+    given = {"layer": np.full(4, 50.0)}
+    direction = lf.Direction(given=given)
+    stiffness *= 2.0
+    given["layer"] *= 2.0
+    given.clear()
+    assert np.array_equal(surface.axes["layer.normal"], [10.0, 20.0])
+    assert np.array_equal(direction.given["layer"], np.full(4, 50.0))
 
 
 def test_a_copy_is_made_once() -> None:
