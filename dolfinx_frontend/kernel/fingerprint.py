@@ -37,7 +37,7 @@ def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParamete
     for name, interface in problem.interfaces.items():
         law = interface.law
         kind = bridge.law_fields(interface, law.nominal).kind
-        add(f"{name} {type(law).__name__} {kind}", interface.weights)
+        add(f"{name} {law.title} {kind}", interface.weights)
         columns = [bridge.law_fields(interface, law.at(t), t) for t in moments]
         if not columns or not (law.varying or law.history):
             columns = [bridge.law_fields(interface)]
