@@ -263,7 +263,7 @@ def test_sweep_ends_when_a_callback_says_so(problem: Any) -> None:
 
 # --- progress bars ---------------------------------------------------------------------------------
 BARS = """
-import dolfinx_frontend.progress
+import dolfinx_frontend.common.progress
 sys.modules["dolfinx_frontend.common.progress"]._DELAY = 0.0
 if len(sys.argv) > 1:
     print(progress(False))
