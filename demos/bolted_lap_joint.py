@@ -148,10 +148,10 @@ def build_scene(
 
 
 def along_x(problem: Problem, name: str, field: Array, where: Array | None = None) -> Array:
-    """x-component of a local field (T, m, 3), integrated over an interface (or its mean `where`), (T,)."""
+    """x-component of a local field (..., m, 3), integrated over an interface (or its mean `where`), (...)."""
     interface = problem.interfaces[name]
     weights = interface.weights if where is None else interface.weights * where
-    total = np.einsum("p,pc,tpc->t", weights, interface.frames[:, :, 0], field)
+    total = np.einsum("p,pc,...pc->...", weights, interface.frames[:, :, 0], field)
     return np.asarray(total if where is None else total / weights.sum())
 
 
@@ -396,9 +396,9 @@ def study(problem: Problem, n: int, rtol: float = RTOL, **settings: Any) -> Swee
         options=SETTINGS.with_(rtol=rtol),
         keep_fields=False,
         outputs={
-            "load": lambda point: load(problem, point)[-1],
-            "slip": lambda point: slip(problem, point)[-1],
-            "preload": lambda point: -HALVES * (head @ point.force("head1")[0, :, 0]),
+            "load": lambda point: load(problem, point)[..., -1],
+            "slip": lambda point: slip(problem, point)[..., -1],
+            "preload": lambda point: -HALVES * (point.force("head1")[:, 0, :, 0] @ head),
         },
         **settings,
     )

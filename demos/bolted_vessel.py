@@ -94,7 +94,7 @@ from dolfinx_frontend import (
     tensor_quadrature,
 )
 from dolfinx_frontend.plan.plan import Method
-from dolfinx_frontend.results.uncertain import Samples
+from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.scene.specs import Space
 from dolfinx_frontend.uncertainty.quantities import SobolEstimate, sobol_of
 from parts.unit import Unit, measure_unit
@@ -400,7 +400,7 @@ def random_scene(vessel: BoltedVessel) -> Scene:
     )
 
 
-def largest_stress(fields: Samples) -> Array:
+def largest_stress(fields: Block) -> Array:
     """Largest normal stress (N,) on the joint, sample by sample; above 0 it is not tight."""
     largest: Array = fields.force("joint")[..., 0].max(axis=1)
     return largest

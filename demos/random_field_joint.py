@@ -72,7 +72,7 @@ largest = result.quantity(
     samples=20_000,
 )
 truncation = result.truncation("joint", points=8)
-stress, deviation = (moment[:, 0] for moment in result.force_moments("joint"))
+stress, deviation = (moment[:, 0] for moment in result.moments("joint"))
 print(f"""
 mean normal stress on the joint     {stress.min():8.3f} to {stress.max():8.3f} MPa
 its standard deviation              {deviation.min():8.3f} to {deviation.max():8.3f} MPa

@@ -16,8 +16,10 @@ from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
-from dolfinx_frontend.geometry.step import read_step
-from dolfinx_frontend.io.saved import ResultFileError, SavedResult, load
+from dolfinx_frontend.geometry.step import StepAssembly, read_step
+from dolfinx_frontend.results.saved import load
+from dolfinx_frontend.results.saved import SavedResult
+from dolfinx_frontend.results.writing import ResultFileError
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.result import HistoryResult, Result
@@ -43,17 +45,11 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.solving import sample
+from dolfinx_frontend.solving import monte_carlo, quasi_monte_carlo, sparse_quadrature, tensor_quadrature
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solving import (
-    errors,
-    monte_carlo,
-    quasi_monte_carlo,
-    sample,
-    solve,
-    sparse_quadrature,
-    sweep,
-    tensor_quadrature,
-)
+from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -127,7 +123,6 @@ __all__ = [
     "UserLaw",
     "assemble",
     "discretisation_error",
-    "errors",
     "figures",
     "geometry",
     "io",

@@ -22,7 +22,8 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.results.samples import Kind, SampleResult
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos

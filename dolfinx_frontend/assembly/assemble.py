@@ -32,6 +32,7 @@ from dolfinx_frontend.assembly.ranks import (
 )
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
+from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
@@ -51,6 +52,7 @@ def _check_law(interface: Interface) -> None:
         law.fields(interface)
 
 
+@alone
 def assemble(
     scene: Scene, progress: Callable[[str], None] | None = None, *, comm: Any = None
 ) -> Problem:

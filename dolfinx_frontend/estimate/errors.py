@@ -22,7 +22,7 @@ from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
-from dolfinx_frontend.results import surfaces
+from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
@@ -106,7 +106,7 @@ def moments(result: Result | SampleResult, quantity: Resultant) -> MeanStd:
     """The quantity in a result, of a history at its end: mean and standard deviation if it is random."""
     if isinstance(result, SampleResult):
         values = samples_of(result, result, quantity)
-        sums = surfaces.Moments()
+        sums = Accumulator()
         sums.add({"": values}, result.weights)
         mean, std = sums.found()[""]
         return MeanStd(float(mean), float(std))

@@ -20,17 +20,17 @@ from time import perf_counter
 import numpy as np
 from latin_core import State
 
-from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.interface import Interface, frames
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import KernelLaws
 from dolfinx_frontend.kernel.running import Interrupted
-from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.uncertain import StochasticResult
@@ -219,7 +219,7 @@ def _axes(interface: Interface, normals: Array) -> Array:
 
 def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
     """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d)."""
-    name, times = quantity.interface, result.plan.times
+    name = quantity.interface
     result.problem.on_one_rank(f"the reaction of {name!r}, which was assembled across,")
     if isinstance(result, StochasticResult):
         raise SceneError(
@@ -227,14 +227,13 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
             f"active=[{name!r}]"
         )
     interface = result.problem.interfaces[name]
-    steps = [None] if times is None else list(times)
-    found = tables.nodal_reaction(result, name, steps, tables.known_forces(result))
-    if found is None:
+    held = reaction(result, name)
+    if held is None:
         raise SceneError(
             f"interface {name!r} shares nodes with others that hold them, its own force is not known: solve "
             f"with active=[{name!r}]"
         )
-    number, nodal = found
+    number, nodal = held.side, held.forces(result.shown())[0]
     axes = _axes(interface, (1.0 - 2.0 * number) * interface.sides[number].node_normals)
     if quantity.component >= len(axes):
         raise SceneError(
@@ -261,7 +260,8 @@ def _value(
         if name in result.plan.active:
             return _at(result, result.force(name), step), _at(result, result.jump(name), step)
         law = interface.law if result.plan.times is None else interface.law.at(result.plan.times[step])
-        return result.eliminated(interface, law, fields)
+        force, jump = eliminated_fields(interface, [law], lambda part, rows: fields[part][None, None, rows])
+        return force[0, 0], jump[0, 0]
 
     force, jump = result.problem.everywhere(name, read)
     return float(quantity.total(force if quantity.of == "force" else jump, interface.weights))
@@ -387,8 +387,8 @@ class _Dual:
                 raise Interrupted
         raise SceneError(
             f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "
-            f"error {summary.error:.1e}); discretisation_error(result) without a quantity needs "
-            "none, and the same scene on a finer mesh tells the error of a quantity as well"
+            f"error {summary.error:.1e}); discretisation_error(result) without a quantity needs none, and the same scene "
+            "on a finer mesh tells the error of a quantity as well"
         )
 
     def _changed(self, laws: KernelLaws, pattern: int, amount: float) -> KernelLaws:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dolfinx_frontend.results.answer import Answer
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of, vertex_nodes
@@ -152,9 +153,10 @@ def _plane_assembly(
 
 
 def deformed_figure(
-    displacements: Mapping[str, fem.Function] | Sequence[fem.Function],
+    displacements: Answer | Mapping[str, fem.Function] | Sequence[fem.Function],
     path: str | Path,
     *,
+    step: int = -1,
     scale: float | None = None,
     label: str = "|u| (mm)",
     quantity: Callable[[Array], Array] | None = None,
@@ -168,9 +170,11 @@ def deformed_figure(
     Parameters
     ----------
     displacements
-        One vector-valued Lagrange function per part.
+        Any answer (of a random one the mean is drawn), or one vector-valued Lagrange function per part.
     path
         PNG file to write.
+    step
+        Of the load history of an answer.
     scale
         Magnification of the displacements; chosen if not given so that the largest is 6 % of the
         size of the assembly.
@@ -190,6 +194,9 @@ def deformed_figure(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
+    if not isinstance(displacements, (Mapping, Sequence)):
+        parts = displacements.problem.substructures
+        displacements = {name: displacements.displacement(name, step) for name in parts}
     given = displacements.values() if isinstance(displacements, Mapping) else displacements
     functions = list(given)
     names = list(displacements) if isinstance(displacements, Mapping) else [""] * len(functions)

@@ -13,17 +13,17 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS
 from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
+from dolfinx_frontend.io.facets import facet_fields
+from dolfinx_frontend.results.answer import Answer
 
 if TYPE_CHECKING:
     from dolfinx import fem
-    from dolfinx_frontend.results.result import Result
-    from dolfinx_frontend.results.samples import SampleResult
 
 __all__ = ["interface_figure", "interface_map"]
 
 
 def interface_figure(
-    result: Result | SampleResult,
+    result: Answer,
     interface: str,
     path: str | Path,
     *,
@@ -47,7 +47,7 @@ def interface_figure(
     path
         PNG file to write.
     quantity
-        A field of :func:`dolfinx_frontend.io.fields.write_interfaces`: ``"pressure"``, ``"gap"``,
+        A field of :func:`dolfinx_frontend.io.write_interfaces`: ``"pressure"``, ``"gap"``,
         ``"pressure std"``, ``"slip probability"``, ...; of vectors the size is drawn.
     label
         Of the colour bar, with the unit; None: the quantity.
@@ -75,8 +75,6 @@ def interface_figure(
     from matplotlib.colors import Normalize
 
     from dolfinx_frontend.common.errors import unknown_name
-    from dolfinx_frontend.io.facets import facet_fields
-
     numbers, found = facet_fields(result, interface, step)
     if quantity not in found:
         raise unknown_name("quantity", quantity, found, f"interface {interface!r}")
@@ -101,7 +99,7 @@ def interface_figure(
         }
         hide = [name for name in problem.substructures if beyond[name] and name != own.name]
     names = [name for name in problem.substructures if name not in hide or name == own.name]
-    functions = {name: _displaced(result, name, step) for name in names}
+    functions = {name: result.displacement(name, step) for name in names}
     skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
     everything = np.concatenate([skin.points for skin, _ in skins.values()])
     moves = [np.abs(skin.values).max() for skin, _ in skins.values() if skin.values is not None]
@@ -135,15 +133,6 @@ def interface_figure(
         _facet_lines(axis, own, side.face, numbers, values, functions[own.name], scale, norm, colours)
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
     return save(figure, path)
-
-
-def _displaced(result: Any, name: str, step: int) -> Any:
-    """Displacement of a part, of a random answer its mean."""
-    if hasattr(result, "mean"):
-        return result.mean(name, step)
-    if result.plan.times is not None:
-        return result.displacement(name, step)
-    return result.displacement(name)
 
 
 def _onto(normal: Array) -> list[float]:

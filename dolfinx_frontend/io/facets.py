@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,26 +12,15 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.averages import means
 from dolfinx_frontend.assembly.facet_map import FacetMap
-from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import unknown_name
-from dolfinx_frontend.io.saved import SavedResult
-from dolfinx_frontend.io.vtk import CELLS, Grid, Values, vertices
-from dolfinx_frontend.results import surfaces
-from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.results.tables import with_known_force
+from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
+from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.contact import OPEN, SLIPS
+from dolfinx_frontend.results.points import interface_fields
+from dolfinx_frontend.results.readings import known_interfaces
 from dolfinx_frontend.scene.amplitudes import check_step
 
-__all__ = ["facet_fields"]
-
-AnyResult: TypeAlias = Result | SampleResult | SavedResult
-
-
-def times_of(result: AnyResult) -> Array | None:
-    return result.times if isinstance(result, SavedResult) else result.plan.times
+__all__ = ["InterfaceWriter", "facet_fields", "vector_values"]
 
 
 def vector_values(values: Array) -> Values:
@@ -42,7 +31,7 @@ def vector_values(values: Array) -> Values:
 
 
 def facet_fields(
-    result: Result | SampleResult, interface: str, step: int = -1
+    result: Answer, interface: str, step: int = -1
 ) -> tuple[npt.NDArray[np.int64], dict[str, Array]]:
     """What :func:`write_interfaces` writes on the facets of an interface, as arrays.
 
@@ -58,31 +47,14 @@ def facet_fields(
     SceneError
         An interface that is unknown or whose force is not known, no such step.
     """
-    with_given_force(result, interface, "facet_fields")
-    at = check_step(times_of(result), step, "facet_fields")
+    known_interfaces(result, interface, "facet_fields")
+    at = check_step(result.times, step, "facet_fields")
     side = result.problem.here(interface).sides[0]
     part = result.problem.substructures[side.substructure].part
-    data = InterfaceWriter.of(result, interface).facets(at).cell_data
+    data = InterfaceWriter(result, interface).facets(at).cell_data
     numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
     covered = np.unique(result.problem.interfaces[interface].facets)
     return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
-
-
-def with_given_force(
-    result: AnyResult, wanted: Sequence[str] | str | None, where: str
-) -> list[str]:
-    """The wanted interfaces (None: all), whose force is known."""
-    if isinstance(result, SavedResult):
-        known = [name for name, each in result.interfaces.items() if each.force is not None]
-    else:
-        known = with_known_force(result)
-    if wanted is None:
-        return known
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
-    for name in chosen:
-        if name not in known:
-            raise unknown_name("interface with a known force", name, known, where)
-    return chosen
 
 
 class _Surface(NamedTuple):
@@ -97,45 +69,20 @@ class _Surface(NamedTuple):
 
 
 class InterfaceWriter:
-    """Grids of an interface from its fields, (T, m) or (T, m, d) each."""
+    """Grids of an interface of an answer: its points, and the facets of its first side."""
 
-    def __init__(
-        self,
-        points: Array,
-        weights: Array,
-        fields: Mapping[str, Array],
-        side: tuple[Substructure, Interface] | None = None,
-        displacement: Array | None = None,
-    ) -> None:
-        self._points, self._weights, self._fields = points, weights, fields
-        self._side, self._displacement = side, displacement
-
-    @classmethod
-    def of(cls, result: Result | SampleResult, name: str) -> InterfaceWriter:
-        interface = result.problem.interfaces[name]
-        part = result.problem.substructures[interface.sides[0].substructure]
-        displacement: Array | None
-        if isinstance(result, ChaosResult):
-            fields = surfaces.of_chaos(result, name)
-            displacement = result.field_moments(part.name)[0]
-        elif isinstance(result, SampleResult):
-            fields = surfaces.of_samples(result, name)
-            kept = result.points.states is not None
-            displacement = result.field_moments(part.name)[0] if kept else None
-        else:
-            fields = surfaces.of_result(result, name)
-            displacement = result.displacements[part.name]
-        if displacement is not None:
-            displacement = np.atleast_2d(displacement)
-        return cls(interface.points, interface.weights, fields, (part, interface), displacement)
-
-    @classmethod
-    def of_saved(cls, result: SavedResult, name: str) -> InterfaceWriter:
-        each = result.interfaces[name]
-        return cls(each.points, each.weights, surfaces.of_saved(result, name))
+    def __init__(self, answer: Answer, name: str) -> None:
+        self._surface, self._fields = answer.surface(name), interface_fields(answer, name)
+        self._interface = answer.problem.interfaces[name]
+        side = self._interface.sides[0]
+        self._part = answer.problem.substructures[side.substructure]
+        self._displacement: Array | None = None  # (T, n)
+        if answer.without_displacements is None and side.shape is not None:
+            self._displacement = stepped(answer.unknowns(side.substructure), answer.times)
+        self._function: Callable[[Array], Any] = partial(answer.function, side.substructure, name="")
 
     def _data(self, step: int) -> dict[str, Values]:
-        out: dict[str, Values] = {"area": (self._weights, "")}
+        out: dict[str, Values] = {"area": (self._surface.weights, "")}
         for name, values in self._fields.items():
             now = values[step]
             if name == "state":
@@ -147,16 +94,14 @@ class InterfaceWriter:
     def points(self, step: int) -> Grid:
         """The cloud of points."""
         data = self._data(step)
-        if self._side is not None and self._displacement is not None:
-            part, interface = self._side
-            nodal = self._displacement[step].reshape(-1, part.dim)
-            data["displacement"] = vector_values(interface.sides[0].shape @ nodal)
-        return vertices(self._points, data)
+        if self._displacement is not None:
+            nodal = self._displacement[step].reshape(-1, self._surface.dim)
+            data["displacement"] = vector_values(self._interface.sides[0].shape @ nodal)
+        return vertices(self._surface.points, data)
 
     @cached_property
-    def _surface(self) -> _Surface:
-        assert self._side is not None  # a loaded result has no surfaces
-        part, interface = self._side
+    def _mesh(self) -> _Surface:
+        part, interface = self._part, self._interface
         face = FacetMap(part.part, interface.sides[0].face, f"interface {interface.name!r}")
         covered, row = np.unique(interface.facets, return_inverse=True)
         cell, order = face.facet_cell.name, min(face.order, 2)
@@ -166,28 +111,28 @@ class InterfaceWriter:
         x[:, : part.dim] = face.push_forward(index, s)[0]
         cells = np.arange(len(index), dtype=np.int64).reshape(-1, len(nodes))
         trace = face.trace(part.space, index, s, len(part.dof_coordinates))
-        mean = means(row, self._weights, len(covered))
-        area: Array = np.bincount(row, self._weights).astype(np.float64)
+        mean = means(row, self._surface.weights, len(covered))
+        area: Array = np.bincount(row, self._surface.weights).astype(np.float64)
         return _Surface(x, cells, CELLS[cell, order], trace, mean, area)
 
     def facets(self, step: int) -> Grid:
         """The surface of side 1."""
-        surface = self._surface
+        mesh = self._mesh
         point_data: dict[str, Values] = {}
-        if self._side is not None and self._displacement is not None:
-            nodal = self._displacement[step].reshape(-1, self._side[0].dim)
-            point_data["displacement"] = vector_values(surface.trace @ nodal)
-        return Grid(surface.x, surface.cells, surface.type, point_data, self._on_facets(step))
+        if self._displacement is not None:
+            nodal = self._function(self._displacement[step]).x.array.reshape(-1, self._surface.dim)
+            point_data["displacement"] = vector_values(mesh.trace @ nodal)
+        return Grid(mesh.x, mesh.cells, mesh.type, point_data, self._on_facets(step))
 
     def _on_facets(self, step: int) -> dict[str, Values]:
         """Values of the facets: the means of their points; of one point what is there."""
-        mean = self._surface.mean
+        mean = self._mesh.mean
         single = mean.shape[0] == mean.shape[1]
-        out: dict[str, Values] = {"area": (self._surface.area, "")}
+        out: dict[str, Values] = {"area": (self._mesh.area, "")}
         for name, (values, labels) in self._data(step).items():
             if name == "state" and not single:
-                out["open share"] = (mean @ (values == surfaces.OPEN), "")
-                out["slip share"] = (mean @ (values == surfaces.SLIPS), "")
+                out["open share"] = (mean @ (values == OPEN), "")
+                out["slip share"] = (mean @ (values == SLIPS), "")
             elif name == "state":
                 out[name] = ((mean @ values).astype(np.int64), "")
             elif name != "area":

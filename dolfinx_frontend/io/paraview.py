@@ -23,18 +23,11 @@ from dolfinx import fem, plot
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.stress import broken_space, stress_of, von_mises
-from dolfinx_frontend.io.facets import (
-    AnyResult,
-    InterfaceWriter,
-    times_of,
-    vector_values,
-    with_given_force,
-)
-from dolfinx_frontend.io.saved import SavedResult
-from dolfinx_frontend.io.vtk import Blocks, Grid, Values, check_target, vertices, write_blocks
-from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, write_blocks
+from dolfinx_frontend.io.facets import InterfaceWriter, vector_values
+from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.readings import known_interfaces
+from dolfinx_frontend.results.stress import broken_space, stress_of, von_mises
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
@@ -47,7 +40,7 @@ _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 """Components of a symmetric tensor in VTK's order."""
 
 
-def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
+def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
     """Write parts and interfaces of a result into a folder, of a load history at all times.
 
     Parameters
@@ -62,14 +55,14 @@ def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> t
     tuple
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
-    ending = "vtm" if times_of(result) is None else "pvd"
+    ending = "vtm" if result.times is None else "pvd"
     parts = write_fields(result, Path(folder) / f"parts.{ending}", modes=modes)
     return parts, write_interfaces(result, Path(folder) / f"interfaces.{ending}")
 
 
 # --- parts -----------------------------------------------------------------------------------------
 def write_fields(
-    fields: AnyResult | Mapping[str, fem.Function],
+    fields: Answer | Mapping[str, fem.Function],
     path: str | Path,
     materials: Scene | Materials | None = None,
     *,
@@ -83,14 +76,12 @@ def write_fields(
     3D ``von Mises``. Their units are those of the scene. Of a random answer ``displacement`` and ``stress``
     are means, ``displacement std`` and ``stress std`` the standard deviations of every component (of
     samples that of the displacement), ``von Mises`` is that of the mean stress, and ``displacement u3`` is
-    the chaos coefficient of mode 3. A saved result knows no cells: its parts are clouds of nodes with
-    ``displacement``.
+    the chaos coefficient of mode 3.
 
     Parameters
     ----------
     fields
-        Result of a solve or of a sampling (with ``keep_states=True``), a loaded result, or part ->
-        displacement, a vector-valued Lagrange function. On several ranks each writes the grids of its parts.
+        Any answer (sweeps and samples with ``keep_states=True``), also a loaded one, or part -> displacement, a vector-valued Lagrange function. On several ranks each writes the grids of its parts.
     path
         Index file, ending in ``.vtm``, or in ``.pvd`` for all times of a load history; the grids go to a
         folder of the same name beside it.
@@ -114,20 +105,18 @@ def write_fields(
     SceneError
         No such step or mode; samples whose states were not kept.
     """
-    times = None if isinstance(fields, Mapping) else times_of(fields)
+    times = None if isinstance(fields, Mapping) else fields.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_fields")
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
-    names, rank = _parts(fields)
+    if isinstance(fields, Mapping):
+        names, rank, made = list(fields), 0, dict(_function_grids(fields, materials or {}))
+    else:
+        names, rank = list(fields.problem.parts), fields.problem.rank
+        made = dict(_part_grids(fields, materials, modes))
     if not names:
         raise ValueError("there are no displacements to write")
-    if modes and not isinstance(fields, ChaosResult):
-        raise SceneError(f"fields: modes = {list(modes)}: only the result of a chaos has modes")
-    for mode in modes:
-        if isinstance(fields, ChaosResult) and not 0 <= mode < fields.modes:
-            raise SceneError(f"fields: there is no mode {mode}, the chaos has {fields.modes}")
-    made = dict(_part_grids(fields, materials, modes))
 
     def blocks(at: int) -> Blocks:
         return {name: partial(made[name], at) if name in made else None for name in names}
@@ -135,57 +124,50 @@ def write_fields(
     return write_blocks(target, times, step, blocks, rank)
 
 
-def _parts(fields: AnyResult | Mapping[str, fem.Function]) -> tuple[list[str], int]:
-    """Names of all parts, and this rank."""
-    if isinstance(fields, Mapping):
-        return list(fields), 0
-    if isinstance(fields, SavedResult):
-        return list(fields.displacements), 0
-    return list(fields.problem.parts), fields.problem.rank
+def _function_grids(
+    functions: Mapping[str, fem.Function], materials: Materials
+) -> Iterator[tuple[str, Callable[[int], Grid]]]:
+    """Part -> its grid from a function."""
+    for name, function in functions.items():
+        part = _PartWriter(function, materials.get(name))
+        yield name, partial(part.grid, function.x.array[None].copy(), [], {})
 
 
 def _part_grids(
-    fields: AnyResult | Mapping[str, fem.Function], materials: Materials | None, modes: Sequence[int]
+    answer: Answer, materials: Materials | None, modes: Sequence[int]
 ) -> Iterator[tuple[str, Callable[[int], Grid]]]:
     """Part -> its grid at a step."""
-    if isinstance(fields, SavedResult):
-        for name, values in fields.displacements.items():
-            block = values if fields.times is not None else values[None]
-            yield name, partial(_cloud, fields.nodes[name], block)
-        return
-    if isinstance(fields, Mapping):
-        for name, function in fields.items():
-            part = _PartWriter(function.function_space, (materials or {}).get(name))
-            yield name, partial(part.grid, function.x.array[None], [], {})
-        return
-    history = fields.plan.times is not None
-    for name, s in fields.problem.substructures.items():
-        part = _PartWriter(s.V, s.material if materials is None else materials.get(name))
-        if isinstance(fields, ChaosResult):
-            block = fields.coefficients(name)
-            spread = [block[..., k] for k in range(1, fields.modes)]
-            extra = {f"u{k}": block[..., k] for k in modes}
-            mean = block[..., 0]
-        elif isinstance(fields, SampleResult):
-            mean, deviation = fields.field_moments(name)
-            spread, extra = [], {"std": deviation}
-        else:
-            mean, spread, extra = fields.displacements[name], [], {}
-        if not history:
-            mean, extra = mean[None], {k: v[None] for k, v in extra.items()}
-            spread = [u[None] for u in spread]
-        yield name, partial(part.grid, mean, spread, extra)
+    if modes and answer.kind != "chaos":
+        raise SceneError(f"fields: modes = {list(modes)}: only the result of a chaos has modes")
+    for name, s in answer.problem.substructures.items():
+        mean = answer.unknowns(name)
+        spread = answer.spread(name)
+        extra = {}
+        for mode in modes:
+            if not 0 <= mode <= len(spread):
+                raise SceneError(f"fields: there is no mode {mode}, the chaos has {len(spread) + 1}")
+            extra[f"u{mode}"] = spread[mode - 1] if mode else mean
+        deviation = answer.deviation(name) if not spread else None
+        if deviation is not None:
+            extra["std"] = deviation
 
+        def put(unknowns: Array, name: str = name) -> Array:
+            return np.asarray(answer.function(name, unknowns, "").x.array)
 
-def _cloud(nodes: Array, displacement: Array, step: int) -> Grid:
-    return vertices(nodes, {"displacement": vector_values(displacement[step])})
+        function = answer.function(name, stepped(mean, answer.times)[0], "")
+        part = _PartWriter(function, s.material if materials is None else materials.get(name), put)
+        in_time = partial(stepped, times=answer.times)
+        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], {k: in_time(v) for k, v in extra.items()})
 
 
 class _PartWriter:
     """Grid of a part, and displacements and stresses at its nodes from unknowns."""
 
-    def __init__(self, space: fem.FunctionSpace, material: Any) -> None:
-        self._u = fem.Function(space)
+    def __init__(
+        self, function: fem.Function, material: Any, put: Callable[[Array], Array] | None = None
+    ) -> None:
+        space = function.function_space
+        self._u, self._put = fem.Function(space), put
         self._d = int(space.mesh.geometry.dim)
         degree = int(space.element.basix_element.degree)
         self._nodal = fem.Function(broken_space(self._u, (self._d,), degree))
@@ -198,7 +180,7 @@ class _PartWriter:
 
     def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
         """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
-        self._u.x.array[:] = unknowns
+        self._u.x.array[:] = unknowns if self._put is None else self._put(unknowns)
         self._nodal.interpolate(self._u)
         moved = self._nodal.x.array.reshape(-1, self._d).copy()
         if self._stress is None:
@@ -245,7 +227,7 @@ class _PartWriter:
 
 # --- interfaces ------------------------------------------------------------------------------------
 def write_interfaces(
-    result: AnyResult,
+    result: Answer,
     path: str | Path,
     *,
     interfaces: Sequence[str] | str | None = None,
@@ -271,8 +253,9 @@ def write_interfaces(
     and the point data ``displacement`` of side 1, by which ParaView's filter "warp by vector" deforms them.
     What a law does not have is left out. Of a random answer (chaos, samples) all are means, the standard
     deviation is beside them (``pressure std``), and of contacts, instead of the state, ``open probability``
-    and ``slip probability``; on facets with several points the means of these. Of a loaded result there are
-    ``points`` only, and of a loaded random one no gaps and probabilities.
+    and ``slip probability``; on facets with several points the means of these. Of a loaded chaos they are from its
+    coefficients, without gaps and probabilities. Of a sweep they are those of its last point; ``point(...)`` has
+    those of any other.
 
     Parameters
     ----------
@@ -284,7 +267,7 @@ def write_interfaces(
         folder of the same name beside it.
     interfaces
         Names; None: all whose force is known. (Glue and supports that the plan eliminated are not among
-        them: ``active=[...]`` keeps them; nor, of random answers, other interfaces that are not active.)
+        them: ``active=[...]`` keeps them; nor, of samples without their states, what is not active.)
     step
         Of a load history in a ``.vtm`` file; the last by default.
 
@@ -300,21 +283,17 @@ def write_interfaces(
     SceneError
         An interface that is unknown or whose force is not known, no such step.
     """
-    times = times_of(result)
+    times = result.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_interfaces")
-    chosen = with_given_force(result, interfaces, "write_interfaces")
+    chosen = known_interfaces(result, interfaces, "write_interfaces")
     if not chosen:
         raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
-    rank = 0
-    writers: dict[str, InterfaceWriter] = {}
-    if isinstance(result, SavedResult):
-        writers = {name: InterfaceWriter.of_saved(result, name) for name in chosen}
-    else:
-        rank = result.problem.rank
-        own = [name for name in chosen if result.problem.speaks_for(name)]
-        writers = {name: InterfaceWriter.of(result, name) for name in own}
-    groups = ["points"] if isinstance(result, SavedResult) else ["facets", "points"]
+    problem = result.problem
+    writers = {name: InterfaceWriter(result, name) for name in chosen if problem.speaks_for(name)}
+    # files of older versions know the points only
+    meshed = all(problem.interfaces[name].sides[0].shape is not None for name in chosen)
+    groups = ["facets", "points"] if meshed else ["points"]
 
     def blocks(at: int) -> Blocks:
         return {
@@ -325,4 +304,4 @@ def write_interfaces(
             for group in groups
         }
 
-    return write_blocks(target, times, step, blocks, rank)
+    return write_blocks(target, times, step, blocks, problem.rank)

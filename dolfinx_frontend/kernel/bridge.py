@@ -18,31 +18,22 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.reduction import Body, reduce
-from dolfinx_frontend.plan.translate import (
-    LawFields,
-    kernel_parameter,
-    kernel_values,
-    law_fields,
-)
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import resolve
+from dolfinx_frontend.scene.laws import Fields, resolve
 from latin_core import NumericalError, _core
 
 __all__ = [
     "ColumnGroup",
     "KernelLaws",
-    "LawFields",
     "active_fields",
     "apply",
     "build",
     "definite",
-    "kernel_parameter",
-    "kernel_values",
-    "law_fields",
     "laws",
     "read_only",
 ]
@@ -77,7 +68,7 @@ def _length(problem: Problem) -> float:
 
 
 def _direction(
-    problem: Problem, plan: Plan, interface: Interface, fields: LawFields, bodies: int
+    problem: Problem, plan: Plan, interface: Interface, fields: Fields, bodies: int
 ) -> Array:
     """Search direction k of an interface, (components * m,), the same on both sides."""
     given = plan.direction.given.get(interface.name)
@@ -111,7 +102,7 @@ def _direction(
     return k.ravel()
 
 
-def _law(interface: Interface, fields: LawFields) -> str | _core.Law:
+def _law(interface: Interface, fields: Fields) -> str | _core.Law:
     """The kernel's law: a name, or an object for a law that is given by functions."""
     law = interface.law.functions
     if law is None:
@@ -177,7 +168,7 @@ def _body(
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
-        fields, *others = (law_fields(interface, interface.law.pattern(a)) for a in patterns)
+        fields, *others = (interface.law.pattern(a).fields(interface) for a in patterns)
         stiffness = _spring_stiffness(interface, fields.components, floors or {})
         springs.append(
             _core.Spring(
@@ -192,6 +183,7 @@ def _body(
     return _core.Body(name="+".join(body.members), size=body.n, members=members, springs=springs)
 
 
+@alone
 def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     """Whether the whole structure is positive definite with some stiffnesses replaced.
 
@@ -213,6 +205,7 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     return True
 
 
+@alone
 def build(problem: Problem, plan: Plan) -> _core.Problem:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
 
@@ -284,7 +277,7 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     return core
 
 
-def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, LawFields]) -> float:
+def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
     """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
     if not laws:
         return 0.0  # one solve; nothing is squared to decide anything
@@ -451,15 +444,15 @@ def apply(core: _core.Problem, new: KernelLaws, old: KernelLaws | None) -> None:
         core.set_extra_loads(dict(new.extra_loads))
 
 
-def active_fields(interface: Interface, plan: Plan) -> LawFields:
+def active_fields(interface: Interface, plan: Plan) -> Fields:
     """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
     law = interface.law
     if plan.times is None or plan.history == "none":
-        return law_fields(interface)
+        return law.fields(interface)
     if plan.history == "patterns":
-        columns = [law_fields(interface, law.pattern(a)) for a in plan.patterns]
+        columns = [law.pattern(a).fields(interface) for a in plan.patterns]
     else:
-        columns = [law_fields(interface, law.at(t), t) for t in plan.times]
+        columns = [law.at(t).fields(interface, t) for t in plan.times]
     first = columns[0]
     parameters = {}
     for name, values in first.parameters.items():

@@ -7,7 +7,6 @@ and so stay what they are, whatever is computed after them on the same factors.
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +30,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.common.threads import PETSC
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
 from dolfinx_frontend.kernel.running import Interrupt
@@ -44,7 +44,8 @@ _log = logging.getLogger(__name__)
 class Solver:
     """Factorised bodies and active interfaces of a plan.
 
-    Several threads may use one solver: their calls wait for each other.
+    Threads may share a solver. Their calls wait for each other, also for those of other solvers: PETSc and
+    MUMPS are not made for several threads.
 
     Attributes
     ----------
@@ -62,7 +63,6 @@ class Solver:
         self.problem = problem
         self.plan = plan
         self._core = bridge.build(problem, plan)
-        self._lock = threading.RLock()
         self._busy = False
         self._set: KernelLaws | None = None
         with agreement(problem.comm):
@@ -76,6 +76,10 @@ class Solver:
     def __repr__(self) -> str:
         active = len(self.plan.active)
         return f"Solver({self.unknowns} unknowns, {self.rows} rows on {active} active interfaces)"
+
+    def __del__(self) -> None:
+        with PETSC:  # the factors are freed by PETSc as well
+            vars(self).pop("_core", None)
 
     @property
     def rows(self) -> int:
@@ -110,7 +114,7 @@ class Solver:
     @contextmanager
     def _with(self, laws: KernelLaws) -> Iterator[Kernel]:
         """The kernel problem with these laws, for this thread alone."""
-        with self._lock:
+        with PETSC:
             if self._busy:
                 raise SceneError(
                     "this solver is in the middle of a run: a callback or an output of the run cannot use "

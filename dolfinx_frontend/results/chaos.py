@@ -2,37 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from latin_core import stochastic
 
-from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import unknown_name
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
+from dolfinx_frontend.formats.openturns import to_openturns
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
 from dolfinx_frontend.kernel.columns import Collocation
+from dolfinx_frontend.plan.random_laws import sampled_parameters
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.results import tables
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chunks, stepped, timed
+from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.samples import Kind, SampleResult
-from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.results.surfaces import law_contact
+from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.quantities import Quantity
+from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
+from latin_core import stochastic
 
-if TYPE_CHECKING:
-    from dolfinx_frontend.io.chaos_file import Field
-
-__all__ = ["NOISE", "ChaosResult", "FieldSamples", "Sampler", "TruncationError"]
+__all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
 
 SAMPLES_OF_MOMENTS = 2**12
 """Sobol points from which the moments of the force of a law that is not linear are computed."""
@@ -42,57 +45,6 @@ CHUNK = 512
 
 NOISE = 100.0
 """A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
-
-
-@dataclass(frozen=True, repr=False)
-class FieldSamples:
-    """Fields at N points of the germs; what a quantity of interest is computed from.
-
-    Attributes
-    ----------
-    germs
-        (N, L).
-    """
-
-    germs: Array
-    _result: ChaosResult = field(repr=False)
-    _psi: Array = field(repr=False)
-
-    def __repr__(self) -> str:
-        return f"FieldSamples({len(self.germs)} points in {self.germs.shape[1]} germs)"
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1, (N, [T,] m, components), local frame: component 0 is normal.
-
-        A law that is not linear is evaluated anew at every sample, with the parameters of the sample: it
-        holds exactly, so that a contact never pulls.
-        """
-        return self.both(interface)[0]
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1, (N, [T,] m, components), local frame."""
-        return self.both(interface)[1]
-
-    def both(self, interface: str) -> tuple[Array, Array]:
-        """Force and jump, for the work of one."""
-        name = interface
-        result = self._result
-        blocks = result._columns_of(name)  # (m, components, modes, steps) each
-        force, jump = (np.einsum("pcjs,nj->pcns", block, self._psi) for block in blocks)
-        if name in result.collocations:
-            shape = force.shape
-            free = jump + result._flexibility(name)[..., None, None] * force
-            fields = bridge.active_fields(result.problem.interfaces[name], result.plan)
-            parameters = sampled_parameters(result.random, name, self.germs, fields, shape[-1])
-            free = np.asfortranarray(free.reshape(shape[0] * shape[1], -1))
-            both = result.solver.resolve_samples(result.laws, name, free, parameters)
-            force, jump = (block.reshape(shape) for block in both)
-        force, jump = (timed(result.plan, block) for block in (force, jump))
-        return np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0)
-
-    def displacement(self, substructure: str) -> Array:
-        """Unknowns (N, [T,] n) of a substructure."""
-        return np.moveaxis(self._result.coefficients(substructure) @ self._psi.T, -1, 0)
 
 
 @dataclass(frozen=True)
@@ -271,24 +223,19 @@ class ChaosResult(Result, StochasticResult):
         """The laws with every random parameter at its mean."""
         return self.solver.laws
 
-    @cached_property
-    def displacements(self) -> Mapping[str, Array]:
-        """Substructure -> ([T,] n) mean of the unknowns."""
-        return MappingProxyType({n: self.coefficients(n)[..., 0] for n in self.problem.substructures})
-
-    def displacement(self, substructure: str, step: int = -1) -> fem.Function:
-        """Mean displacement; of a load history at a time step, the last by default."""
-        return self.mean(substructure, step)
+    @property
+    def kind(self) -> AnswerKind:
+        """``"chaos"``."""
+        return "chaos"
 
     @property
-    def times(self) -> Array | None:
-        """(T,) of a load history, or None."""
-        return self.plan.times
+    def statistics(self) -> Kind:
+        """``"random"``: the samples at which it is evaluated are independent."""
+        return "random"
 
     def coefficients(self, substructure: str) -> Array:
         """Chaos coefficients ([T,] n, P + 1) of the unknowns of a substructure, length."""
-        if substructure not in self.problem.substructures:
-            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
+        self._check_part(substructure)
         return self._blocks[substructure]
 
     @cached_property
@@ -300,21 +247,51 @@ class ChaosResult(Result, StochasticResult):
             for name, block in blocks.items()
         }
 
-    def field_moments(self, substructure: str) -> tuple[Array, Array]:
-        """Mean and standard deviation ([T,] n) of the unknowns of a substructure, length."""
-        block = self.coefficients(substructure)
-        return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
+    def unknowns(self, part: str) -> Array:
+        """Mean ([T,] n) of the unknowns of a part, length."""
+        return self.coefficients(part)[..., 0]
 
-    def force_moments(self, interface: str) -> tuple[Array, Array]:
-        """Mean and standard deviation ([T,] m, components) of the force per area on side 1.
+    def deviation(self, part: str) -> Array:
+        """Standard deviation ([T,] n) of the unknowns of a part, length."""
+        deviation: Array = np.sqrt(np.sum(self.coefficients(part)[..., 1:] ** 2, axis=-1))
+        return deviation
 
-        From the coefficients, or, where the law is not linear, from many samples of the law.
-        """
-        if interface in self.collocations:
-            mean, variance = self._sampled_moments(interface)[:2]
+    def spread(self, part: str) -> Sequence[Array]:
+        """Modes ([T,] n) of the unknowns beside the mean, whose squares add up to the variance."""
+        block = self.coefficients(part)
+        return [block[..., k] for k in range(1, self.modes)]
+
+    def modes_of(self, interface: str) -> tuple[Array, Array] | None:
+        """Coefficients (P + 1, [T,] m, components) of force and jump; None where the law is not linear."""
+        return None if interface in self.collocations else self._modes_of(interface)
+
+    def _modes_of(self, name: str) -> tuple[Array, Array]:
+        self._check_interface(name)
+        if name in self.plan.active:
+            force, jump = (np.moveaxis(timed(self.plan, b), -1, 0) for b in self._columns_of(name))
+            return force, jump
+
+        def modes(part: str, unknowns: Ints | None) -> Array:
+            block = self.coefficients(part)
+            return np.moveaxis(block if unknowns is None else block[..., unknowns, :], -1, 0)
+
+        force, jump = self._eliminated(name, modes)
+        # what does not depend on the displacements is in the mean only
+        still, _ = self._eliminated(name, lambda part, unknowns: np.zeros_like(modes(part, unknowns)[:1]))
+        force[1:] -= still
+        return force, jump
+
+    def _interface_moments(self, name: str, of: Of) -> tuple[Array, Array]:
+        if of == "force" and name in self.collocations:
+            mean, variance = self._sampled_moments(name)[:2]
             return mean, np.sqrt(variance)
-        block = self.force_coefficients(interface)
-        return block[..., 0], np.sqrt(np.sum(block[..., 1:] ** 2, axis=-1))
+        return super()._interface_moments(name, of)
+
+    def moment_blocks(self) -> Iterator[Block]:
+        """The samples of :meth:`moment_germs`, some at a time."""
+        for germs in self._in_parts(self.moment_germs()):
+            # of Sobol points all of which count the same
+            yield replace(self.at(germs), weights=np.ones(len(germs)))
 
     def moment_germs(self) -> Array:
         """Points (N, L) of the germs from which moments of a law that is not linear are computed."""
@@ -360,18 +337,21 @@ class ChaosResult(Result, StochasticResult):
         """1/k1 (+ 1/k2) of an interface, (m, components)."""
         return self.solver.flexibility(name).reshape(self.problem.interfaces[name].num_points, -1)
 
-    def mode(self, substructure: str, index: int, step: int = -1) -> fem.Function:
+    def mode(self, part: str, index: int, step: int = -1) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
-        block = self.coefficients(substructure)[..., index]
-        return self._function(substructure, block, f"u{index}", step)
+        if not 0 <= index < self.modes:
+            raise SceneError(f"mode: there is no mode {index}, the chaos has {self.modes}")
+        step = check_step(self.times, step, "mode")
+        block = stepped(self.coefficients(part)[..., index], self.times)
+        return self.function(part, block[step], f"u{index}")
 
     def force_coefficients(self, interface: str) -> Array:
         """Chaos coefficients ([T,] m, components, P + 1) of the force per area on side 1."""
-        return timed(self.plan, self._columns_of(interface)[0])
+        return np.moveaxis(self._modes_of(interface)[0], 0, -1)
 
     def jump_coefficients(self, interface: str) -> Array:
         """Chaos coefficients ([T,] m, components, P + 1) of the jump."""
-        return timed(self.plan, self._columns_of(interface)[1])
+        return np.moveaxis(self._modes_of(interface)[1], 0, -1)
 
     @property
     def steps(self) -> int:
@@ -388,70 +368,81 @@ class ChaosResult(Result, StochasticResult):
         )
         return force, jump
 
-    def force(self, interface: str) -> Array:
-        """Mean force per area on side 1, ([T,] m, components)."""
-        return self.force_coefficients(interface)[..., 0]
-
-    def jump(self, interface: str) -> Array:
-        """Mean jump, ([T,] m, components)."""
-        return self.jump_coefficients(interface)[..., 0]
+    def _local(self, name: str) -> tuple[Array, Array]:
+        """Mean force and jump ([T,] m, components) of an interface."""
+        force, jump = self._modes_of(name)
+        return force[0], jump[0]
 
     def sobol(self, interface: str) -> dict[str, Sobol]:
         """Sobol indices ([T *] m * components,) of the interface force, by random source."""
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return self.space.sobol(block, self.basis)
 
-    def at(self, germs: npt.ArrayLike) -> FieldSamples:
+    def at(self, germs: npt.ArrayLike) -> Block:
         """Fields at points (N, L) of the germs."""
         points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
-        return FieldSamples(points, self, self.basis.evaluate(points))
+        psi = self.basis.evaluate(points)
 
-    def quantity(
-        self,
-        function: Callable[[FieldSamples], npt.ArrayLike],
-        name: str = "quantity",
-        unit: str = "",
-        samples: int = 100_000,
-        seed: int = 0,
-        chunk: int | None = None,
-    ) -> Quantity:
-        """A scalar quantity of interest, evaluated sample by sample on the chaos.
+        def displacement(part: str, unknowns: Ints | None) -> Array:
+            block = self.coefficients(part)
+            return np.moveaxis((block if unknowns is None else block[..., unknowns, :]) @ psi.T, -1, 0)
 
-        Parameters
-        ----------
-        function
-            Takes the fields at N samples, returns (N,) values.
-        name, unit
-            For tables and figures.
-        samples, seed
-            Size and seed of the Monte Carlo sample of the germs.
-        chunk
-            Samples evaluated at once: bounds the memory. None: 5 000, fewer over a history.
-        """
-        chunk = chunk or max(1, 5000 // self.steps)
-        points = self.space.sample(samples, seed)
-        parts = [points[i : i + chunk] for i in range(0, samples, chunk)]
-        values = [one_number_a_sample(function(self.at(p)), len(p), name) for p in parts]
-        return Quantity(
-            name=name, unit=unit, values=np.concatenate(values), weights=None, kind="random"
-        )
+        def both(name: str) -> tuple[Array, Array]:
+            self._check_interface(name)
+            if name in self.plan.active:
+                return self._sampled(name, points, psi)
+            return self._eliminated(name, displacement)
+
+        def contact(name: str) -> ContactValues | None:
+            parameters = partial(self._parameters_at, name, points)
+            return law_contact(self.problem, self.plan, name, len(points), parameters)
+
+        return Block(len(points), both, displacement, contact, points)
+
+    def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
+        return sampled_parameters(self.random, name, points, fields, self.plan.steps)
+
+    def _sampled(self, name: str, points: Array, psi: Array) -> tuple[Array, Array]:
+        """Force and jump (n, [T,] m, components) of an active interface at points of the germs."""
+        blocks = self._columns_of(name)  # (m, components, modes, steps) each
+        force, jump = (np.einsum("pcjs,nj->pcns", block, psi) for block in blocks)
+        if name in self.collocations:
+            shape = force.shape
+            free = jump + self._flexibility(name)[..., None, None] * force
+            fields = bridge.active_fields(self.problem.interfaces[name], self.plan)
+            parameters = sampled_parameters(self.random, name, points, fields, shape[-1])
+            free = np.asfortranarray(free.reshape(shape[0] * shape[1], -1))
+            found = self.solver.resolve_samples(self.laws, name, free, parameters)
+            force, jump = (block.reshape(shape) for block in found)
+        force, jump = (timed(self.plan, block) for block in (force, jump))
+        return np.moveaxis(force, -1, 0), np.moveaxis(jump, -1, 0)
+
+    def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
+        """So many random samples (None: 4096), some at a time."""
+        yield from map(self.at, self._in_parts(self.space.sample(samples or SAMPLES, seed)))
+
+    def _in_parts(self, germs: Array) -> Iterator[Array]:
+        steps = 1 if self.times is None else len(self.times)
+        most = max(i.num_points for i in self.problem.interfaces.values()) * self.problem.dim * steps
+        return (germs[part] for part in chunks(len(germs), most))
 
     def save_chaos(self, path: str | Path, substructures: Sequence[str] = ()) -> None:
         """Write the chaos of all active interfaces (force, jump) and of the named substructures.
 
         The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
         """
-        from dolfinx_frontend.io.chaos_file import save_chaos
-
         self.problem.on_one_rank("save_chaos")
         save_chaos(path, self.space, self.basis, *self.chaos_fields(substructures))
 
     def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
         """Fields and notes of the file that :meth:`save_chaos` writes."""
-        from dolfinx_frontend.io.chaos_file import Field
+        return self._fields_of(self.plan.active, substructures)
 
+    def _fields_of(
+        self, interfaces: Sequence[str], substructures: Sequence[str]
+    ) -> tuple[dict[str, Field], dict[str, Any]]:
         fields = {}
-        for name in self.plan.active:
+        for name in interfaces:
             for what, block, unit in (
                 ("force", self.force_coefficients(name), "force / area"),
                 ("jump", self.jump_coefficients(name), "length"),
@@ -466,46 +457,23 @@ class ChaosResult(Result, StochasticResult):
             )
         return fields, {"order": int(self.chaos.order), "error": self.error, "status": self.status}
 
-    def table(
-        self,
-        interfaces: Sequence[str] | str | None = None,
-        step: int | None = -1,
-        about: npt.ArrayLike | None = None,
-        quantiles: Sequence[float] = tables.QUANTILES,
-        samples: int = tables.SAMPLES,
-        seed: int = 0,
-    ) -> tables.Table:
-        """As :meth:`Result.table`, with mean, standard deviation and quantiles over samples of the chaos.
-
-        Every row is of the number itself, sample by sample: the largest pressure of each sample, not that of
-        the mean. Interfaces that are active have rows.
-        """
-        readings = tables.read_chaos(self, samples, seed).select(interfaces)
-        return tables.summarise(readings, step, about, quantiles)
-
-    def bolts(
-        self,
-        interfaces: Sequence[str] | str | None = None,
-        quantiles: Sequence[float] = tables.QUANTILES,
-        samples: int = tables.SAMPLES,
-        seed: int = 0,
-    ) -> tables.Table:
-        """As :meth:`Result.bolts`, with mean, standard deviation and quantiles."""
-        readings = tables.read_chaos(self, samples, seed).select(interfaces)
-        return tables.bolts(readings, quantiles)
+    def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
+        """What a file has of a chaos beside what it has of all: the chaos itself."""
+        known = self.known if parts else self.plan.active
+        return {
+            "chaos": content(self.space, self.basis, *self._fields_of(known, parts)),
+            "nonlinear": list(self.collocations),
+            "germs": self.space.sample(samples or SAMPLES, seed),
+        }
 
     def save(
-        self, path: str | Path, fields: bool = True, samples: int = tables.SAMPLES, seed: int = 0
+        self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
     ) -> None:
-        """As :meth:`Result.save`, with the whole chaos; the tables are made of so many samples."""
-        from dolfinx_frontend.io import saved
-
-        saved.save_result(path, self, tables.read_chaos(self, samples, seed), fields)
+        """As :meth:`Result.save`, with the whole chaos, and the samples that its tables are made of."""
+        super().save(path, fields, samples, seed)
 
     def to_openturns(self, interface: str, inputs: Literal["parameters", "germs"] = "parameters") -> Any:
         """The force (m * components outputs) of an active interface as OpenTURNS' chaos result."""
-        from dolfinx_frontend.io.openturns import to_openturns
-
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return to_openturns(self.space, self.basis, block, inputs=inputs)
 

@@ -2,40 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path
-from types import MappingProxyType
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
-from latin_core import State, Summary
 
-from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
+from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
-from dolfinx_frontend.scene.laws import Law
+from latin_core import State, Summary
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 
-_OF_RANDOM = ("field_moments", "force_moments", "quantity", "sobol", "truncation")
+_OF_RANDOM = ("coefficients", "sobol", "truncation")
 """What only random answers have."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(Value):
+class Result(Value, Face):
     """Answer of one solve.
 
     Attributes
@@ -96,31 +92,45 @@ class Result(Value):
         return self.summary.error
 
     @property
+    def kind(self) -> AnswerKind:
+        """``"deterministic"``, or ``"history"`` of a load history."""
+        return "deterministic" if self.times is None else "history"
+
+    @property
     def mean_laws(self) -> KernelLaws:
         """Laws without anything random."""
         return self.laws
 
+    def unknowns(self, part: str) -> Array:
+        """Unknowns ([T,] n) of a part, length; interior fields are recovered when first asked for."""
+        self._check_part(part)
+        return self._recovered[part]
+
     @cached_property
-    def displacements(self) -> Mapping[str, Array]:
-        """Substructure -> (n,) unknowns; interior fields are recovered when first asked for."""
+    def _recovered(self) -> dict[str, Array]:
         fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
-        return MappingProxyType({name: fields[name][:, 0] for name in self.problem.substructures})
-
-    def displacement(self, substructure: str) -> fem.Function:
-        """Displacement of a substructure as a dolfinx function (length)."""
-        if substructure not in self.problem.substructures:
-            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
-        function = fem.Function(self.problem.substructures[substructure].V, name="displacement")
-        function.x.array[:] = self.displacements[substructure]
-        return function
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 (m, components), length, in the local frame."""
-        return self._local(interface)[1]
+        return {name: read_only(timed(self.plan, fields[name])) for name in self.problem.substructures}
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1, (m, components), in the local frame: column 0 is normal."""
+        """Force per area on side 1, ([T,] m, components), in the local frame: component 0 is normal."""
         return self._local(interface)[0]
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1 ([T,] m, components), length, in the local frame."""
+        return self._local(interface)[1]
+
+    def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
+        """The answer as one sample."""
+
+        def both(name: str) -> tuple[Array, Array]:
+            force, jump = self._local(name)
+            return force[None], jump[None]
+
+        yield Block(1, both, self._as_sample, partial(law_contact, self.problem, self.plan))
+
+    def _as_sample(self, part: str, unknowns: Ints | None) -> Array:
+        u = self.unknowns(part)[None]
+        return u if unknowns is None else u[..., unknowns]
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
@@ -140,99 +150,20 @@ class Result(Value):
         """Where the time and the memory went, beside what the plan predicted, as a table."""
         return spent(self)
 
-    def table(
-        self,
-        interfaces: Sequence[str] | str | None = None,
-        step: int | None = -1,
-        about: npt.ArrayLike | None = None,
-    ) -> tables.Table:
-        """Resultants, pressures and areas of the interfaces: ``print`` it, ``to_csv``, ``to_pandas``.
- Columns (see :mod:`dolfinx_frontend.results.tables` for signs): area; ``force_x`` ..., ``moment_x`` ... on
-side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``, ``_mean``, ``_max``;
-``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its limit) of
-        contacts. Of interfaces that were eliminated as supports or glue, the reactions; their points carry
-        no pressure that is known. Collective on several ranks.
-
-        Parameters
-        ----------
-        interfaces
-            Names; None: all.
-        step
-            Of a load history; None: all, one row each.
-        about
-            Point (d,) of the moments; None: the centroid of each interface.
-        """
-        return tables.summarise(tables.read(self).select(interfaces), step, about)
-
-    def bolts(self, interfaces: Sequence[str] | str | None = None) -> tables.Table:
-        """Bolt forces of a load history before and after loading, see
-        :func:`dolfinx_frontend.results.tables.bolts`."""
-        return tables.bolts(tables.read(self).select(interfaces))
-
-    def save(self, path: str | Path, fields: bool = True) -> None:
-        """Write the result to one HDF5 file, which :func:`dolfinx_frontend.load` reads in any process.
-
-        Parameters
-        ----------
-        path
-            ``.h5`` or ``.hdf5``; an existing file is replaced when the new one is complete.
-        fields
-            False: only what the tables need, no forces, jumps and displacements.
-
-        Raises
-        ------
-        ResultFileError
-            The file cannot be written.
-        """
-        from dolfinx_frontend.io import saved
-
-        saved.save_result(path, self, tables.read(self), fields)
-
     def _local(self, name: str) -> tuple[Array, Array]:
-        """Force and jump (m, components) of an interface."""
-        if name not in self.problem.interfaces:
-            raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.here(name)
-        if name in self.plan.active:
-            force, jump = self._kernel_fields(name)
-            points = interface.num_points
-            return force.reshape(points, -1), jump.reshape(points, -1)
-        return self.eliminated(interface, interface.law, self.displacements)
+        """Force and jump ([T,] m, components) of an interface."""
+        self._check_interface(name)
+        if name not in self.plan.active:
+            force, jump = self._eliminated(name, self._as_sample)
+            return force[0], jump[0]
+        points = self.problem.here(name).num_points
+        force, jump = (
+            timed(self.plan, block.reshape(points, -1, block.shape[-1])) for block in self._kernel_fields(name)
+        )
+        return force, jump
 
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
         return self.cuts[name] if name in self.cuts else self.solver.local_fields(self.laws, name, self.state)
-
-    def gathered(self, interface: str) -> tuple[Array, Array]:
-        """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
-
-        Collective: to be called on all of them.
-        """
-        return self.problem.everywhere(
-            interface, lambda: (self.force(interface), self.jump(interface))
-        )
-
-    def eliminated(
-        self, interface: Interface, law: Law, displacements: Mapping[str, Array]
-    ) -> tuple[Array, Array]:
-        """Force and jump (m, components) of an interface that was assembled into the bodies."""
-        if law.prescribes == "jump":
-            name = interface.name
-            raise SceneError(
-                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
-                f"not an unknown: solve with active=[{name!r}] to have it"
-            )
-        points, components = interface.num_points, law.count(interface.dim)
-        jump = sum(
-            (
-                sign * (interface.local_trace(i) @ displacements[side.substructure])
-                for i, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False))
-            ),
-            start=np.zeros(interface.dim * points),
-        ).reshape(points, -1)[:, :components]
-        if law.prescribes == "force":
-            return law.fields(interface).parameters["force"].reshape(points, -1), jump
-        kappa, imposed = (each(interface)[:, :components] for each in (law.stiffnesses, law.jumps))
-        return kappa * (jump - imposed), jump
 
     def __repr__(self) -> str:
         steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
@@ -251,30 +182,6 @@ class HistoryResult(Result):
         """(T,)."""
         assert self.plan.times is not None  # a history has them
         return self.plan.times
-
-    @cached_property
-    def displacements(self) -> Mapping[str, Array]:
-        """Substructure -> (T, n) unknowns; interior fields are recovered when first asked for."""
-        fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
-        return MappingProxyType(
-            {n: read_only(self.plan.in_time(fields[n])) for n in self.problem.substructures}
-        )
-
-    def displacement(self, substructure: str, step: int = -1) -> fem.Function:
-        """Displacement of a substructure at a time step (the last by default) as a dolfinx function."""
-        if substructure not in self.problem.substructures:
-            raise unknown_name("substructure", substructure, self.problem.substructures, "result")
-        function = fem.Function(self.problem.substructures[substructure].V, name="displacement")
-        function.x.array[:] = self.displacements[substructure][step]
-        return function
-
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 (T, m, components), length, in the local frame."""
-        return self._local(interface)[1]
-
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1, (T, m, components), in the local frame: component 0 is normal."""
-        return self._local(interface)[0]
 
     def work(self, interface: str) -> Array:
         """Work that an interface has taken up since the beginning, (T,), force * length.
@@ -309,22 +216,6 @@ class HistoryResult(Result):
         weights = self.problem.interfaces[interface].weights
         steps = np.diff(jump, axis=0, prepend=np.zeros_like(jump[:1]))
         return np.cumsum(np.einsum("p,tpc,tpc->t", weights, force, steps))
-
-    def _local(self, name: str) -> tuple[Array, Array]:
-        if name not in self.problem.interfaces:
-            raise unknown_name("interface", name, self.problem.interfaces, "result")
-        interface = self.problem.here(name)
-        if name in self.plan.active:
-            points = interface.num_points
-            blocks = self._kernel_fields(name)
-            force, jump = (self.plan.in_time(b.reshape(points, -1, b.shape[1])) for b in blocks)
-            return force, jump
-        fields = self.displacements
-        pairs = [
-            self.eliminated(interface, interface.law.at(t), {n: u[k] for n, u in fields.items()})
-            for k, t in enumerate(self.times)
-        ]
-        return np.array([f for f, _ in pairs]), np.array([j for _, j in pairs])
 
 
 def phase_seconds(result: Result) -> dict[str, Any]:

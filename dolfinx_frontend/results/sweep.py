@@ -2,35 +2,50 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import State, SweepPoints
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.kernel.bridge import KernelLaws
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
+from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.face import Face
+from dolfinx_frontend.results.point import OnePoint, point_number
+from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
+from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.uncertainty.quantities import Kind
+from latin_core import State, SweepPoints, SweptParameter
 
-__all__ = ["PointFields", "PointResults", "SweepResult", "in_time"]
+__all__ = ["PointResults", "SweepResult", "point_block"]
 
 STATUSES = ("converged", "max_iterations", "stagnated", "diverged", "interrupted")
 """How an iteration ends, from the best to the worst."""
 
 
-class PointResults(ABC):
+class PointResults(Face):
     """Answers at many points, of which Ctrl-C may have left some out; arrays have the points' shape first."""
 
     problem: Problem
     plan: Plan
     points: SweepPoints
+    solver: Solver
+    laws: KernelLaws
+
+    @abstractmethod
+    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
+        """Values of a contact at some of the points."""
 
     @property
     @abstractmethod
@@ -63,26 +78,111 @@ class PointResults(ABC):
         """The worst of the points, as :attr:`Result.status`; ``"interrupted"`` if one was not reached."""
         return max((str(s) or "interrupted" for s in self.points.status), key=STATUSES.index)
 
-    def _field(self, store: dict[str, Array], interface: str) -> Array:
-        if interface in self.plan.active:
-            self.problem.here(interface)
-        if interface not in store:
-            raise unknown_name("active interface", interface, store, type(self).__name__)
-        return in_time(self.plan, store[interface], self.shape, self.problem.interfaces[interface])
+    @property
+    def without_displacements(self) -> str | None:
+        """Why there are no displacements, and how to get them; None: there are."""
+        if self.points.states is not None:
+            return None
+        return "the states of the points were not kept: sweep or sample with keep_states=True"
 
     def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, (points..., [T,] m, components), local frame."""
-        return self._field(self.points.forces, interface)
+        """Force per area on side 1, (points..., [T,] m, components), local frame."""
+        return self._field(interface, 0)
 
     def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 of an active interface, (points..., [T,] m, components), local frame."""
-        return self._field(self.points.jumps, interface)
+        """Jump w2 - w1, (points..., [T,] m, components), local frame."""
+        return self._field(interface, 1)
 
-    def gathered(self, interface: str) -> tuple[Array, Array]:
-        """Force and jump of an active interface on all ranks; collective."""
-        return self.problem.everywhere(
-            interface, lambda: (self.force(interface), self.jump(interface))
+    def _field(self, name: str, which: int) -> Array:
+        self._check_interface(name)
+        if name in self.plan.active:
+            values = self._active(name, slice(None))[which]
+        else:
+            values = np.concatenate([self._block(part).both(name)[which] for part in self._in_parts()])
+        return values.reshape(*self.shape, *values.shape[1:])
+
+    def _active(self, name: str, part: slice) -> tuple[Array, Array]:
+        """Force and jump (n, [T,] m, components) of an active interface at some of the points."""
+        interface = self.problem.here(name)
+        if name not in self.points.forces:
+            raise SceneError(f"interface {name!r}: force and jump were not kept: sweep with keep_fields=True")
+        forces, jumps = self.points.forces[name], self.points.jumps[name]
+        return _shaped(self.plan, interface, forces[part]), _shaped(self.plan, interface, jumps[part])
+
+    def _block(self, part: slice) -> Block:
+        """Some of the points."""
+
+        @cache  # recovered for all parts at once, when first asked for
+        def recovered() -> dict[str, Array]:
+            return self._recovered(part)
+
+        def displacement(name: str, unknowns: Ints | None) -> Array:
+            self._check_part(name)
+            u = recovered()[name]
+            return u if unknowns is None else u[..., unknowns]
+
+        def both(name: str) -> tuple[Array, Array]:
+            self._check_interface(name)
+            if name in self.plan.active:
+                return self._active(name, part)
+            return self._eliminated(name, displacement)
+
+        count = len(range(*part.indices(len(self.points.status))))
+        return Block(count, both, displacement, lambda name: self._contact_at(name, part))
+
+    def _in_parts(self) -> Iterator[slice]:
+        """Slices of the points whose fields fit into memory."""
+        points = max(each.num_points for each in self.problem.interfaces.values())
+        unknowns = self.problem.size if self.points.states is not None else 0
+        steps = 1 if self.times is None else len(self.times)
+        return chunks(len(self.points.status), steps * (points * self.problem.dim + unknowns))
+
+    def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
+        """The points, some at a time."""
+        return map(self._block, self._in_parts())
+
+    def _recovered(self, part: slice) -> dict[str, Array]:
+        """Part -> unknowns (n, [T,] unknowns) at some of the points; one solve a point."""
+        assert self.points.states is not None  # was asked before
+        states = self.points.states[part]  # (points, 2, rows, columns)
+        data, traces = np.moveaxis(states, 0, 2).reshape(2, states.shape[2], -1)
+        state = State(np.asfortranarray(data), np.asfortranarray(traces))
+        amplitudes = np.asfortranarray(np.tile(self.plan.amplitudes, (1, len(states))))
+        fields = self.solver.displacements(self.laws, state, amplitudes)
+        return {
+            name: np.moveaxis(timed(self.plan, values.reshape(len(values), len(states), -1)), -1, 0)
+            for name, values in fields.items()
+        }
+
+    def point(self, *index: int) -> OnePoint:
+        """The answer at one of the points (the last by default), as a deterministic one.
+
+        Raises
+        ------
+        SceneError
+            There is no such point, or it was not reached.
+        """
+        number = point_number(index, self.shape)
+        if not self.finished.ravel()[number]:
+            raise SceneError(f"point: point {index} was not reached, the run was interrupted")
+        return OnePoint(
+            self,
+            partial(self._block, slice(number, number + 1)),
+            str(self.points.status[number]),
+            int(self.points.iterations[number]),
+            float(self.points.error[number]),
         )
+
+    def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
+        """What a file has of these answers beside what it has of all."""
+        points = self.points
+        return {
+            "points": {
+                "status": [str(each) for each in points.status],
+                "iterations": np.asarray(points.iterations, dtype=np.int64),
+                "error": np.asarray(points.error, dtype=np.float64),
+            }
+        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,6 +199,8 @@ class SweepResult(Value, PointResults):
         Wall time: ``setup``, ``first`` (first point), ``rest``.
     solver, laws
         The factorised structure, and the laws where nothing is swept.
+    parameters
+        What was swept, in the kernel's terms.
     """
 
     problem: Problem
@@ -108,6 +210,53 @@ class SweepResult(Value, PointResults):
     seconds: Mapping[str, float]
     solver: Solver
     laws: KernelLaws
+    parameters: tuple[SweptParameter, ...] = ()
+
+    @property
+    def kind(self) -> AnswerKind:
+        """``"sweep"``."""
+        return "sweep"
+
+    @property
+    def statistics(self) -> Kind:
+        """``"grid"``: its points have no probability."""
+        return "grid"
+
+    @property
+    def coordinates(self) -> Mapping[str, Array]:
+        """Swept parameters -> their values at all points, (n,)."""
+        mesh = np.meshgrid(*self.axes.values(), indexing="ij")
+        return {name: values.ravel() for name, values in zip(self.axes, mesh, strict=True)}
+
+    def shown(self) -> Block:
+        """The last point."""
+        return self.point()._one
+
+    def unknowns(self, part: str) -> Array:
+        """Unknowns ([T,] n) of a part at the last point; :meth:`point` has those of any other."""
+        self._check_part(part)
+        return self.point().unknowns(part)
+
+    def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
+        """What a file has of a sweep beside what it has of all."""
+        return {**super().extra_content(parts, samples, seed), "axes": dict(self.axes)}
+
+    def _contact_at(self, name: str, part: slice) -> ContactValues | None:
+        numbers = range(*part.indices(len(self.points.status)))
+
+        def swept(fields: Fields) -> Mapping[str, Array]:
+            steps, values = self.plan.steps, {}
+            for parameter, block in fields.parameters.items():
+                values[parameter] = np.tile(block, (1, len(numbers))) if block.shape[1] > 1 else block
+            for each in self.parameters:
+                if each.interface == name:
+                    at = each.pattern @ each.values[:, part]
+                    at = at.reshape(each.columns, -1, len(numbers)).transpose(1, 2, 0)
+                    at = np.repeat(at, steps // each.columns, axis=2)
+                    values[each.parameter] = at.reshape(len(at), -1)
+            return values
+
+        return law_contact(self.problem, self.plan, name, len(numbers), swept)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -127,17 +276,6 @@ class SweepResult(Value, PointResults):
         values = self.points.outputs[name]
         return values.reshape(*self.shape, *values.shape[1:])
 
-    def displacements(self, *index: int) -> dict[str, Array]:
-        """Substructure -> ([T,] n) unknowns at one point of the grid; interior fields are recovered here."""
-        if self.points.states is None:
-            raise SceneError("the states of the points were not kept: sweep with keep_states=True")
-        data, traces = self.points.states[np.ravel_multi_index(index, self.shape)]
-        state = State(np.asfortranarray(data), np.asfortranarray(traces))
-        fields = self.solver.displacements(self.laws, state, self.plan.amplitudes)
-        if self.plan.times is None:
-            return {name: values[:, 0] for name, values in fields.items()}
-        return {name: self.plan.in_time(values) for name, values in fields.items()}
-
     def __repr__(self) -> str:
         done = f"{int(self.finished.sum())} solved" + ("" if self.complete else " (INTERRUPTED)")
         total = int(self.iterations[self.finished].sum())
@@ -148,32 +286,26 @@ class SweepResult(Value, PointResults):
         )
 
 
-def in_time(plan: Plan, values: Array, shape: tuple[int, ...], interface: Interface) -> Array:
-    """Fields of points (N, columns, rows) -> (shape..., [T,] m, components)."""
-    if plan.times is not None:
-        values = np.moveaxis(plan.in_time(np.swapaxes(values, 1, 2)), 0, 1)
-        shape = (*shape, len(plan.times))
-    return values.reshape(*shape, interface.num_points, -1)
+def _shaped(plan: Plan, interface: Interface, values: Array) -> Array:
+    """Fields of points (n, columns, rows) -> (n, [T,] m, components)."""
+    values = np.swapaxes(values, 1, 2)  # (n, rows, columns)
+    values = timed(plan, values.reshape(len(values), interface.num_points, -1, values.shape[2]))
+    return values if plan.times is None else np.moveaxis(values, 0, 1)
 
 
-@dataclass(frozen=True)
-class PointFields:
-    """Interface fields at one point of a sweep; what a function of `outputs` is given."""
+def point_block(problem: Problem, plan: Plan, fields: Mapping[str, tuple[Array, Array]]) -> Block:
+    """One point while a sweep goes on, from force and jump (rows, columns) of its active interfaces."""
 
-    problem: Problem
-    plan: Plan
-    _fields: dict[str, tuple[Array, Array]] = field(repr=False)
+    def both(name: str) -> tuple[Array, Array]:
+        if name not in fields:
+            raise unknown_name("active interface", name, fields, "sweep")
+        force, jump = (_shaped(plan, problem.interfaces[name], each.T[None]) for each in fields[name])
+        return force, jump
 
-    def force(self, interface: str) -> Array:
-        """Force per area on side 1 of an active interface, ([T,] m, components), local frame."""
-        return self._field(interface, 0)
+    def displacement(part: str, unknowns: Ints | None) -> Array:
+        raise SceneError(
+            f"displacements of {part!r} are not known while a sweep goes on: sweep with keep_states=True and "
+            "read them from its points"
+        )
 
-    def jump(self, interface: str) -> Array:
-        """Jump w2 - w1 of an active interface, ([T,] m, components), local frame."""
-        return self._field(interface, 1)
-
-    def _field(self, interface: str, which: int) -> Array:
-        if interface not in self._fields:
-            raise unknown_name("active interface", interface, self._fields, "sweep")
-        block = self._fields[interface][which].T[None]
-        return in_time(self.plan, block, (), self.problem.interfaces[interface])
+    return Block(1, both, displacement)

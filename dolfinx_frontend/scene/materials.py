@@ -21,7 +21,7 @@ from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
 from dolfinx_frontend.scene.values import Parameter, is_plain
 
-__all__ = ["LinearElastic", "Material", "OrthotropicElastic", "strain"]
+__all__ = ["LinearElastic", "Material", "OrthotropicElastic", "matrix_stress", "strain"]
 
 
 @runtime_checkable
@@ -121,12 +121,37 @@ class LinearElastic:
         eps = strain(u)
         return lmbda * ufl.tr(eps) * ufl.Identity(_dim(u)) + E / (1 + nu) * eps
 
+    def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
+        """The matrix of :func:`matrix_stress`, force / area; None: E or nu is no number."""
+        self.check(dim)
+        if not all(isinstance(c, (int, float, np.number)) for c in (self.E, self.nu)):
+            return None
+        E, nu = float(self.E), float(self.nu)
+        lmbda = E * nu / (1 - nu**2) if self.plane == "stress" else E * nu / ((1 + nu) * (1 - 2 * nu))
+        mu, shears = 0.5 * E / (1 + nu), 1 if dim == 2 else 3
+        matrix = np.diag([2.0 * mu] * dim + [mu] * shears)
+        matrix[:dim, :dim] += lmbda
+        return matrix
+
     def bilinear(self, u: Any, v: Any) -> Any:
         """UFL integrand sigma(u) : eps(v)."""
         return ufl.inner(self.stress(u), strain(v))
 
 
 _VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+def matrix_stress(matrix: npt.NDArray[np.float64], u: Any) -> Any:
+    """Stress, UFL (d, d), from engineering strains by a matrix, force / area.
+
+    The matrix is (6, 6) for 11, 22, 33, 23, 13, 12, or (3, 3) for 11, 22, 12 in 2D.
+    """
+    C, eps = _constant(u, matrix), strain(u)
+    if _dim(u) == 2:
+        s = ufl.dot(C, ufl.as_vector([eps[0, 0], eps[1, 1], 2 * eps[0, 1]]))
+        return ufl.as_matrix([[s[0], s[2]], [s[2], s[1]]])
+    s = ufl.dot(C, ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in _VOIGT]))
+    return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])
 
 
 def _strain_rotation(axes: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -252,13 +277,12 @@ class OrthotropicElastic:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
         dim = _dim(u)
         self.check(dim)
-        C = _constant(u, self._global_elasticity(dim))
-        eps = strain(u)
-        if dim == 2:
-            s = ufl.dot(C, ufl.as_vector([eps[0, 0], eps[1, 1], 2 * eps[0, 1]]))
-            return ufl.as_matrix([[s[0], s[2]], [s[2], s[1]]])
-        s = ufl.dot(C, ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in _VOIGT]))
-        return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])
+        return matrix_stress(self._global_elasticity(dim), u)
+
+    def elasticity(self, dim: int) -> npt.NDArray[np.float64]:
+        """The matrix of :func:`matrix_stress`, force / area."""
+        self.check(dim)
+        return self._global_elasticity(dim)
 
     def bilinear(self, u: Any, v: Any) -> Any:
         """UFL integrand sigma(u) : eps(v)."""

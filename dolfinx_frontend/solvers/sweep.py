@@ -22,7 +22,8 @@ from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
-from dolfinx_frontend.results.sweep import PointFields, SweepResult
+from dolfinx_frontend.results.answer import Block
+from dolfinx_frontend.results.sweep import SweepResult, point_block
 
 __all__ = ["sweep", "warn_unconverged"]
 
@@ -94,7 +95,7 @@ def sweep(
     keep_states: bool = False,
     times: npt.ArrayLike | None = None,
     keep_fields: bool = True,
-    outputs: Mapping[str, Callable[[PointFields], npt.ArrayLike]] | None = None,
+    outputs: Mapping[str, Callable[[Block], npt.ArrayLike]] | None = None,
 ) -> SweepResult:
     """Solve for every point of a grid of law parameters.
 
@@ -190,18 +191,25 @@ def sweep(
     report_points("sweep", interrupt, points, checkpoint)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
-    return SweepResult(problem, plan, named, points, seconds, solver, solver.laws)
+    return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
 
 
 def _reading(
-    problem: Problem, plan: Plan, function: Callable[[PointFields], npt.ArrayLike]
+    problem: Problem, plan: Plan, function: Callable[[Block], npt.ArrayLike]
 ) -> Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]:
     """A user's function of a point as the kernel's sweep calls it."""
 
     def read(_: int, fields: dict[str, tuple[Array, Array]]) -> npt.ArrayLike:
         if problem.comm is not None:  # a function may need interfaces of other ranks
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
-        return function(PointFields(problem, plan, fields))
+        values: Array = np.asarray(function(point_block(problem, plan, fields)))
+        if values.ndim == 0 or len(values) != 1:
+            raise SceneError(
+                f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "
+                "a sample, with the samples in front"
+            )
+        first: Array = values[0]
+        return first
 
     return read
 

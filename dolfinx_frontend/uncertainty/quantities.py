@@ -25,7 +25,8 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
 
-Kind = Literal["random", "qmc", "quadrature"]
+Kind = Literal["random", "qmc", "quadrature", "value", "grid"]
+"""Independent samples, Sobol points, points of a rule; one value that is not random, those of a sweep."""
 
 
 class Estimate(NamedTuple):
@@ -95,7 +96,8 @@ class Quantity:
         (N,) of a quadrature rule, sum 1, some may be negative; None: all points count the same.
     kind
         ``"random"``: independent samples; ``"qmc"``: scrambled Sobol points; ``"quadrature"``: the
-        points of a rule, which give moments and nothing else.
+        points of a rule, which give moments and nothing else; ``"value"``: one value that is not
+        random; ``"grid"``: values at the points of a sweep, which have no statistics.
 
     Raises
     ------
@@ -143,8 +145,16 @@ class Quantity:
     def __len__(self) -> int:
         return len(self.values)
 
+    def _no_grid(self, what: str) -> None:
+        if self.kind == "grid":
+            raise SceneError(
+                f"quantity {self.name!r}: no {what} and no statistics from the points of a sweep, which have "
+                "no probability: read its values"
+            )
+
     def _samples(self, what: str, least: int = 1) -> Array:
         """The values, if they are samples and enough of them."""
+        self._no_grid(what)
         if self.weights is not None:
             sign = " (some negative)" if self.weights.min() < 0.0 else ""
             raise SceneError(
@@ -168,6 +178,7 @@ class Quantity:
     def mean(self, level: float = 0.95) -> Estimate:
         """Expectation, with Student's interval."""
         _check_level(level)
+        self._no_grid("mean")
         value = float(np.average(self.values, weights=self.weights))
         if self.weights is not None or len(self) < 2:
             return Estimate(value, math.nan, math.nan, level)
@@ -188,6 +199,9 @@ class Quantity:
             A rule with negative weights gives a negative variance: it is too coarse.
         """
         _check_level(level)
+        self._no_grid("variance")
+        if self.kind == "value":  # nothing is random
+            return Estimate(0.0, 0.0, 0.0, level)
         n = len(self)
         if self.weights is not None or n < 2:
             variance = self._moment(2)
@@ -224,6 +238,7 @@ class Quantity:
         gamma law of skewness 1 a 95 % interval holds the truth in 90 % of the cases.
         """
         _check_level(level)
+        self._no_grid("skewness")
         variance = self._moment(2)
         if not variance > 0.0:
             return Estimate(math.nan, math.nan, math.nan, level)
@@ -247,6 +262,8 @@ class Quantity:
             raise SceneError(f"quantity {self.name!r}: q = {q:g} must be between 0 and 1")
         values = self._samples("quantile")
         value = float(np.quantile(values, q, method="median_unbiased"))
+        if self.kind == "value":
+            return Estimate(value, value, value, level)
         low, high = stats.quantile_test(values, q=0.0, p=q).confidence_interval(level)
         return Estimate(
             value,
@@ -289,6 +306,8 @@ class Quantity:
         if below is not None:
             inside &= values < below
         count = int(np.count_nonzero(inside))
+        if self.kind == "value":
+            return Estimate(float(count), float(count), float(count), level)
         test = stats.binomtest(count, len(values))
         low, high = test.proportion_ci(level, method=method)
         return Estimate(count / len(values), float(low), float(high), level)
@@ -326,6 +345,10 @@ class Quantity:
 
     # -- table ---------------------------------------------------------------------------------
     def _rows(self) -> Iterator[tuple[str, Estimate]]:
+        if self.kind in ("value", "grid"):
+            for value in self.values[:10]:
+                yield "value", Estimate(float(value), math.nan, math.nan, math.nan)
+            return
         yield "mean", self.mean()
         yield "std", self.std()
         yield "skewness", self.skewness()
@@ -334,7 +357,10 @@ class Quantity:
                 yield f"{percent} %", self.quantile(percent / 100.0)
 
     def __repr__(self) -> str:
-        kinds = {"random": "samples", "qmc": "Sobol points", "quadrature": "points of a rule"}
+        kinds = {
+            "random": "samples", "qmc": "Sobol points", "quadrature": "points of a rule",
+            "value": "value, not random", "grid": "points of a sweep",
+        }  # fmt: skip
         unit = f" [{self.unit}]" if self.unit else ""
         lines = [f"{self.name}{unit}, {len(self)} {kinds[self.kind]}"]
         lines += [f"  {label:<9}{estimate}" for label, estimate in self._rows()]

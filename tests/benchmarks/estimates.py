@@ -167,7 +167,7 @@ def defaults(problem: Problem, plan: Plan) -> dict[str, Any]:
     found = {}
     for name in plan.active:
         interface = problem.interfaces[name]
-        count = interface.num_points * bridge.law_fields(interface, interface.law.nominal).components
+        count = interface.num_points * interface.law.count(interface.dim)
         first = core.first_rows(name)[0]
         found[name] = core.directions[first : first + count].reshape(interface.num_points, -1)[:, 0].copy()
     return found

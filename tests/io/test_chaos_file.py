@@ -15,10 +15,10 @@ import pytest
 from scipy import stats
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.io import chaos_file, hdf5
-from dolfinx_frontend.io.chaos_file import Field, load_chaos, save_chaos
-from dolfinx_frontend.io.hdf5 import ChaosFileError
-from dolfinx_frontend.io.openturns import to_openturns
+from dolfinx_frontend.formats import chaos_file, hdf5
+from dolfinx_frontend.formats.chaos_file import Field, load_chaos, save_chaos
+from dolfinx_frontend.formats.hdf5 import ChaosFileError
+from dolfinx_frontend.formats.openturns import to_openturns
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField

@@ -21,7 +21,7 @@ from dolfinx_frontend import (
     io,
     solve,
 )
-from dolfinx_frontend.estimate.stress import stress_function
+from dolfinx_frontend.results.stress import stress_function
 from dolfinx_frontend.scene.materials import strain
 
 pyvista = pytest.importorskip("pyvista")

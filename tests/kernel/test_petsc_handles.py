@@ -18,8 +18,8 @@ import latin_core
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.elements import csr
-from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.kernel.bridge import build
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.scene.laws import Elastic

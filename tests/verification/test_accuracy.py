@@ -20,7 +20,7 @@ from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.solving import SampleResult
+from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField

@@ -12,7 +12,7 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.io.chaos_file import load_chaos
+from dolfinx_frontend.formats.chaos_file import load_chaos
 from dolfinx_frontend.plan.plan import Direction
 from dolfinx_frontend.reference.galerkin import energy_error_modes, ssfem
 from dolfinx_frontend.scene.laws import Elastic, Perfect
@@ -192,7 +192,7 @@ def test_error_falls_with_the_order_against_quadrature(paper: Problem) -> None:
     truth = tensor_quadrature(
         paper, 10, options=Options(rtol=1e-9), keep_states=True, progress=False
     )
-    moments = {name: truth.field_moments(name) for name in paper.substructures}
+    moments = {name: truth.moments(name) for name in paper.substructures}
     mean_size = np.sqrt(sum(np.sum(m**2) for m, _ in moments.values()))
     std_size = np.sqrt(sum(np.sum(s**2) for _, s in moments.values()))
     errors = []

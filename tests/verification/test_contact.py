@@ -17,7 +17,7 @@ from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import quasi_monte_carlo
-from dolfinx_frontend.solving import sweep
+from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import Normal
 

@@ -17,7 +17,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solving import sweep
+from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import Normal
 
@@ -155,7 +155,7 @@ def test_sweeps_over_histories() -> None:
         options=options,
         progress=False,
         keep_states=True,
-        outputs={"shear": lambda f: f.force("ground")[..., 1:].mean(axis=1)},
+        outputs={"shear": lambda f: f.force("ground")[..., 1:].mean(axis=2)},
     )
     assert grid.force("ground").shape[:2] == (2, len(STEPS))
     assert grid.output("shear").shape == (2, len(STEPS), 2)
@@ -167,7 +167,7 @@ def test_sweeps_over_histories() -> None:
         weights = problem.interfaces["ground"].weights
         both = (np.tensordot(f, weights, (1, 0)) for f in (grid.force("ground")[k], alone.force("ground")))
         assert np.allclose(*both, atol=1e-6 * AREA)
-        assert np.allclose(grid.displacements(k)["block"], alone.displacements["block"], atol=1e-9)
+        assert np.allclose(grid.point(k).displacements["block"], alone.displacements["block"], atol=1e-9)
     # a swept value keeps its amplitude
     swept = sweep(problem, {"drive.jump": pulls}, times=STEPS, options=options, progress=False)
     assert swept.force("ground").shape == (2, len(STEPS), problem.interfaces["ground"].num_points, 3)

@@ -93,7 +93,7 @@ def in_norm(problem: Problem, name: str, values: Array) -> float:
     return float(np.sqrt(np.einsum("p,pc->", weights, values**2)))
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 @pytest.mark.parametrize("share", [0.5, 0.8, 0.95])
 @pytest.mark.parametrize("kind", ["stiffness and preload", "gap and preload"])
 def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
@@ -118,7 +118,7 @@ def test_preloaded_springs_against_1e5_samples(share: float, kind: str) -> None:
     assert ("NOT TRUSTED" in repr(result)) != result.trusted
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 def test_chance_that_the_joint_opens() -> None:
     # TARGETS 2.6: P = Phi((Q / (K D) - 1) / d1), whatever the stiffness of the joint
     bolt = bolt_law(Normal("K", BOLT, cov=0.1))
@@ -159,7 +159,7 @@ def test_a_joint_that_never_opens_has_the_galerkin_solution() -> None:
             assert np.abs(found - expected).max() < 1e-7 * np.abs(expected).max()
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 @pytest.mark.parametrize(
     ("joint", "screw", "trusted"),
     [
@@ -194,7 +194,7 @@ def test_vessel_against_512_samples(
         weights = problem.interfaces["joint"].weights
         ratio = moment(own[..., 0] @ weights) / moment(exact[..., 0] @ weights)
         assert ratio == pytest.approx(1.0, rel=0.005)
-    mean, deviation = result.force_moments("joint")
+    mean, deviation = result.moments("joint")
     # 512 Sobol points: deviations to a per cent
     assert in_norm(problem, "joint", mean - exact.mean(axis=0)) < local * in_norm(problem, "joint", mean)
     difference = deviation - exact.std(axis=0)
@@ -255,7 +255,7 @@ def test_a_gap_that_varies_from_place_to_place(vessel: Problem) -> None:
         assert in_norm(problem, "joint", each) < 0.01 * in_norm(problem, "joint", whole)
 
 
-@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.galerkin.TruncationWarning")
+@pytest.mark.filterwarnings("ignore::dolfinx_frontend.solvers.chaos.TruncationWarning")
 def test_only_germs_that_reach_an_interface_are_paid_for() -> None:
     scene = Scene()
     joint = Contact(stiffness=JOINT / AREA)
@@ -344,14 +344,14 @@ def test_history_of_preloaded_springs() -> None:
         error = np.sqrt(np.mean((found[:, k] + closed) ** 2))
         assert error < 0.02 * BOLT * PRELOAD * JOINT / (BOLT + JOINT)
     assert np.mean(found[:, 2] == 0.0) > 0.9 and np.all(found[:, 0] < 0.0)
-    mean, deviation = result.force_moments("joint")
+    mean, deviation = result.moments("joint")
     assert mean.shape == deviation.shape == (4, len(weights), 1)
     assert result.displacements["right"].shape[0] == 4
     assert result.mean("right", 1).x.array == pytest.approx(result.displacements["right"][1])
     assert samples.displacement("right").shape[:2] == (1000, 4)
     drawn = result.monte_carlo(20, keep_states=True)
     assert drawn.force("joint").shape == (20, 4, len(weights), 1)
-    assert drawn.field_moments("right")[0].shape[0] == 4
+    assert drawn.moments("right")[0].shape[0] == 4
     quantity = result.quantity(lambda f: f.force("joint")[:, 2, :, 0].min(axis=1), samples=100)
     assert len(quantity.values) == 100
 

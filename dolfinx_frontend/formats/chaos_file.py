@@ -23,7 +23,7 @@ from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io.hdf5 import (
+from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
     ChaosFileError,
     Tree,

@@ -1,18 +1,19 @@
-"""Stresses of displacements, cell by cell."""
+"""Stresses of displacements."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import basix
 import basix.ufl
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.materials import Material
 
-__all__ = ["stress_function", "von_mises"]
+__all__ = ["broken_space", "stress_function", "stress_of", "von_mises"]
 
 
 def broken_space(function: fem.Function, shape: tuple[int, ...], degree: int) -> fem.FunctionSpace:
@@ -29,9 +30,7 @@ def broken_space(function: fem.Function, shape: tuple[int, ...], degree: int) ->
     return fem.functionspace(mesh, element)
 
 
-def stress_function(
-    displacement: fem.Function, material: Material, degree: int | None = None
-) -> fem.Function:
+def stress_function(displacement: fem.Function, material: Any, degree: int | None = None) -> fem.Function:
     """Stress of a displacement, force / area, interpolated cell by cell.
 
     Parameters
@@ -63,14 +62,12 @@ def stress_function(
     return stress_of(displacement, material, degree)()
 
 
-def stress_of(
-    displacement: fem.Function, material: Material, degree: int
-) -> Callable[[], fem.Function]:
+def stress_of(displacement: fem.Function, material: Any, degree: int) -> Callable[[], fem.Function]:
     """The stress of what a function holds when it is called: compiled once."""
     d = int(displacement.function_space.mesh.geometry.dim)
     function = fem.Function(broken_space(displacement, (d, d), degree), name="stress")
     points = function.function_space.element.basix_element.points
-    expression = fem.Expression(material.stress(displacement), points)  # type: ignore[attr-defined]
+    expression = fem.Expression(material.stress(displacement), points)
 
     def stress() -> fem.Function:
         function.interpolate(expression)

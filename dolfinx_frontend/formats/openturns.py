@@ -13,7 +13,7 @@ from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io.chaos_file import one_dimensional
+from dolfinx_frontend.formats.chaos_file import one_dimensional
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace

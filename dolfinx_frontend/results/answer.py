@@ -1,0 +1,265 @@
+"""What every answer offers, however it was computed, and what everything that reads answers knows of them.
+
+Tables, files, ParaView and figures take an :class:`Answer` and never ask which one it is. They see it as blocks
+of samples: a deterministic answer is one sample, a chaos is evaluated at as many as are wanted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.uncertainty.quantities import Kind
+
+__all__ = [
+    "SAMPLES",
+    "Answer",
+    "AnswerKind",
+    "Block",
+    "Of",
+    "OfPart",
+    "Surface",
+    "chunks",
+    "one_number_a_sample",
+    "stepped",
+    "timed",
+]
+
+T = TypeVar("T")
+AnswerKind = Literal["deterministic", "history", "chaos", "samples", "sweep"]
+Of = Literal["force", "jump", "displacement"]
+OfPart = Literal["displacement", "stress"]
+
+SAMPLES = 4096
+"""Samples of a chaos from which a table is made."""
+BYTES = 1e8
+"""Fields of samples that are evaluated at once."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An interface as its answer sees it.
+
+    Attributes
+    ----------
+    law
+        Name of its law.
+    points, weights, normals
+        (m, d) on side 1, length; (m,) areas; (m, d) out of side 1.
+    frames
+        (m, components, d), directions of the components of force and jump in global axes.
+    contact
+        Whether it can open and slip.
+    bolt
+        The step that ends the tightening if it is a bolt in a load history, else None.
+    """
+
+    name: str
+    law: str
+    points: Array = field(repr=False)
+    weights: Array = field(repr=False)
+    normals: Array = field(repr=False)
+    frames: Array = field(repr=False)
+    contact: bool = False
+    bolt: int | None = None
+
+    @property
+    def dim(self) -> int:
+        """Space dimension d."""
+        return int(self.points.shape[1])
+
+    @property
+    def area(self) -> float:
+        """Sum of the weights."""
+        return float(self.weights.sum())
+
+    @property
+    def centre(self) -> Array:
+        """(d,), centroid."""
+        centre: Array = self.weights @ self.points / self.weights.sum()
+        return centre
+
+    def vectors(self, values: Array) -> Array:
+        """Values (..., m, components) as vectors (..., m, d) in global axes."""
+        out: Array = np.einsum("...pc,pcd->...pd", values, self.frames)
+        return out
+
+
+@dataclass(frozen=True, repr=False)
+class Block:
+    """Some samples of an answer side by side: what a quantity of interest is computed from.
+
+    Over a load history every field has the T time steps after the samples. A deterministic answer is one sample
+    without germs.
+
+    Attributes
+    ----------
+    germs
+        (n, L) points, or None.
+    weights
+        (n,) of a quadrature, or None.
+    """
+
+    count: int
+    _both: Callable[[str], tuple[Array, Array]]
+    _displacement: Callable[[str, Ints | None], Array]
+    _contact: Callable[[str], ContactValues | None] = lambda _: None
+    germs: Array | None = None
+    weights: Array | None = None
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __repr__(self) -> str:
+        where = "" if self.germs is None else f" at points of {self.germs.shape[1]} germs"
+        return f"Block({self.count} sample{'s' if self.count != 1 else ''}{where})"
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, (n, [T,] m, components), local frame: component 0 is normal.
+
+        A law of a chaos that is not linear is evaluated anew at every sample, with the parameters of the
+        sample: it holds exactly, so that a contact never pulls.
+        """
+        return self._both(interface)[0]
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1, (n, [T,] m, components), length, local frame."""
+        return self._both(interface)[1]
+
+    def both(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump, for the work of one."""
+        return self._both(interface)
+
+    def displacement(self, part: str, unknowns: Ints | None = None) -> Array:
+        """Unknowns (n, [T,] unknowns) of a part, length; of some of them only if their numbers are given."""
+        return self._displacement(part, unknowns)
+
+    def contact(self, interface: str) -> ContactValues | None:
+        """Clearance and friction of a contact; None: it is none, or they are not known."""
+        return self._contact(interface)
+
+
+class Answer(Protocol):
+    """A deterministic answer, a load history, a chaos, samples, a sweep, or one of them read from a file."""
+
+    @property
+    def kind(self) -> AnswerKind:
+        """What it is."""
+
+    @property
+    def status(self) -> str:
+        """How the iterations ended, the worst of them."""
+
+    @property
+    def times(self) -> Array | None:
+        """(T,) of a load history, or None."""
+
+    @property
+    def problem(self) -> Any:
+        """Parts and interfaces by name."""
+
+    @property
+    def plan(self) -> Any:
+        """How it was solved."""
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Interfaces whose force is known at their points."""
+
+    @property
+    def statistics(self) -> Kind:
+        """How the samples are to be read: ``"value"`` is one that is not random, ``"grid"`` those of a sweep."""
+
+    @property
+    def coordinates(self) -> Mapping[str, Array]:
+        """Of a sweep: swept parameters -> their values at all points, (n,)."""
+
+    @property
+    def without_displacements(self) -> str | None:
+        """Why there are no displacements, and how to get them; None: there are."""
+
+    def surface(self, interface: str) -> Surface:
+        """An interface as the answer sees it."""
+
+    def why_unknown(self, interface: str) -> str | None:
+        """Why the force of an interface that is not in `known` cannot follow from equilibrium; None: it may."""
+
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, local frame; of a chaos the mean, of samples and sweeps all of them."""
+
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1, local frame."""
+
+    def displacement(self, part: str, step: int = -1) -> Any:
+        """Displacement of a part as a dolfinx function; of a random answer its mean."""
+
+    def stress(self, part: str, step: int = -1) -> Any:
+        """Stress of that displacement."""
+
+    def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> Any:
+        """Standard deviation of a displacement or a stress."""
+
+    def moments(self, name: str, of: Of | None = None) -> tuple[Array, Array]:
+        """Mean and standard deviation."""
+
+    def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
+        """The samples, some at a time; of a chaos so many random ones."""
+
+    def moment_blocks(self) -> Iterator[Block]:
+        """The samples from which moments of fields are made."""
+
+    def shown(self) -> Block:
+        """The one sample that fields are of where there are no moments: of a sweep its last point."""
+
+    def modes_of(self, interface: str) -> tuple[Array, Array] | None:
+        """Chaos coefficients (P + 1, [T,] m, components) of force and jump where moments follow from them."""
+
+    def unknowns(self, part: str) -> Array:
+        """Unknowns ([T,] n) of the displacement that is shown."""
+
+    def spread(self, part: str) -> Sequence[Array]:
+        """Unknowns ([T,] n) whose squares add up to the variance, of fields that are linear in them."""
+
+    def deviation(self, part: str) -> Array | None:
+        """Standard deviation ([T,] n) of the unknowns; None: nothing is random, or it is not known."""
+
+    def function(self, part: str, unknowns: Array, name: str) -> Any:
+        """Unknowns (n,) as a dolfinx function."""
+
+    def everywhere(self, interface: str, read: Callable[[], T]) -> T:
+        """What the rank of an interface's first side reads, on all ranks; collective."""
+
+
+def timed(plan: Plan, block: Array) -> Array:
+    """Fields (..., columns of a history) as ([T,] ...): T only where the plan has times."""
+    return block[..., 0] if plan.times is None else plan.in_time(block)
+
+
+def stepped(values: Array, times: Array | None, leading: int = 0) -> Array:
+    """Fields with an axis of time steps after so many others, with or without a history."""
+    return values if times is not None else np.expand_dims(values, leading)
+
+
+def chunks(count: int, numbers: int) -> Iterator[slice]:
+    """Slices of `count` samples of so many numbers each, whose fields fit into memory."""
+    chunk = max(1, int(BYTES / (32.0 * max(numbers, 1))))
+    return (slice(k, min(k + chunk, count)) for k in range(0, count, chunk))
+
+
+def one_number_a_sample(values: npt.ArrayLike, count: int, name: str) -> Array:
+    """Values (n,) of a quantity of interest, or an error that says what its function returned."""
+    data = np.asarray(values, dtype=np.float64)
+    if data.shape != (count,):
+        raise SceneError(
+            f"quantity {name!r}: the function returned shape {data.shape} for {count} samples; "
+            "return one number a sample"
+        )
+    return data

@@ -1,0 +1,96 @@
+"""Where a contact is open, sticks or slips, and the values of its law that say so."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array, Flags
+
+__all__ = ["CLOSED", "OPEN", "SLIPS", "ContactValues", "contact_states", "contact_values"]
+
+OPEN, CLOSED, SLIPS = 0.0, 1.0, 2.0
+"""States of a contact; closed with friction is stick."""
+NOTHING = 1e-9
+"""A pressure below this share of the largest is none: the point is open."""
+AT_LIMIT = 1e-6
+"""A friction force within this share of its limit slips."""
+
+
+@dataclass(frozen=True)
+class ContactValues:
+    """Values of a contact law, each broadcast to (samples, steps, m).
+
+    Attributes
+    ----------
+    clearance
+        g0 - Delta_n, length: the gap is the opening plus this.
+    friction, threshold
+        Coefficient, and force / area; None: no friction.
+    """
+
+    clearance: Array
+    friction: Array | None = None
+    threshold: Array | None = None
+
+    @property
+    def limits(self) -> tuple[Array, Array] | None:
+        """Friction coefficient and threshold; None: no friction."""
+        if self.friction is None or self.threshold is None:
+            return None
+        return self.friction, self.threshold
+
+    def __getitem__(self, part: slice) -> ContactValues:
+        """The values of some of the samples."""
+
+        def of(values: Array | None) -> Array | None:
+            return values if values is None or len(values) == 1 else values[part]
+
+        return ContactValues(of(self.clearance), of(self.friction), of(self.threshold))  # type: ignore[arg-type]
+
+
+def contact_values(parameters: Mapping[str, Array], points: int, samples: int) -> ContactValues:
+    """Values of a contact from its parameters in the kernel's terms.
+
+    Parameters
+    ----------
+    parameters
+        Name -> (rows, 1) or (rows, samples * steps), steps fastest; the normal row of a point comes first.
+    points, samples
+        Their numbers.
+    """
+
+    def shaped(name: str) -> Array:
+        block = parameters[name]
+        first = block.reshape(points, -1, block.shape[1])[:, 0]
+        if first.shape[1] == 1:
+            return first.T[None]
+        return np.moveaxis(first.reshape(points, samples, -1), 0, -1)
+
+    clearance = shaped("gap") - shaped("jump")
+    if "friction" not in parameters:
+        return ContactValues(clearance)
+    return ContactValues(clearance, shaped("friction"), shaped("threshold"))
+
+
+def contact_states(
+    normal: Array, shear: Array, limits: tuple[Array, Array] | None
+) -> tuple[Flags, Flags]:
+    """Where a contact is open, and where it slips (nowhere without friction).
+
+    Parameters
+    ----------
+    normal, shear
+        (..., m): f_n and the size of f_t, force / area.
+    limits
+        Friction coefficient and threshold, each broadcast to (..., m); None: no friction.
+    """
+    largest = np.abs(normal).max(axis=-1, keepdims=True)
+    is_open: Flags = normal >= -NOTHING * largest
+    if limits is None:
+        return is_open, np.zeros_like(is_open)
+    friction, threshold = limits
+    limit = friction * np.abs(normal) + threshold
+    return is_open, ~is_open & (shear >= (1.0 - AT_LIMIT) * limit)

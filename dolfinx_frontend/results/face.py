@@ -1,0 +1,441 @@
+"""What all answers that a solver gives have in common: they are read in one way, whatever they are."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.results import tables, writing
+from dolfinx_frontend.results.answer import AnswerKind, Block, Of, OfPart, Surface, one_number_a_sample, stepped
+from dolfinx_frontend.results.moments import Accumulator, of_modes
+from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
+from dolfinx_frontend.results.reactions import eliminated_fields
+from dolfinx_frontend.results.stress import stress_function, stress_of
+from dolfinx_frontend.results.surfaces import surface_of
+from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
+
+__all__ = ["Face"]
+
+T = TypeVar("T")
+
+DRAWS = 100_000
+"""Samples of a chaos from which a quantity of interest is made."""
+
+
+class Face(ABC):
+    """Readings, tables, fields and files of an answer: see :class:`dolfinx_frontend.results.answer.Answer`.
+
+    A class of answers gives `kind`, `blocks`, `unknowns`, `force` and `jump`; what is random also how its samples
+    are to be read, and its moments.
+    """
+
+    problem: Any
+    plan: Any
+    seconds: Mapping[str, float]
+
+    # --- what a class of answers gives ---------------------------------------------------------
+    @property
+    @abstractmethod
+    def kind(self) -> AnswerKind:
+        """``"deterministic"``, ``"history"``, ``"chaos"``, ``"samples"`` or ``"sweep"``."""
+
+    @property
+    @abstractmethod
+    def status(self) -> str:
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``."""
+
+    @abstractmethod
+    def force(self, interface: str) -> Array:
+        """Force per area on side 1, local frame: component 0 is normal."""
+
+    @abstractmethod
+    def jump(self, interface: str) -> Array:
+        """Jump w2 - w1, length, local frame."""
+
+    @abstractmethod
+    def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
+        """The samples, some at a time; of a chaos so many random ones (None: as many as a table takes)."""
+
+    @abstractmethod
+    def unknowns(self, part: str) -> Array:
+        """Unknowns ([T,] n) of a part, length: of a random answer the mean, of a sweep those of its last point."""
+
+    @property
+    def statistics(self) -> Kind:
+        """How the samples are to be read."""
+        return "value"
+
+    @property
+    def coordinates(self) -> Mapping[str, Array]:
+        """Of a sweep: swept parameters -> their values at all points, (n,)."""
+        return {}
+
+    @property
+    def without_displacements(self) -> str | None:
+        """Why there are no displacements, and how to get them; None: there are."""
+        return None
+
+    def moment_blocks(self) -> Iterator[Block]:
+        """The samples from which moments of fields are made."""
+        return self.blocks()
+
+    def shown(self) -> Block:
+        """The one sample that fields are of where there are no moments: of a sweep its last point."""
+        return next(self.blocks())
+
+    def modes_of(self, interface: str) -> tuple[Array, Array] | None:
+        """Chaos coefficients (P + 1, [T,] m, components) of force and jump where moments follow from them."""
+        return None
+
+    def spread(self, part: str) -> Sequence[Array]:
+        """Unknowns ([T,] n) whose squares add up to the variance, of fields that are linear in them."""
+        return ()
+
+    def deviation(self, part: str) -> Array | None:
+        """Standard deviation ([T,] n) of the unknowns; None: nothing is random."""
+        return None
+
+    @property
+    def draws(self) -> int | None:
+        """Samples of a chaos from which a quantity of interest is made; None: all that there are."""
+        return DRAWS
+
+    def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
+        """What a file has of the answer beside what it has of all; displacements of some parts only."""
+        return {}
+
+    # --- how everything else sees it -----------------------------------------------------------
+    @property
+    def times(self) -> Array | None:
+        """(T,) of a load history, or None."""
+        times: Array | None = self.plan.times
+        return times
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Interfaces whose force is known at their points.
+
+        Those that are active, and, where the displacements are known, springs and loads that were assembled
+        across.
+        """
+        active = self.plan.active
+        if self.without_displacements is not None:
+            return tuple(name for name in self.problem.interfaces if name in active)
+        interfaces = self.problem.interfaces.items()
+        return tuple(name for name, each in interfaces if name in active or each.law.prescribes != "jump")
+
+    def surface(self, interface: str) -> Surface:
+        """An interface as tables and figures see it."""
+        self._check_interface(interface)
+        return surface_of(self.problem.interfaces[interface], self.times)
+
+    def why_unknown(self, interface: str) -> str | None:
+        """Why the force of an interface that is not in `known` cannot follow from equilibrium; None: it may."""
+        if self.problem.distribution is not None:
+            return ELIMINATED
+        why = self.without_displacements
+        return None if why is None else f"eliminated, its force follows from the displacements: {why}"
+
+    def everywhere(self, interface: str, read: Callable[[], T]) -> T:
+        """What the rank of an interface's first side reads, on all ranks; collective."""
+        found: T = self.problem.everywhere(interface, read)
+        return found
+
+    def gathered(self, interface: str) -> tuple[Array, Array]:
+        """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
+
+        Collective: to be called on all of them.
+        """
+        return self.everywhere(interface, lambda: (self.force(interface), self.jump(interface)))
+
+    def function(self, part: str, unknowns: Array, name: str) -> fem.Function:
+        """Unknowns (n,) as a dolfinx function."""
+        function = fem.Function(self.problem.substructures[part].V, name=name)
+        function.x.array[:] = unknowns
+        return function
+
+    def _check_interface(self, name: str) -> None:
+        if name not in self.problem.interfaces:
+            raise unknown_name("interface", name, self.problem.interfaces, "result")
+
+    def _check_part(self, name: str) -> None:
+        if name not in self.problem.substructures:
+            raise unknown_name("substructure", name, self.problem.substructures, "result")
+        if self.without_displacements is not None:
+            raise SceneError(f"displacements of {name!r} are not known: {self.without_displacements}")
+
+    def _eliminated(
+        self, name: str, displacement: Callable[[str, Ints | None], Array]
+    ) -> tuple[Array, Array]:
+        """Force and jump (n, [T,] m, components) of a spring or load, from unknowns (n, [T,] unknowns).
+
+        Raises
+        ------
+        SceneError
+            It is a support or glue: its force is no unknown.
+        """
+        interface = self.problem.here(name)
+        if interface.law.prescribes == "jump":
+            raise SceneError(
+                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
+                f"not an unknown: solve with active=[{name!r}] to have it"
+            )
+        if self.without_displacements is not None:
+            raise SceneError(
+                f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force follows from the "
+                f"displacements: {self.without_displacements}"
+            )
+        times = self.times
+        laws = [interface.law] if times is None else [interface.law.at(t) for t in times]
+
+        def stepwise(part: str, unknowns: Ints | None) -> Array:
+            return stepped(displacement(part, unknowns), times, 1)
+
+        force, jump = eliminated_fields(interface, laws, stepwise)
+        return (force[:, 0], jump[:, 0]) if times is None else (force, jump)
+
+    # --- fields --------------------------------------------------------------------------------
+    @property
+    def displacements(self) -> dict[str, Array]:
+        """Part -> ([T,] n) unknowns, length: of a random answer the mean, of a sweep those of its last point."""
+        return {name: self.unknowns(name) for name in self.problem.substructures}
+
+    def displacement(self, part: str, step: int = -1) -> fem.Function:
+        """Displacement of a part as a dolfinx function, length; of a random answer its mean.
+
+        Parameters
+        ----------
+        step
+            Of a load history; the last by default.
+
+        Raises
+        ------
+        SceneError
+            No such part or step, or samples whose states were not kept.
+        """
+        self._check_part(part)
+        step = check_step(self.times, step, "displacement")
+        return self.function(part, stepped(self.unknowns(part), self.times)[step], "displacement")
+
+    def mean(self, part: str, step: int = -1) -> fem.Function:
+        """Mean displacement, as :meth:`displacement`."""
+        return self.displacement(part, step)
+
+    def stress(self, part: str, step: int = -1) -> fem.Function:
+        """Stress of the displacement, force / area, (d, d), interpolated cell by cell; of a random answer its mean.
+
+        Raises
+        ------
+        SceneError
+            As for :meth:`displacement`, or the material is a form that gives no stress.
+        """
+        u = self.displacement(part, step)
+        return stress_function(u, self.problem.substructures[part].material)
+
+    def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> fem.Function:
+        """Standard deviation of every component of the displacement or the stress; 0 if nothing is random.
+
+        The stress of a chaos has that of its coefficients, that of samples is computed at all of them.
+
+        Raises
+        ------
+        SceneError
+            As for :meth:`displacement`, or of a sweep, whose points have no probability.
+        """
+        if of not in ("displacement", "stress"):
+            raise SceneError(f"std: of = {of!r}: use 'displacement' or 'stress'")
+        self._no_grid("std")
+        self._check_part(part)
+        step = check_step(self.times, step, "std")
+        if of == "stress":
+            return self._stress_deviation(part, step)
+        deviation = self.deviation(part)
+        values = np.zeros_like(self.unknowns(part)) if deviation is None else deviation
+        return self.function(part, stepped(values, self.times)[step], "deviation")
+
+    def _stress_deviation(self, part: str, step: int) -> fem.Function:
+        u = self.displacement(part, step)
+        material = self.problem.substructures[part].material
+        out = stress_function(u, material)
+        at = stress_of(u, material, int(u.function_space.element.basix_element.degree))
+
+        def stress(unknowns: Array) -> Array:
+            u.x.array[:] = self.function(part, unknowns, "").x.array
+            return np.array(at().x.array)
+
+        spread = self.spread(part)
+        if self.deviation(part) is None:
+            out.x.array[:] = 0.0
+        elif spread:
+            out.x.array[:] = np.sqrt(sum(stress(stepped(each, self.times)[step]) ** 2 for each in spread))
+        else:
+            sums = Accumulator()
+            for block in self.moment_blocks():
+                fields = stepped(block.displacement(part), self.times, 1)[:, step]
+                sums.add({part: np.array([stress(each) for each in fields])}, block.weights)
+            out.x.array[:] = sums.found()[part][1]
+        return out
+
+    def moments(self, name: str, of: Of | None = None) -> tuple[Array, Array]:
+        """Mean and standard deviation of what acts on an interface or of a part's displacement.
+
+        Exact from the coefficients of a chaos where the law is linear, otherwise over samples; the deviation is 0
+        if nothing is random.
+
+        Parameters
+        ----------
+        name
+            Of an interface or of a part.
+        of
+            ``"force"`` or ``"jump"``, ([T,] m, components), or ``"displacement"``, unknowns ([T,] n); None: the
+            force of an interface, the displacement of a part.
+        """
+        parts, interfaces = self.problem.substructures, self.problem.interfaces
+        if of is None:
+            if name in parts and name in interfaces:
+                raise SceneError(f"moments: {name!r} is a part and an interface: say of='force' or 'displacement'")
+            of = "displacement" if name in parts else "force"
+        if of not in ("force", "jump", "displacement"):
+            raise SceneError(f"moments: of = {of!r}: use 'force', 'jump' or 'displacement'")
+        self._no_grid("moments")
+        if of == "displacement":
+            self._check_part(name)
+            mean, deviation = self.unknowns(name), self.deviation(name)
+            return mean, np.zeros_like(mean) if deviation is None else deviation
+        self._check_interface(name)
+        return self._interface_moments(name, of)
+
+    def _interface_moments(self, name: str, of: Of) -> tuple[Array, Array]:
+        if self.statistics == "value":
+            value = self.force(name) if of == "force" else self.jump(name)
+            return value, np.zeros_like(value)
+        modes = self.modes_of(name)
+        if modes is not None:
+            return of_modes(modes[0] if of == "force" else modes[1])
+        sums = Accumulator()
+        for block in self.moment_blocks():
+            sums.add({name: block.force(name) if of == "force" else block.jump(name)}, block.weights)
+        return sums.found()[name]
+
+    def _no_grid(self, what: str) -> None:
+        if self.statistics == "grid":
+            raise SceneError(
+                f"{what}: the points of a sweep have no probability: read force, jump or table of all of them, "
+                "point(...) of one, or sample a problem with random parameters"
+            )
+
+    # --- numbers -------------------------------------------------------------------------------
+    def quantity(
+        self,
+        function: Callable[[Block], npt.ArrayLike],
+        name: str = "quantity",
+        unit: str = "",
+        samples: int | None = None,
+        seed: int = 0,
+    ) -> Quantity:
+        """A scalar quantity of interest, evaluated sample by sample.
+
+        A deterministic answer gives one value, a sweep one a point of its grid.
+
+        Parameters
+        ----------
+        function
+            Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
+        name, unit
+            For tables and figures.
+        samples, seed
+            Of a chaos: so many random samples (None: 100 000). Other answers have the samples that they have.
+        """
+        blocks = self.blocks(samples or self.draws, seed)
+        found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
+        weights = [w for _, w in found if w is not None]
+        return Quantity(
+            name=name,
+            unit=unit,
+            values=np.concatenate([values for values, _ in found]),
+            weights=np.concatenate(weights) if weights else None,
+            kind=self.statistics,
+        )
+
+    def table(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        step: int | None = -1,
+        about: npt.ArrayLike | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+        samples: int | None = None,
+        seed: int = 0,
+    ) -> tables.Table:
+        """Resultants, pressures and areas of the interfaces: ``print`` it, ``to_csv``, ``to_pandas``.
+
+        Columns (see :mod:`dolfinx_frontend.results.readings` for signs): area; ``force_x`` ...,
+        ``moment_x`` ... on side 1, global axes; ``normal`` (tension > 0) and ``shear``, total;
+        ``pressure_min``, ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure) and ``slip_area``
+        (friction at its limit) of contacts. Of interfaces that were eliminated as supports or glue, the
+        reactions; their points carry no pressure that is known. Collective on several ranks.
+
+        A random answer has a row a statistic: mean, standard deviation and quantiles of the number itself,
+        sample by sample (the largest pressure of each sample, not that of the mean); a quadrature has no
+        quantiles. A sweep has a row a point.
+
+        Parameters
+        ----------
+        interfaces
+            Names; None: all.
+        step
+            Of a load history; None: all, one row each.
+        about
+            Point (d,) of the moments; None: the centroid of each interface.
+        quantiles
+            Probabilities, where the answer is random.
+        samples, seed
+            Of a chaos: so many random samples (None: 4096).
+        """
+        return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
+
+    def bolts(
+        self,
+        interfaces: Sequence[str] | str | None = None,
+        quantiles: Sequence[float] = tables.QUANTILES,
+        samples: int | None = None,
+        seed: int = 0,
+    ) -> tables.Table:
+        """Bolt forces of a load history before and after loading, see
+        :func:`dolfinx_frontend.results.tables.bolts`; arguments as for :meth:`table`."""
+        return tables.bolts(self.readings(interfaces, samples, seed), quantiles)
+
+    def readings(
+        self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
+    ) -> Readings:
+        """The numbers behind the tables, a number a sample and a time step."""
+        return read(self, interfaces, samples, seed)
+
+    def save(
+        self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
+    ) -> None:
+        """Write the answer to one HDF5 file, which :func:`dolfinx_frontend.load` reads in any process.
+
+        Parameters
+        ----------
+        path
+            ``.h5`` or ``.hdf5``; an existing file is replaced when the new one is complete.
+        fields
+            False: only what the tables need, no forces, jumps, displacements and meshes.
+        samples, seed
+            Of a chaos: the samples that the tables of the file are made of, as for :meth:`table`.
+
+        Raises
+        ------
+        ResultFileError
+            The file cannot be written.
+        """
+        writing.save(self, path, fields, samples, seed)

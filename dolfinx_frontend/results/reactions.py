@@ -1,0 +1,160 @@
+"""Forces of what was assembled into the parts, from their displacements.
+
+Springs and loads have a force at every point, which follows from the displacement there. Supports and glue have
+none: their resultants are reactions, from the equilibrium of one of their parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.results.answer import Answer, Block, stepped
+from dolfinx_frontend.scene.laws import Law
+
+__all__ = ["Reaction", "eliminated_fields", "reaction"]
+
+ALIGNED = 1e-9
+"""A normal within this of a global axis is that axis."""
+
+
+# --- springs and loads -----------------------------------------------------------------------------
+def eliminated_fields(
+    interface: Interface,
+    laws: Sequence[Law],
+    displacement: Callable[[str, Ints | None], Array],
+) -> tuple[Array, Array]:
+    """Force and jump (n, T, m, components) of a spring or load that was assembled into its parts.
+
+    Parameters
+    ----------
+    laws
+        The law at every time, (T,).
+    displacement
+        Part and numbers of unknowns -> (n, T, unknowns).
+    """
+    m, d = interface.num_points, interface.dim
+    jump: Array = np.zeros(())
+    for number, (side, sign) in enumerate(zip(interface.sides, (-1.0, 1.0), strict=False)):
+        trace = interface.local_trace(number)
+        columns = np.unique(trace.indices).astype(np.int64)
+        u = displacement(side.substructure, columns)
+        w = (trace[:, columns] @ u.reshape(-1, len(columns)).T).T
+        jump = jump + sign * w.reshape(*u.shape[:-1], m, d)
+    components = laws[0].count(d)
+    jump = jump[..., :components]
+    force = np.empty_like(jump)
+    for step, law in enumerate(laws):
+        if law.prescribes == "force":
+            force[:, step] = law.fields(interface).parameters["force"].reshape(m, -1)
+        else:
+            kappa, imposed = (each(interface)[:, :components] for each in (law.stiffnesses, law.jumps))
+            force[:, step] = kappa * (jump[:, step] - imposed)
+    return force, jump
+
+
+# --- supports and glue -----------------------------------------------------------------------------
+def _held_axes(interface: Interface) -> set[int] | None:
+    """Global axes along which an interface of this kind acts; None: they are none of these."""
+    d, law = interface.dim, interface.law
+    axes = law.axes(d)
+    if axes is not None:
+        return set(axes)
+    if law.count(d) == 1:  # along the normal
+        axis = int(np.argmax(np.abs(interface.normals[0])))
+        flat = np.all(np.abs(np.abs(interface.normals[:, axis]) - 1.0) < ALIGNED)
+        return {axis} if flat else None
+    return set(range(d))
+
+
+@dataclass(frozen=True)
+class Reaction:
+    """Forces at the nodes of one side of an interface that was assembled across.
+
+    Attributes
+    ----------
+    side
+        Its number.
+    nodes
+        (k,) of its part.
+    points
+        (k, d), where they are, length.
+    """
+
+    side: int
+    nodes: Ints = field(repr=False)
+    points: Array = field(repr=False)
+    _forces: Callable[[Block], Array] = field(repr=False)
+
+    def forces(self, block: Block) -> Array:
+        """Forces that the interface exerts on side 1, (n, T, k, d)."""
+        return self._forces(block)
+
+
+def reaction(answer: Answer, name: str) -> Reaction | None:
+    """The reaction of an interface from the equilibrium of one of its parts.
+
+    None: other interfaces that were assembled across hold the same nodes in the same directions.
+    """
+    problem, known = answer.problem, answer.known
+    interface = problem.interfaces[name]
+    own = _held_axes(interface)
+    for number, side in enumerate(interface.sides):
+        others = [
+            (other, each)
+            for other in problem.interfaces.values()
+            for each in other.sides
+            if other.name != name and other.name not in known and each.substructure == side.substructure
+        ]
+        clash = any(
+            np.isin(side.nodes, each.nodes).any()
+            and (own is None or (axes := _held_axes(other)) is None or own & axes)
+            for other, each in others
+        )
+        if not clash:
+            away = sorted(set(range(interface.dim)) - (own or set(range(interface.dim))))
+            x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
+            return Reaction(number, side.nodes, x, _residual(answer, name, number, away))
+    return None
+
+
+def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callable[[Block], Array]:
+    """What holds the nodes of a side beside the loads and the forces that are known, (n, T, nodes, d)."""
+    problem, times = answer.problem, answer.times
+    side = problem.interfaces[name].sides[number]
+    part, nodes = problem.substructures[side.substructure], side.nodes
+    d = part.dim
+    rows = (d * nodes[:, None] + np.arange(d)).ravel()
+    matrix = part.matrix[rows]
+    columns = np.unique(matrix.indices).astype(np.int64)
+    matrix = matrix[:, columns]
+    load = np.array(
+        [
+            part.load[rows] + sum(a(0.0 if t is None else t) * f[rows] for a, f in part.varying_loads.items())
+            for t in ([None] if times is None else times)
+        ]
+    )
+    acting = []
+    for other in answer.known:
+        for sign, each in zip((1.0, -1.0), problem.interfaces[other].sides, strict=False):
+            if each.substructure == part.name and (shape := each.shape.tocsc()[:, nodes]).nnz:
+                acting.append((sign, answer.surface(other), shape.T.tocsr()))
+
+    def forces(block: Block) -> Array:
+        u = stepped(block.displacement(part.name, columns), times, 1)
+        total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1) - load
+        out: Array = total.reshape(*u.shape[:2], -1, d)
+        for sign, surface, shape in acting:
+            force = surface.vectors(stepped(block.force(surface.name), times, 1))
+            weighted = np.moveaxis(sign * surface.weights[:, None] * force, 2, 0)  # (m, n, T, d)
+            nodal = (shape @ weighted.reshape(len(weighted), -1)).reshape(-1, *weighted.shape[1:])
+            out = out - np.moveaxis(nodal, 0, 2)
+        out = (1.0 - 2.0 * number) * out
+        out[..., away] = 0.0
+        return out
+
+    return forces

@@ -1,0 +1,268 @@
+"""An answer as a mechanical engineer reads it: resultants, pressures, areas, bolt forces.
+
+Signs: `force` and `moment` are what the interface exerts on its side 1, in global axes; the pressure is
+-f_n, positive where the sides press on each other; `normal` is the total of f_n, positive in tension (the
+force of a bolt); moments are about the centroid of the interface unless a point is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
+from dolfinx_frontend.results.contact import contact_states
+from dolfinx_frontend.results.reactions import Reaction, reaction
+from dolfinx_frontend.uncertainty.quantities import Kind
+
+__all__ = ["Measures", "Readings", "known_interfaces", "measure", "read"]
+
+ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] to have it)"
+SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
+PLANE = 1e-9
+"""Normals within this of each other are those of a plane."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Numbers of one interface, each ([N,] [T]): a number a sample and a time step.
+
+    Attributes
+    ----------
+    centre
+        (d,), centroid of the interface, about which the moments are.
+    values
+        Column of the table -> numbers; NaN where the law has no such thing.
+    law
+        Name of its law.
+    bolt
+        The step that ends the tightening if the interface is a bolt in a load history, else None.
+    """
+
+    centre: Array
+    values: dict[str, Array]
+    law: str
+    bolt: int | None = None
+
+    def about(self, point: npt.ArrayLike | None) -> dict[str, Array]:
+        """The numbers with moments about a point (d,); None: the centroid."""
+        if point is None:
+            return self.values
+        d = len(self.centre)
+        to = np.asarray(point, dtype=np.float64)
+        if to.shape != (d,) or not np.all(np.isfinite(to)):
+            raise SceneError(f"table: about = {point!r}; give a point of {d} coordinates")
+        force = [self.values[f"force_{a}"] for a in "xyz"[:d]]
+        values = dict(self.values)
+        for name, share in _cross(self.centre - to, force).items():
+            values[name] = values[name] + share
+        return values
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Numbers of all interfaces of an answer, from which the tables are made.
+
+    Attributes
+    ----------
+    interfaces
+        Interface -> numbers.
+    statistics
+        How the samples are to be read; of a ``"value"`` the numbers have no axis of samples.
+    times
+        (T,) of a load history, or None.
+    weights
+        (N,) of a quadrature, or None.
+    coordinates
+        Of a sweep: swept parameters -> (N,) values.
+    missing
+        Interface -> why it has no row.
+    """
+
+    interfaces: dict[str, Measures]
+    statistics: Kind = "value"
+    times: Array | None = None
+    weights: Array | None = None
+    coordinates: Mapping[str, Array] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+
+    def select(self, names: Sequence[str] | str | None) -> Readings:
+        """Some of the interfaces."""
+        if names is None:
+            return self
+        names = [names] if isinstance(names, str) else names
+        for name in names:
+            if name in self.missing:
+                raise SceneError(f"table: interface {name!r}: {self.missing[name]}")
+            if name not in self.interfaces:
+                raise unknown_name("interface", name, self.interfaces, "table")
+        return replace(self, interfaces={n: self.interfaces[n] for n in names}, missing={})
+
+    @property
+    def random(self) -> bool:
+        """Whether the samples are to be summed up by statistics."""
+        return self.statistics not in ("value", "grid")
+
+
+def _cross(arm: Any, force: Sequence[Array]) -> dict[str, Array]:
+    """Moment of a force at an arm, by column name: about z in 2D."""
+    if len(force) == 2:
+        return {"moment_z": arm[0] * force[1] - arm[1] * force[0]}
+    return {
+        f"moment_{'xyz'[k]}": arm[i] * force[j] - arm[j] * force[i]
+        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)))
+    }
+
+
+def _resultants(points: Array, centre: Array, nodal: Array) -> dict[str, Array]:
+    """Force and moment of forces (..., m, d) at points (m, d)."""
+    arm = (points - centre).T
+    parts = [nodal[..., a] for a in range(points.shape[1])]
+    values = {f"force_{'xyz'[a]}": f.sum(axis=-1) for a, f in enumerate(parts)}
+    return values | {k: v.sum(axis=-1) for k, v in _cross(arm, parts).items()}
+
+
+def measure(
+    surface: Surface, force: Array, limits: tuple[Array, Array] | None = None
+) -> dict[str, Array]:
+    """Numbers of an interface from its force per area.
+
+    Parameters
+    ----------
+    force
+        (..., m, components), in the frames of its law.
+    limits
+        Friction coefficient and threshold, each broadcast to (..., m); None: no friction.
+
+    Returns
+    -------
+    dict
+        Column -> (...,).
+    """
+    weights, normals = surface.weights, surface.normals
+    vector = surface.vectors(force)
+    values = {"area": np.full(force.shape[:-2], weights.sum())}
+    values |= _resultants(surface.points, surface.centre, weights[:, None] * vector)
+    normal = np.einsum("...pd,pd->...p", vector, normals)
+    along = vector - normal[..., None] * normals
+    shear = np.sqrt(np.sum(along**2, axis=-1))
+    values["normal"] = normal @ weights
+    values["shear"] = np.linalg.norm(np.einsum("...pd,p->...d", along, weights), axis=-1)
+    values["pressure_min"] = -normal.max(axis=-1)
+    values["pressure_mean"] = -(normal @ weights) / weights.sum()
+    values["pressure_max"] = -normal.min(axis=-1)
+    values["shear_max"] = shear.max(axis=-1)
+    nothing = np.full(force.shape[:-2], np.nan)
+    values["open_area"] = values["slip_area"] = nothing
+    if surface.contact:
+        open_, slips = contact_states(normal, shear, limits)
+        values["open_area"] = open_ @ weights
+        values["slip_area"] = slips @ weights if limits is not None else nothing
+    return values
+
+
+def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, Array]:
+    """Numbers (N, T) of an interface whose force is known at its points."""
+    surface = answer.surface(name)
+    found = []
+    for block in blocks:
+        force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
+        # the block has its fields already, what is made of them comes in parts
+        for part in chunks(len(force), force[0].size):
+            limits = None if contact is None else contact[part].limits
+            found.append(measure(surface, force[part], limits))
+    return {column: np.concatenate([each[column] for each in found]) for column in found[0]}
+
+
+def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[str, Array]:
+    """Numbers (N, T) of an interface that was assembled across: its resultants."""
+    found = [_resultants(held.points, surface.centre, held.forces(block)) for block in blocks]
+    resultants = {column: np.concatenate([each[column] for each in found]) for column in found[0]}
+    shape = resultants["force_x"].shape
+    nothing = np.full(shape, np.nan)
+    rest = (
+        "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", "open_area",
+        "slip_area",
+    )  # fmt: skip
+    values = {"area": np.full(shape, surface.area)} | resultants | dict.fromkeys(rest, nothing)
+    normal = surface.normals[0]
+    if np.all(np.abs(surface.normals - normal) < PLANE):  # its total is that of the resultant
+        vector = np.stack([resultants[f"force_{a}"] for a in "xyz"[: surface.dim]], axis=-1)
+        along = vector @ normal
+        values["normal"] = along
+        values["shear"] = np.linalg.norm(vector - along[..., None] * normal, axis=-1)
+        values["pressure_mean"] = -along / surface.area
+    return values
+
+
+def known_interfaces(
+    answer: Answer, wanted: Sequence[str] | str | None, where: str
+) -> list[str]:
+    """The wanted interfaces (None: all), whose force is known at their points."""
+    if wanted is None:
+        return list(answer.known)
+    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    for name in chosen:
+        if name not in answer.known:
+            raise unknown_name("interface with a known force", name, answer.known, where)
+    return chosen
+
+
+def read(
+    answer: Answer,
+    interfaces: Sequence[str] | str | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+) -> Readings:
+    """Numbers of interfaces of any answer; collective on several ranks.
+
+    Parameters
+    ----------
+    interfaces
+        Names; None: all.
+    samples, seed
+        Of a chaos: at so many random samples.
+
+    Raises
+    ------
+    SceneError
+        An interface by name that there is not, or that can have no row.
+    """
+    every, times = answer.problem.interfaces, answer.times
+    chosen = [interfaces] if isinstance(interfaces, str) else list(every if interfaces is None else interfaces)
+    for name in chosen:
+        if name not in every:
+            raise unknown_name("interface", name, every, "table")
+    blocks = list(answer.blocks(samples, seed))
+    found: dict[str, Measures] = {}
+    missing: dict[str, str] = {}
+    for name in chosen:
+        surface = answer.surface(name)
+        if name in answer.known:
+            values = answer.everywhere(name, partial(_measured, answer, name, blocks))
+        else:
+            why = answer.why_unknown(name)
+            held = reaction(answer, name) if why is None else None
+            if held is None:
+                missing[name] = why or SHARED
+                continue
+            values = _reacted(surface, held, blocks)
+        if times is None:
+            values = {column: v[:, 0] for column, v in values.items()}
+        if answer.statistics == "value":
+            values = {column: v[0] for column, v in values.items()}
+        found[name] = Measures(surface.centre, values, surface.law, surface.bolt)
+    if interfaces is not None:
+        for name, why in missing.items():
+            raise SceneError(f"table: interface {name!r}: {why}")
+    weights = [block.weights for block in blocks if block.weights is not None]
+    return Readings(
+        found, answer.statistics, times, np.concatenate(weights) if weights else None, answer.coordinates, missing
+    )

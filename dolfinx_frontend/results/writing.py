@@ -1,0 +1,163 @@
+"""An answer into one HDF5 file, which is described in ``docs/results.md``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.formats import chaos_file, hdf5
+from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
+from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
+from dolfinx_frontend.results.readings import Readings
+
+__all__ = ["FORMAT", "VERSION", "ResultFileError", "save", "write"]
+
+FORMAT = "latin-result"
+VERSION = 2
+SUFFIXES = (".h5", ".hdf5")
+NO_FIELDS = "the file was saved without fields: save it with fields=True"
+
+
+class ResultFileError(ValueError):
+    """A file that is no saved result, is damaged or of another version, or cannot be written."""
+
+
+def save(answer: Any, path: str | Path, fields: bool, samples: int | None, seed: int) -> None:
+    """Write an answer, see :meth:`dolfinx_frontend.results.face.Face.save`."""
+    target = _target(path)
+    answer.problem.on_one_rank("save")
+    write(target, _tree(answer, answer.readings(None, samples, seed), fields, samples, seed))
+
+
+def write(path: str | Path, tree: Tree) -> None:
+    """Write the tree of a result; an existing file is replaced when the new one is complete.
+
+    Raises
+    ------
+    ResultFileError
+        The file cannot be written.
+    """
+    target = _target(path)
+    try:
+        with hdf5.replaced(target) as temporary:
+            hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+    except ChaosFileError as error:  # no h5py, or the file cannot be written
+        raise ResultFileError(str(error)) from error
+
+
+def _target(path: str | Path) -> Path:
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
+        raise ResultFileError(
+            f"{target}: a result is saved as {' or '.join(SUFFIXES)}, not {target.suffix!r}"
+        )
+    return target
+
+
+def _described(law: object) -> str:
+    with np.printoptions(threshold=8, precision=6):
+        return repr(law)
+
+
+def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, seed: int) -> Tree:
+    problem, plan = answer.problem, answer.plan
+    reached = np.atleast_1d(answer.iterations) >= 0
+    tree: Tree = {
+        "kind": answer.kind,
+        "status": answer.status,
+        "iterations": int(np.atleast_1d(answer.iterations)[reached].sum()),
+        "error": float(np.max(np.atleast_1d(answer.error)[reached], initial=0.0)),
+        "software": chaos_file.software(),
+        "plan": str(plan),
+        "problem": repr(problem),
+        "active": list(plan.active),
+        "statistics": answer.statistics,
+        "missing": json.dumps(readings.missing),
+        "interfaces": {name: _interface_tree(answer, name) for name in problem.interfaces},
+        "substructures": {name: {"nodes": s.dof_coordinates} for name, s in problem.substructures.items()},
+    }
+    for name, each in readings.interfaces.items():
+        tree["interfaces"][name] |= {
+            "bolt": -1 if each.bolt is None else each.bolt,
+            "centre": each.centre,
+            "measures": {column: np.asarray(v, dtype=np.float64) for column, v in each.values.items()},
+        }
+    if plan.times is not None:
+        tree["times"] = np.asarray(plan.times, dtype=np.float64)
+    tree |= answer.extra_content(tuple(problem.substructures) if fields else (), samples, seed)
+    why = answer.without_displacements if fields else NO_FIELDS
+    if why is not None:
+        tree["no_displacements"] = why
+    if fields:
+        for name in answer.known:
+            tree["interfaces"][name] |= _fields_tree(answer, name)
+    if why is None:
+        for name in problem.substructures:
+            tree["substructures"][name] |= _part_tree(answer, name)
+    return tree
+
+
+def _interface_tree(answer: Any, name: str) -> Tree:
+    interface, surface = answer.problem.interfaces[name], answer.surface(name)
+    side = interface.sides[0]
+    part = answer.problem.substructures[side.substructure].part
+    facets = np.sort(part.facet_tags.find(part.names[side.face]))[interface.facets]
+    shape = side.shape.tocsr()
+    return {
+        "law": surface.law,
+        "description": _described(interface.law),
+        "is_contact": int(surface.contact),
+        "sides": [f"{s.substructure}:{s.face}" for s in interface.sides],
+        "points": interface.points,
+        "weights": interface.weights,
+        "frames": interface.frames,
+        "directions": surface.frames,
+        "normal": np.asarray(side.normal, dtype=np.float64),
+        "facets": facet_cells(part, facets),
+        "trace": {
+            "values": shape.data,
+            "nodes": shape.indices.astype(np.int64),
+            "starts": shape.indptr.astype(np.int64),
+        },
+    }
+
+
+def _fields_tree(answer: Any, name: str) -> Tree:
+    tree: Tree = {"force": np.asarray(answer.force(name)), "jump": np.asarray(answer.jump(name))}
+    contacts = [] if answer.kind == "chaos" else [block.contact(name) for block in answer.blocks()]
+    if contacts and contacts[0] is not None:
+        tree["contact"] = {
+            key: _joined([getattr(each, key) for each in contacts])
+            for key in ("clearance", "friction", "threshold")
+            if getattr(contacts[0], key) is not None
+        }
+    return tree
+
+
+def _joined(values: list[Array]) -> Array:
+    """Values of all samples, or of one if they are the same in all."""
+    return np.concatenate(values) if len(values[0]) > 1 or len(values) == 1 else _alike(values)
+
+
+def _alike(values: list[Array]) -> Array:
+    same = all(np.array_equal(each, values[0]) for each in values)
+    return values[0] if same else np.concatenate(values)
+
+
+def _part_tree(answer: Any, name: str) -> Tree:
+    part = answer.problem.substructures[name]
+    values = answer.unknowns(name)
+    if answer.kind == "sweep":  # no mean: all points
+        values = np.concatenate([block.displacement(name) for block in answer.blocks()])
+    tree: Tree = {
+        "displacement": values.reshape(*values.shape[:-1], -1, part.dim),
+        "mesh": part_arrays(part.part, part.V, part.material),
+    }
+    deviation = answer.deviation(name)
+    if deviation is not None and answer.kind != "chaos":  # of a chaos it follows from the modes
+        tree["deviation"] = deviation.reshape(*deviation.shape[:-1], -1, part.dim)
+    return tree
