@@ -45,11 +45,17 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.chaos import ChaosResult, TruncationError
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, NearlyIndefiniteWarning, TruncationWarning
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solving import sample
-from dolfinx_frontend.solving import monte_carlo, quasi_monte_carlo, sparse_quadrature, tensor_quadrature
 from dolfinx_frontend.results.sweep import SweepResult
-from dolfinx_frontend.solvers.sweep import sweep
-from dolfinx_frontend.solving import solve
+from dolfinx_frontend.solving import (
+    errors,
+    monte_carlo,
+    quasi_monte_carlo,
+    sample,
+    solve,
+    sparse_quadrature,
+    sweep,
+    tensor_quadrature,
+)
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -123,6 +129,7 @@ __all__ = [
     "UserLaw",
     "assemble",
     "discretisation_error",
+    "errors",
     "figures",
     "geometry",
     "io",
