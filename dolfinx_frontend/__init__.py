@@ -16,7 +16,7 @@ from dolfinx_frontend.common.progress import progress
 from dolfinx_frontend.results.errors import Errors
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.geometry.solids import Cut
-from dolfinx_frontend.geometry.step import read_step
+from dolfinx_frontend.geometry.step import StepAssembly, read_step
 from dolfinx_frontend.results.saved import SavedResult, load
 from dolfinx_frontend.results.writing import ResultFileError
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan

@@ -32,12 +32,11 @@ from dolfinx_frontend.assembly.ranks import (
 )
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
-from dolfinx_frontend.assembly.values import forces, jumps, resolve, stiffnesses
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Pressure, Traction
+from dolfinx_frontend.scene.laws import Perfect
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import check_face
 
@@ -49,14 +48,8 @@ _log = logging.getLogger(__name__)
 def _check_law(interface: Interface) -> None:
     """Evaluate the values of a law once, so that mistakes are reported here."""
     law = interface.law.nominal
-    if isinstance(law, Elastic):
-        stiffnesses(interface, law)
-    if isinstance(law, (Elastic, Perfect)):
-        jumps(interface, law)
-    elif isinstance(law, (Pressure, Traction)):
-        forces(interface, law)
-    elif isinstance(law, Displacement):
-        resolve(law.value, interface, interface.dim, "all", "value")
+    if law.linear:
+        law.fields(interface)
 
 
 @alone

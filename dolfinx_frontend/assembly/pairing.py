@@ -22,7 +22,7 @@ from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
 from dolfinx_frontend.assembly.interface import Interface, Side, frames, nodal_normals, snapped
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.scene.laws import Elastic, Law
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
 
 __all__ = ["make_interface"]
@@ -333,7 +333,7 @@ def make_interface(
         size = float(min(first.sizes.min(), second.sizes.min()))
         matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
         m, n = len(sampled.weights), len(sides[0].nodes)
-        if space == "facets" and matching is None and m >= n and not isinstance(law, Elastic):
+        if space == "facets" and matching is None and m >= n and not law.springs:
             warnings.warn(
                 f"{where}: {m} facets but {n} nodes on {names[0]}: a law that prescribes the jump "
                 "locks there and converges slowly; give the substructures degree=2",

@@ -235,6 +235,6 @@ class Problem:
             if len(i.sides) == 2:
                 sides += " (matching)" if i.matching is not None else " (non-matching)"
             lines.append(
-                f"  {i.name:<26}{type(i.law).__name__:<14}{i.num_points:>8}{i.area:>12.4g}  {sides}"
+                f"  {i.name:<26}{i.law.title:<14}{i.num_points:>8}{i.area:>12.4g}  {sides}"
             )
         return "\n".join(lines)

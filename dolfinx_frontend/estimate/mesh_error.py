@@ -24,31 +24,21 @@ from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
-from dolfinx_frontend.results.reactions import eliminated_fields, is_glue, reaction
+from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
-from dolfinx_frontend.scene.laws import (
-    Displacement,
-    Elastic,
-    Perfect,
-    Preload,
-    Pressure,
-    Symmetry,
-    Traction,
-)
+from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["DiscretisationError", "discretisation_error"]
 
 
-LINEAR = (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)
 SMALL = 1e-3
 """Change from which a law that is not linear tells its tangent, as a share of the largest displacement."""
 TANGENT_RTOL = 1e-7
@@ -219,12 +209,11 @@ def _at(result: Result, field: Array, step: int) -> Array:
 # --- the quantity ----------------------------------------------------------------------------------
 def _axes(interface: Interface, normals: Array) -> Array:
     """Directions (components, points, d) of the components of an interface's force."""
-    law = interface.law
-    if isinstance(law, Displacement):
-        axes = np.eye(interface.dim)[list(law.axes(interface.dim))]
-        return np.repeat(axes[:, None], len(normals), axis=1)
+    axes = interface.law.axes(interface.dim)
+    if axes is not None:
+        return np.repeat(np.eye(interface.dim)[list(axes), None], len(normals), axis=1)
     basis, _ = frames(normals, interface.tangent_axis)
-    return np.moveaxis(basis[:, :1] if isinstance(law, Symmetry) else basis, 0, 1)
+    return np.moveaxis(basis[:, : interface.law.count(interface.dim)], 0, 1)
 
 
 def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
@@ -253,7 +242,7 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
 
 
 def _is_reaction(result: Result, name: str) -> bool:
-    return name not in result.plan.active and is_glue(result.problem.interfaces[name].law)
+    return name not in result.plan.active and result.problem.interfaces[name].law.prescribes == "jump"
 
 
 def _value(
@@ -318,14 +307,14 @@ class _Dual:
             if name in problem.own.interfaces:
                 _check_component(problem.interfaces[name], quantity)
             if quantity.of == "jump":
-                if isinstance(law, (Perfect, Displacement, Symmetry)):
+                if law.prescribes == "jump":
                     return None
                 loads = _pull(problem, quantity, None)
-            elif isinstance(law, (Pressure, Traction)) or (
-                isinstance(law, Preload) and component == 0 and plan.times is None
+            elif law.prescribes == "force" or (
+                law.controlled(None) and component == 0 and plan.times is None
             ):
                 return None
-            elif isinstance(law, Preload):
+            elif law.controlled(None):
                 raise SceneError(
                     f"interface {name!r}: the kernel has no dual problem for {quantity} of a preload; ask "
                     "for the mean jump, or model the bolt as Elastic(jump=...)"
@@ -342,7 +331,6 @@ class _Dual:
                 lift[part.name] = unit.ravel()
                 loads[part.name] = -(part.matrix @ unit.ravel())
             else:
-                assert isinstance(law, Elastic)  # nothing else is eliminated
                 loads = _pull(problem, quantity, law)
         size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
         if problem.comm is not None:
@@ -417,11 +405,11 @@ class _Dual:
 
 def _linear(result: Result) -> bool:
     """Whether all laws of the iteration are linear."""
-    return all(isinstance(result.problem.interfaces[n].law, LINEAR) for n in result.plan.active)
+    return all(result.problem.interfaces[n].law.linear for n in result.plan.active)
 
 
 def _check_component(interface: Interface, quantity: Resultant) -> None:
-    count = bridge.law_fields(interface, interface.law.nominal).components
+    count = interface.law.count(interface.dim)
     if quantity.component >= count:
         raise SceneError(
             f"interface {interface.name!r} carries {count} component(s), not component {quantity.component}"
@@ -437,7 +425,7 @@ def _unit_jump(result: Result, name: str, component: int) -> Array:
     return unit.reshape(-1, 1)
 
 
-def _pull(problem: Problem, quantity: Resultant, springs: Elastic | None) -> dict[str, Array]:
+def _pull(problem: Problem, quantity: Resultant, springs: Law | None) -> dict[str, Array]:
     """Forces on the sides that are on this rank whose work is the quantity: B^T W k, or B^T W / area."""
     name = quantity.interface
     out: dict[str, Array] = {}
@@ -449,7 +437,7 @@ def _pull(problem: Problem, quantity: Resultant, springs: Elastic | None) -> dic
         density[:, quantity.component] = 1.0 / interface.weights.sum()
     else:
         c = quantity.component
-        density[:, c] = stiffnesses(interface, springs.nominal)[:, c]
+        density[:, c] = springs.nominal.stiffnesses(interface)[:, c]
     local = (interface.weights[:, None] * density).ravel()
     for number, side in enumerate(interface.sides):
         if side.substructure in problem.own.substructures:

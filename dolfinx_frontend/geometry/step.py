@@ -42,7 +42,7 @@ from dolfinx_frontend.geometry.solids import (
     vector,
 )
 from dolfinx_frontend.geometry.touching import Touch, touching
-from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Overlap, Space
@@ -270,7 +270,7 @@ class StepAssembly:
         for name, touch in self.touches.items():
             join = self._joins.get(name)
             law = "-" if name not in self._joins else "left open"
-            law = type(join.law).__name__ if join is not None else law
+            law = join.law.title if join is not None else law
             sizes = (f"{touch.area:.5g}", f"{touch.gap:.3g}")
             contacts.append((name, touch.kind, *sizes, _shape(touch), law))
         if len(contacts) > 1:
@@ -313,7 +313,7 @@ class StepAssembly:
             self._set_sizes(model, loaded)
             generate(gmsh, loaded, order, progress)
             parts = from_gmsh(model).parts
-        kinds = {name: _kind(j.law) for name, j in self._joins.items() if j is not None}
+        kinds = {name: j.law.drawn for name, j in self._joins.items() if j is not None}
         connections = tuple(Connection(n, kinds[n], *self._faces[n]) for n in self.touches if n in kinds)
         parameters = {"path": str(self.path), "per_turn": per_turn, "order": order}
         return Assembly({n: parts[n] for n in self.solids}, connections, MappingProxyType(parameters))
@@ -352,7 +352,7 @@ class StepAssembly:
             if join is None:
                 continue
             matches = touch.kind != "near"
-            glued = matches and isinstance(join.law, (Perfect, Elastic))
+            glued = matches and join.law.linear
             settings = dict(join.settings)
             if not matches and "max_distance" not in settings:
                 # as a share of the facets, at least the usual quarter
@@ -560,12 +560,6 @@ def _fits(
     if tags is not None and surface.tag not in tags:
         return False
     return where is None or bool(where(surface))
-
-
-def _kind(law: Law) -> str:
-    if isinstance(law, Contact):
-        return "contact"
-    return {"Perfect": "perfect", "Preload": "preload"}.get(type(law).__name__, "elastic")
 
 
 def _shape(touch: Touch) -> str:

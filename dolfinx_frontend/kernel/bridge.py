@@ -17,7 +17,6 @@ from latin_core import Laws, NumericalError, Structure, _core
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
-from dolfinx_frontend.assembly.values import resolve, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.threads import alone
@@ -25,25 +24,13 @@ from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.reduction import Body, reduce
-from dolfinx_frontend.plan.translate import (
-    KERNEL_NAMES,
-    LawFields,
-    kernel_parameter,
-    kernel_values,
-    law_fields,
-)
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Perfect, Symmetry, UserLaw
+from dolfinx_frontend.scene.laws import Fields, resolve
 
 __all__ = [
-    "KERNEL_NAMES",
-    "LawFields",
     "active_fields",
     "build",
     "definite",
-    "kernel_parameter",
-    "kernel_values",
-    "law_fields",
     "laws",
     "read_only",
 ]
@@ -78,7 +65,7 @@ def _length(problem: Problem) -> float:
 
 
 def _direction(
-    problem: Problem, plan: Plan, interface: Interface, fields: LawFields, bodies: int
+    problem: Problem, plan: Plan, interface: Interface, fields: Fields, bodies: int
 ) -> Array:
     """Search direction k of an interface, (components * m,), the same on both sides."""
     given = plan.direction.given.get(interface.name)
@@ -86,34 +73,36 @@ def _direction(
         per_point = resolve(given, interface, 1, name="search direction")
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
+    law = interface.law
+    patch = law.search_direction == "patch"
     unit = plan.direction.factor * _scale(problem, plan)
     if plan.direction.length is None:
         shorter = 1.0
         if plan.macro:
             shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
-        if isinstance(interface.law, Contact | UserLaw):
+        if patch:
             # bodies give way to a contact as over its own size, where that is smaller than theirs
             size = interface.area ** (1.0 / (interface.dim - 1))
             shorter = max(shorter, _length(problem) / size)
         unit *= shorter
-    if isinstance(interface.law, Contact | UserLaw) and plan.method == "accelerated" and not plan.macro:
+    if patch and plan.method == "accelerated" and not plan.macro:
         unit *= CONTACT
     k: Array = np.full((interface.num_points, fields.components), unit)
-    if isinstance(interface.law, Elastic) and plan.method == "accelerated":
+    if law.search_direction == "springs" and plan.method == "accelerated":
         # a soft interface carries little: the direction that suits it is twice its own stiffness
-        kappa = stiffnesses(interface, interface.law.nominal)[:, : fields.components]
+        kappa = law.nominal.stiffnesses(interface)[:, : fields.components]
         k = np.clip(2.0 * kappa, SOFTEST * k, k)
     if interface.name in plan.paired and len(interface.sides) == 1:
-        k *= HELD if isinstance(interface.law, (Displacement, Perfect, Symmetry)) else PUSHED
+        k *= HELD if law.prescribes == "jump" else PUSHED
     if fields.softest is not None:
         k = np.maximum(k, fields.softest)
     return k.ravel()
 
 
-def _law(interface: Interface, fields: LawFields) -> str | _core.Law:
-    """The kernel's law: a name, or an object for a law of a user."""
-    law = interface.law
-    if not isinstance(law, UserLaw):
+def _law(interface: Interface, fields: Fields) -> str | _core.Law:
+    """The kernel's law: a name, or an object for a law that is given by functions."""
+    law = interface.law.functions
+    if law is None:
         return fields.kind
     if law.compiled is None:
         names = [(name, -np.inf) for name in law.values]
@@ -141,9 +130,8 @@ def _spring_stiffness(
     interface: Interface, components: int, floors: Mapping[tuple[str, str], Array]
 ) -> Array:
     """kappa (m, components), with some of its values replaced."""
-    assert isinstance(interface.law, Elastic)  # the reduction leaves no other springs
-    stiffness = stiffnesses(interface, interface.law)[:, :components]
-    for parameter, where in (("normal", slice(0, 1)), ("tangential", slice(1, None))):
+    stiffness = interface.law.stiffnesses(interface)[:, :components]
+    for parameter, where in interface.law.spans.items():
         values = floors.get((interface.name, parameter))
         if values is not None:
             stiffness[:, where] = values[:, None]
@@ -177,7 +165,7 @@ def _body(
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
-        fields, *others = (law_fields(interface, interface.law.pattern(a)) for a in patterns)
+        fields, *others = (interface.law.pattern(a).fields(interface) for a in patterns)
         stiffness = _spring_stiffness(interface, fields.components, floors or {})
         springs.append(
             _core.Spring(
@@ -284,7 +272,7 @@ def build(problem: Problem, plan: Plan) -> Structure:
     return core
 
 
-def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, LawFields]) -> float:
+def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
     """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
     if not laws:
         return 0.0  # one solve; nothing is squared to decide anything
@@ -349,15 +337,15 @@ def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:
     return structure.laws(steps=plan.steps, parameters=parameters)
 
 
-def active_fields(interface: Interface, plan: Plan) -> LawFields:
+def active_fields(interface: Interface, plan: Plan) -> Fields:
     """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
     law = interface.law
     if plan.times is None or plan.history == "none":
-        return law_fields(interface)
+        return law.fields(interface)
     if plan.history == "patterns":
-        columns = [law_fields(interface, law.pattern(a)) for a in plan.patterns]
+        columns = [law.pattern(a).fields(interface) for a in plan.patterns]
     else:
-        columns = [law_fields(interface, law.at(t), t) for t in plan.times]
+        columns = [law.at(t).fields(interface, t) for t in plan.times]
     first = columns[0]
     parameters = {}
     for name, values in first.parameters.items():

@@ -8,7 +8,7 @@ from typing import Any
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
+from dolfinx_frontend.scene.laws import Fields
 
 __all__ = ["Collocation", "ColumnGroup", "nominal_fields"]
 
@@ -67,7 +67,7 @@ class Collocation:
     def __len__(self) -> int:
         return len(self.weights)
 
-    def group(self, random: RandomLaws, fields: LawFields, steps: int = 1) -> ColumnGroup:
+    def group(self, random: RandomLaws, fields: Fields, steps: int = 1) -> ColumnGroup:
         """The columns of the interface as the kernel takes them.
 
         Parameters
@@ -87,16 +87,14 @@ class Collocation:
     def bytes(self, random: RandomLaws, steps: int = 1) -> float:
         """Memory of the local stage of the interface: transforms, samples, forces, random parameters."""
         fields = nominal_fields(random, self.interface)
-        rows = sum(
-            len(fields.parameters[KERNEL_NAMES.get(p, p)])
-            for (name, p) in random.sources
-            if name == self.interface and KERNEL_NAMES.get(p, p) in fields.parameters
-        )
+        law = random.problem.interfaces[self.interface].law
+        names = [law.kernel_name(p) for (name, p) in random.sources if name == self.interface]
+        rows = sum(len(fields.parameters[name]) for name in names if name in fields.parameters)
         block = steps * (2 * len(fields.frames) + rows)
         return 8.0 * len(self) * (2 * len(self.forward) + block)
 
 
-def nominal_fields(random: RandomLaws, name: str) -> LawFields:
+def nominal_fields(random: RandomLaws, name: str) -> Fields:
     """Law of an interface in kernel terms, with what varies at nominal values."""
     interface = random.problem.interfaces[name]
-    return law_fields(interface, interface.law.nominal)
+    return interface.law.nominal.fields(interface)

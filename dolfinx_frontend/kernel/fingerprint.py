@@ -10,7 +10,6 @@ import numpy.typing as npt
 from latin_core import SweptParameter
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Plan
 
 
@@ -36,11 +35,11 @@ def fingerprint(problem: Problem, plan: Plan, parameters: Sequence[SweptParamete
     add("factors", plan.factors())
     for name, interface in problem.interfaces.items():
         law = interface.law
-        kind = bridge.law_fields(interface, law.nominal).kind
-        add(f"{name} {type(law).__name__} {kind}", interface.weights)
-        columns = [bridge.law_fields(interface, law.at(t), t) for t in moments]
+        kind = law.nominal.fields(interface).kind
+        add(f"{name} {law.title} {kind}", interface.weights)
+        columns = [law.at(t).fields(interface, t) for t in moments]
         if not columns or not (law.varying or law.history):
-            columns = [bridge.law_fields(interface)]
+            columns = [law.fields(interface)]
         for fields in columns:
             for parameter, values in sorted(fields.parameters.items()):
                 add(parameter, values)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.laws import UserLaw
+from dolfinx_frontend.scene.laws import Functions
 
 __all__ = ["batched"]
 
@@ -39,8 +39,8 @@ DEEPEST = 0.9
 """Deepest cut of an ellipsoid that is believed, 1 being all of it."""
 
 
-def batched(law: UserLaw, interface: Interface) -> Batched:
-    """A law's resolvent as the kernel calls it, with checks that name interface, law and point."""
+def batched(law: Functions, interface: Interface) -> Batched:
+    """The resolvent of functions as the kernel calls it, with checks that name interface, law and point."""
     asked = _Asked(law, interface)
     if law.resolve is not None:
         return asked.resolve
@@ -50,7 +50,7 @@ def batched(law: UserLaw, interface: Interface) -> Batched:
 class _Asked:
     """The functions of a law at the points of an interface."""
 
-    def __init__(self, law: UserLaw, interface: Interface) -> None:
+    def __init__(self, law: Functions, interface: Interface) -> None:
         self.law = law
         self.points = interface.points
         self.who = f"interface {interface.name!r}, law {law.label!r}"

@@ -78,11 +78,7 @@ def _groups(problem: Problem, active: Iterable[str]) -> list[set[str]]:
 
 def _removed(interface: Interface) -> int:
     """Unknowns that an eliminated interface takes out."""
-    kind = type(interface.law).__name__
-    nodes = len(interface.sides[0].nodes)
-    if kind in ("Perfect", "Displacement"):
-        return nodes * interface.dim
-    return nodes if kind == "Symmetry" else 0
+    return len(interface.sides[0].nodes) * interface.law.removed(interface.dim)
 
 
 def predict(

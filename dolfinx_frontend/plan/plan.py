@@ -17,20 +17,13 @@ import numpy.typing as npt
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
-from dolfinx_frontend.scene.laws import (
-    Displacement,
-    Elastic,
-    Law,
-    Perfect,
-    Pressure,
-    Symmetry,
-    Traction,
-    is_plain,
-)
+from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
 __all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
@@ -94,6 +87,7 @@ class Direction:
                 raise SceneError(
                     f"search direction of interface {name!r} must be positive and finite, got {value!r}"
                 )
+        object.__setattr__(self, "given", frozen(self.given))
 
 
 @dataclass(frozen=True, repr=False)
@@ -186,21 +180,6 @@ class Plan:
         return "\n".join(lines)
 
 
-def _how(name: str, law: Law, matching: bool) -> str | None:
-    """How a linear, fixed interface is assembled into the bodies; None if it cannot be."""
-    if isinstance(law, Perfect):
-        zero = is_plain(law.jump) and not np.any(np.asarray(law.jump))
-        return "nodes glued" if matching and zero else None
-    if isinstance(law, Elastic):
-        return "springs assembled"
-    return {
-        "Displacement": "unknowns removed",
-        "Symmetry": "unknowns removed",
-        "Pressure": "load assembled",
-        "Traction": "load assembled",
-    }.get(type(law).__name__)
-
-
 def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
     for name in given:
         if name not in problem.interfaces:
@@ -286,13 +265,14 @@ def make_plan(
             reasons.setdefault(name, _ASKED)
     elif method == "accelerated":
         for name, interface in problem.interfaces.items():
-            if isinstance(interface.law, Elastic) and len(interface.sides) == 2:
+            if interface.law.springs and len(interface.sides) == 2:
                 reasons.setdefault(name, "elastic, between two parts")
 
     eliminated: dict[str, str] = {}
     for name, interface in problem.interfaces.items():
         law = interface.law
-        unmatched = isinstance(law, Perfect) and interface.matching is None
+        glues = law.elimination is Elimination.GLUED
+        unmatched = glues and interface.matching is None
         if unmatched and interface.space != "facets":
             raise SceneError(
                 f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
@@ -301,14 +281,14 @@ def make_plan(
             )
         if name in reasons:
             continue
-        how = _how(name, law, interface.matching is not None)
+        how = law.eliminated(interface.matching is not None)
         if how is None:
             if unmatched:
                 reasons[name] = _UNMATCHED
-            elif isinstance(law, Perfect):
+            elif glues:
                 reasons[name] = _UNGLUED
             else:
-                reasons[name] = "its law is not linear"
+                reasons[name] = "its law is nonlinear"
         else:
             eliminated[name] = how
     kept = tuple(name for name in problem.interfaces if name in reasons)
@@ -333,7 +313,7 @@ def make_plan(
     else:
         chosen = "accelerated"
         reason = "Anderson needs 4 to 8 times fewer iterations than the plain one"
-    cut = [n for n in kept if reasons[n] in _CUT and _superposes(problem.interfaces[n].law)]
+    cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, random is None)
     if direction.factor is None:
         factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
@@ -349,10 +329,10 @@ def make_plan(
         ),
     ]
     by_how: dict[str, list[str]] = {}
-    for name, how in eliminated.items():
-        by_how.setdefault(how, []).append(name)
-    for how, names in by_how.items():
-        decisions.append(Decision(how, ", ".join(names), "linear and fixed"))
+    for name, way in eliminated.items():
+        by_how.setdefault(way, []).append(name)
+    for way, names in by_how.items():
+        decisions.append(Decision(way, ", ".join(names), "linear and fixed"))
     patterns, history, why = _history(problem, kept, moments, amplitudes)
     steps = len(moments) if history == "steps" and moments is not None else 1
     if random is not None:
@@ -459,13 +439,12 @@ def _reach(
     why = "asked for"
     if options.macro == "automatic":
         unknowns = sum(
-            i.num_points * (1 if getattr(i.law, "rubs", True) is False else i.dim)
-            for i in (problem.interfaces[n] for n in kept)
+            i.num_points * i.law.count(i.dim) for i in (problem.interfaces[n] for n in kept)
         )
         newton = (
             plain_columns
             and unknowns <= options.newton
-            and not all(_superposes(problem.interfaces[n].law) for n in kept)
+            and not all(problem.interfaces[n].law.superposes for n in kept)
         )
         wanted = chosen == "accelerated" and len(between) >= (_FEW if paired else _MANY) and not newton
         why = f"{len(between)} interfaces between parts: else an iteration reaches the next part only"
@@ -473,7 +452,7 @@ def _reach(
         wanted = options.macro != "none"
     if not (wanted and between):
         return (), "linear", paired, decisions
-    loaded = [n for n in kept if isinstance(problem.interfaces[n].law, (Pressure, Traction))]
+    loaded = [n for n in kept if problem.interfaces[n].law.prescribes == "force"]
     moments: Moments = "resultants" if options.macro == "resultants" else "linear"
     decisions.append(
         Decision(
@@ -499,7 +478,7 @@ def _history(
         return (None,), "none", "nothing changes in time: one column answers for all times"
     constant = (None,) if _constant_loads(problem) else ()
     patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
-    nonlinear = [n for n in kept if not _superposes(problem.interfaces[n].law)]
+    nonlinear = [n for n in kept if not problem.interfaces[n].law.superposes]
     if not nonlinear and len(patterns) < len(times):
         why = "the scene is linear: its history is a superposition of load patterns"
         return patterns, "patterns", why
@@ -514,23 +493,17 @@ def _history(
     return patterns, "steps", why
 
 
-def _superposes(law: Law) -> bool:
-    """Whether the answer is linear in the loading: a linear law with constant stiffness."""
-    linear = isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction))
-    return linear and not set(law.varying) - set(law.loading)
-
-
 def _constant_loads(problem: Problem) -> bool:
     """Whether any loading is constant in time and not zero."""
     if any(part.loaded for part in problem.parts.values()):
         return True
     for interface in problem.interfaces.values():
         law = interface.law
-        if not isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)):
+        if not law.linear:
             continue  # its loading is no load of a body
         for name in law.loading:
             value = getattr(law, name)
             terms = [v for a, v in value.terms if a is None] if isinstance(value, Varying) else [value]
-            if any(not is_plain(v) or np.any(np.asarray(v)) for v in terms):
+            if not all(is_zero(v) for v in terms):
                 return True
     return False

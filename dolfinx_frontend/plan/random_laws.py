@@ -14,30 +14,14 @@ import numpy as np
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.plan.translate import LawFields, kernel_values, law_fields
-from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
+from dolfinx_frontend.scene.laws import Fields, Law
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
+__all__ = ["RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
 
 Source = RandomParameter | DiscretisedField
-
-LINEAR = ("perfect", "elastic", "force")
-"""Kernel laws that are linear: chaos coefficients go through them exactly."""
-
-NOT_NEGATIVE = (
-    "normal",
-    "tangential",
-    "stiffness",
-    "friction",
-    "threshold",
-    "strength",
-    "opening",
-    "energy",
-)
-"""Parameters of laws that are no law if they are negative."""
 
 
 class SampledParameter(NamedTuple):
@@ -94,7 +78,7 @@ class RandomLaws:
             for parameter, value in interface.law.parameters().items():
                 if not is_random(value):
                     continue
-                if not _matters(interface.law, parameter):
+                if not interface.law.matters(parameter):
                     dropped.append(f"{name}.{parameter}: the interface has no stiffness")
                     continue
                 if isinstance(value, RandomField):
@@ -117,15 +101,12 @@ class RandomLaws:
 
     def area_factor(self, interface: str, parameter: str) -> float:
         """What turns a value in the law's unit into one per area: 1, or 1 / area for a total stiffness."""
-        law = self.problem.interfaces[interface].law
-        if isinstance(law, Elastic) and law.total and parameter in ("normal", "tangential"):
-            return 1.0 / self.problem.interfaces[interface].area
-        return 1.0
+        each = self.problem.interfaces[interface]
+        return each.law.per_area(parameter, each.area)
 
     def linear(self, interface: str) -> bool:
-        """Whether the law of an interface is linear."""
-        each = self.problem.interfaces[interface]
-        return law_fields(each, each.law.nominal).kind in LINEAR
+        """Whether the law of an interface is linear: chaos coefficients go through it exactly."""
+        return self.problem.interfaces[interface].law.linear
 
     def sampled(self, name: str, parameter: str, points: Array) -> SampledParameter:
         """A random parameter of an interface at points (N, L) of the germs, as the kernel takes it.
@@ -138,8 +119,9 @@ class RandomLaws:
         interface = self.problem.interfaces[name]
         source = self.sources[name, parameter]
         values = np.atleast_2d(self.space.values(source, points))
-        inverted = isinstance(interface.law, Contact) and parameter == "stiffness"
-        if parameter in NOT_NEGATIVE and (values.min() < 0.0 or (inverted and values.min() == 0.0)):
+        law = interface.law
+        inverted = parameter in law.inverse
+        if parameter in law.not_negative and (values.min() < 0.0 or (inverted and values.min() == 0.0)):
             count = int((values < 0.0).any(axis=0).sum())
             worst = int(values.min(axis=0).argmin())
             at = ", ".join(
@@ -151,7 +133,7 @@ class RandomLaws:
                 f"(smallest {values.min():.4g}, at the germs {at}): {source!r} is not a law for it at this "
                 "spread; use one that cannot be negative: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
             )
-        kernel_name, unit, values = kernel_values(interface, parameter, values)
+        kernel_name, unit, values = law.kernel_values(interface, parameter, values)
         if isinstance(source, DiscretisedField):
             # one row of values a point of the interface, spread over the rows of the parameter
             m = interface.num_points
@@ -182,15 +164,8 @@ class RandomLaws:
         return laws
 
 
-def _matters(law: Law, parameter: str) -> bool:
-    """Whether any answer depends on a law's parameter."""
-    if isinstance(law, Elastic) and parameter == "jump":
-        return any(law.holds(3))
-    return isinstance(law, Elastic | Perfect) or bool(law.parameters())
-
-
 def sampled_parameters(
-    random: RandomLaws, name: str, points: Array, fields: LawFields, steps: int = 1
+    random: RandomLaws, name: str, points: Array, fields: Fields, steps: int = 1
 ) -> dict[str, Array]:
     """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,20 +16,10 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import (
-    Displacement,
-    Elastic,
-    Law,
-    Perfect,
-    Pressure,
-    Symmetry,
-    Traction,
-    evaluate,
-)
+from dolfinx_frontend.scene.laws import Elimination, Law
 
 __all__ = [
     "Body",
@@ -41,10 +30,6 @@ __all__ = [
     "spring_jump",
     "spring_operator",
 ]
-
-
-FLATNESS = 1e-5
-"""Largest difference of unit normals on a symmetry plane."""
 
 
 @dataclass(frozen=True)
@@ -80,30 +65,15 @@ def _constraint(
 ) -> tuple[Ints, Array, Array]:
     """Nodes, directions (r, d) and values (nodes, r) that a one-sided interface prescribes."""
     side = interface.sides[0]
-    d = interface.dim
-    if isinstance(law, Symmetry):
-        if side.flatness > FLATNESS:
-            raise SceneError(
-                f"interface {interface.name!r}: the symmetry face {side.substructure}:{side.face} "
-                f"is not flat (normals differ by {side.flatness:.3g}); name each plane as a face "
-                "of its own"
-            )
-        return side.nodes, side.normal[None, :], np.zeros((len(side.nodes), 1))
-    assert isinstance(law, Displacement)
-    axes = list(law.axes(d))
     x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
-    what = f"interface {interface.name!r}, parameter 'value'"
-    value = evaluate(law.value, x, d, what, "all", arrays=False)
-    return side.nodes, np.eye(d)[axes], value[:, axes]
+    return side.nodes, *law.constraint(interface.name, side, x)
 
 
-def _nodal_jump(problem: Problem, interface: Interface, law: Perfect) -> Array:
+def _nodal_jump(problem: Problem, interface: Interface, law: Law) -> Array:
     """Delta (pairs, d) in global components at the nodes of side 1."""
     side = interface.sides[0]
-    d = interface.dim
     x = problem.substructures[side.substructure].dof_coordinates[side.nodes]
-    what = f"interface {interface.name!r}, parameter 'jump'"
-    local = evaluate(law.jump, x, d, what, "first", arrays=False)
+    local = law.nodal_jumps(interface.name, x)
     if not np.any(local):
         return local
     basis, _ = frames(side.node_normals, interface.tangent_axis)
@@ -149,20 +119,20 @@ def _groups(problem: Problem, eliminate: set[str]) -> list[list[str]]:
 
 
 def _check(interface: Interface, law: Law) -> None:
-    if not isinstance(law, (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)):
+    if law.elimination is None:
         raise SceneError(
-            f"interface {interface.name!r}: {type(law).__name__} cannot be eliminated; it is "
+            f"interface {interface.name!r}: {law.title} cannot be eliminated; it is "
             "iterated on"
         )
-    if isinstance(law, Perfect) and interface.matching is None:
+    if law.elimination is Elimination.GLUED and interface.matching is None:
         raise SceneError(
-            f"interface {interface.name!r}: Perfect on meshes that do not match cannot be "
+            f"interface {interface.name!r}: {law.title} on meshes that do not match cannot be "
             "eliminated; make the meshes match, keep the interface active, or use a stiff Elastic"
         )
 
 
 def _shifts(
-    problem: Problem, glued: list[tuple[Interface, Perfect]], start: dict[str, int], nodes: int
+    problem: Problem, glued: list[tuple[Interface, Law]], start: dict[str, int], nodes: int
 ) -> Array:
     """Offsets (nodes, d) of glued nodes from their common unknowns, that make the jumps Delta."""
     d = problem.dim
@@ -218,7 +188,10 @@ def _body(
     nodes = int(starts[-1])
 
     # glued nodes form classes
-    glued = [(i, law) for i in inside if isinstance(law := laws[i.name], Perfect)]
+    by_way: dict[Elimination | None, list[Interface]] = {way: [] for way in Elimination}
+    for i in inside:
+        by_way[laws[i.name].elimination].append(i)
+    glued = [(i, laws[i.name]) for i in by_way[Elimination.GLUED]]
     pairs = [
         i.matching + [start[s.substructure] for s in i.sides]
         for i, _ in glued
@@ -231,7 +204,7 @@ def _body(
 
     # constraints: (node, which interface), directions of each interface, values of each pair
     who, what, rows, values = [], [], [], []
-    held = [i for i in inside if isinstance(laws[i.name], (Displacement, Symmetry))]
+    held = by_way[Elimination.REMOVED]
     for k, i in enumerate(held):
         local, directions, value = _constraint(problem, i, laws[i.name])
         who.append(local + start[i.sides[0].substructure])
@@ -303,12 +276,12 @@ def _body(
         offset[m] = (fixed[own] + shift[s : s + count]).ravel()
 
     load = {m: p.load_of(amplitude).copy() for m, p in zip(members, parts, strict=True)}
-    for i in inside:
-        law = laws[i.name]
-        if isinstance(law, (Pressure, Traction)):
-            f = (i.weights[:, None] * forces(i, law)).ravel()
+    for i in by_way[Elimination.LOAD]:
+        given = laws[i.name].load(i)
+        if given is not None:
+            f = (i.weights[:, None] * given).ravel()
             load[i.sides[0].substructure] += i.local_trace(0).T @ f
-    springs = tuple(i.name for i in inside if isinstance(laws[i.name], Elastic))
+    springs = tuple(i.name for i in by_way[Elimination.SPRINGS])
     return Body(tuple(members), size, prolongation, offset, load, springs)
 
 
@@ -339,7 +312,7 @@ def reduce(
     Raises
     ------
     SceneError
-        Perfect interfaces on non-matching meshes, laws that are not linear and fixed, curved
+        Perfect interfaces on non-matching meshes, laws that are not linear or not fixed, curved
         symmetry faces, prescribed displacements or jumps that contradict each other.
     """
     chosen = set(eliminate)
@@ -360,7 +333,7 @@ def reduce(
 
 
 def spring_operator(
-    problem: Problem, body: Body, name: str, law: Elastic
+    problem: Problem, body: Body, name: str, law: Law
 ) -> tuple[sp.csr_matrix, Array, Array]:
     """Jump operator of a spring between members.
 
@@ -377,7 +350,7 @@ def spring_operator(
         sign = 1.0 if k == 1 else -1.0
         B = B + sign * (T @ body.Z[side.substructure])
         B0 = B0 + sign * (T @ body.offset[side.substructure])
-    return B.tocsr(), B0, (i.weights[:, None] * stiffnesses(i, law)).ravel()
+    return B.tocsr(), B0, (i.weights[:, None] * law.stiffnesses(i)).ravel()
 
 
 def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
@@ -390,7 +363,7 @@ def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
     return out
 
 
-def _law(problem: Problem, laws: Mapping[str, Law] | None, name: str) -> Any:
+def _law(problem: Problem, laws: Mapping[str, Law] | None, name: str) -> Law:
     return laws[name] if laws is not None and name in laws else problem.interfaces[name].law
 
 
@@ -417,7 +390,7 @@ def body_load(problem: Problem, body: Body, laws: Mapping[str, Law] | None = Non
     for name in body.springs:
         law = _law(problem, laws, name)
         B, B0, k = spring_operator(problem, body, name, law)
-        f += B.T @ (k * (jumps(problem.interfaces[name], law).ravel() - B0))
+        f += B.T @ (k * (law.jumps(problem.interfaces[name]).ravel() - B0))
     return f
 
 

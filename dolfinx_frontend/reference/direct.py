@@ -14,11 +14,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.plan.reduction import Body, body_load, body_matrix, displacements, reduce, spring_jump
 from dolfinx_frontend.reference.cholesky import Cholesky
-from dolfinx_frontend.scene.laws import Elastic, Law, Pressure, Traction
+from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["Monolithic", "ReferenceSolution", "monolithic"]
 
@@ -70,7 +69,7 @@ class Monolithic:
 
     def _prepare(self, laws: Mapping[str, Law]) -> list[Body]:
         """Bodies under these laws; kept as long as only elastic interfaces change."""
-        key = [(n, law) for n, law in laws.items() if not isinstance(law, Elastic)]
+        key = [(n, law) for n, law in laws.items() if not law.springs]
         same = self._key is not None and len(key) == len(self._key) and all(
             a == b and law is other for (a, law), (b, other) in zip(key, self._key, strict=True)
         )
@@ -129,12 +128,12 @@ def _solution(
             (i.local_trace(k) @ u[s.substructure]).reshape(i.num_points, i.dim)
             for k, s in enumerate(i.sides)
         )
-        if isinstance(law, Elastic):
-            stretch = spring_jump(problem, name, u) - jumps(i, law)
-            force[name] = stiffnesses(i, law) * stretch
+        if law.springs:
+            stretch = spring_jump(problem, name, u) - law.jumps(i)
+            force[name] = law.stiffnesses(i) * stretch
             energy += 0.5 * float(i.weights @ np.sum(force[name] * stretch, axis=1))
-        elif isinstance(law, (Pressure, Traction)):
-            force[name] = forces(i, law)
+        elif (load := law.load(i)) is not None:
+            force[name] = load
     return ReferenceSolution(u, traces, force, energy, residual)
 
 

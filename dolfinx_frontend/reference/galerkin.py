@@ -34,13 +34,12 @@ from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.values import forces, jumps, stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_operator
 from dolfinx_frontend.reference.cholesky import Cholesky
-from dolfinx_frontend.scene.laws import Displacement, Elastic, Law, Perfect, Pressure, Traction
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
@@ -191,7 +190,7 @@ class _System:
         self.springs = {
             name: self._spring(i)
             for name, i in problem.interfaces.items()
-            if isinstance(i.law, Elastic)
+            if i.law.springs
         }
         self.offsets = self._offsets()
         self.fixed: list[sp.csr_matrix] = []
@@ -211,10 +210,9 @@ class _System:
 
     def _spring(self, i: Interface) -> _Spring:
         law = i.law
-        assert isinstance(law, Elastic)
-        mean = stiffnesses(i, law)
+        mean = law.stiffnesses(i)
         fixed, random = mean.copy(), []
-        for parameter, components in (("normal", slice(0, 1)), ("tangential", slice(1, i.dim))):
+        for parameter, components in law.spans.items():
             source = self.random.source(i.name, parameter)
             if source is not None:
                 scale = self.random.area_factor(i.name, parameter)
@@ -225,7 +223,7 @@ class _System:
         if self.random.source(i.name, "jump") is not None:
             imposed[:, 0] = self._modes(i.name, "jump")
         else:
-            imposed[:, :, 0] = jumps(i, law)
+            imposed[:, :, 0] = law.jumps(i)
         return _Spring(i, fixed, mean, tuple(random), imposed)
 
     def _offsets(self) -> dict[str, Array]:
@@ -242,7 +240,7 @@ class _System:
         values = {
             name: parameter
             for name, i in self.problem.interfaces.items()
-            if isinstance(i.law, (Displacement, Perfect))
+            if i.law.prescribes == "jump"
             for parameter in i.law.parameters()
         }
         sources: dict[str, list[str]] = {}
@@ -271,7 +269,6 @@ class _System:
         for name in body.springs:
             s = self.springs[name]
             i = s.interface
-            assert isinstance(i.law, Elastic)
             B = spring_operator(self.problem, body, name, i.law)[0]
             w = i.weights[:, None]
             fixed = fixed + B.T @ sp.diags((w * s.fixed).ravel()) @ B
@@ -292,13 +289,12 @@ class _System:
             if np.any(offset):
                 load -= self.problem.substructures[m].matrix @ offset
             for i in self.problem.interfaces.values():
-                if i.sides[0].substructure == m and isinstance(i.law, (Pressure, Traction)):
+                if i.sides[0].substructure == m and i.law.prescribes == "force":
                     self._random_force(i, load)
             f += body.Z[m].T @ load
         for name in body.springs:
             s = self.springs[name]
             i = s.interface
-            assert isinstance(i.law, Elastic)
             B = spring_operator(self.problem, body, name, i.law)[0]
             force = s.force(_interface_jump(self.problem, name, self.offsets))
             f -= B.T @ (i.weights[:, None, None] * force).reshape(-1, self.columns)
@@ -314,9 +310,9 @@ class _System:
                 if k == 0:
                     continue
                 value = float(modes[0, k]) if len(modes) == 1 else modes[:, k]
-                law = i.law.with_(**{parameter: value})
-                assert isinstance(law, (Pressure, Traction))
-                f = (i.weights[:, None] * forces(i, law)).ravel()
+                given = i.law.with_(**{parameter: value}).load(i)
+                assert given is not None  # it prescribes a force
+                f = (i.weights[:, None] * given).ravel()
                 load[:, k] += i.local_trace(0).T @ f
 
     # -- operators -----------------------------------------------------------------------------
@@ -454,7 +450,7 @@ class SSFEMSolution:
         """
         jump = self.jump_coefficients(interface)
         if interface not in self._springs:
-            law = type(self.problem.interfaces[interface].law).__name__
+            law = self.problem.interfaces[interface].law.title
             raise SceneError(
                 f"interface {interface!r} is {law}; only elastic interfaces have a force at points"
             )
@@ -676,15 +672,15 @@ def energy_error_modes(
     error = {name: padded(coefficients, name) - exact[name] for name in exact}
     above, below = _part_energy(problem, error), _part_energy(problem, exact)
     for name, i in problem.interfaces.items():
-        if not isinstance(i.law, Elastic):
+        if not i.law.springs:
             continue
         parts = [problem.substructures[s.substructure] for s in i.sides]
         cap = min(p.modulus / p.length for p in parts)
-        kappa = stiffnesses(i, i.law)
+        kappa = i.law.stiffnesses(i)
         k = (i.weights[:, None] * kappa * cap / (kappa + cap))[:, :, None]
         above += float(np.sum(k * _interface_jump(problem, name, error) ** 2))
         stretch = _interface_jump(problem, name, exact)
-        stretch[:, :, 0] -= jumps(i, i.law)
+        stretch[:, :, 0] -= i.law.jumps(i)
         below += float(np.sum(k * stretch**2))
     if below == 0.0:
         return 0.0 if above == 0.0 else float("inf")

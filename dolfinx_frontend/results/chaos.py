@@ -22,7 +22,6 @@ from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.columns import Collocation
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chunks, stepped, timed
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.result import Result
@@ -30,6 +29,7 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
@@ -398,7 +398,7 @@ class ChaosResult(Result, StochasticResult):
 
         return Block(len(points), both, displacement, contact, points)
 
-    def _parameters_at(self, name: str, points: Array, fields: LawFields) -> dict[str, Array]:
+    def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)
 
     def _sampled(self, name: str, points: Array, psi: Array) -> tuple[Array, Array]:

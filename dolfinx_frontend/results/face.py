@@ -25,7 +25,7 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
-from dolfinx_frontend.results.reactions import eliminated_fields, is_glue
+from dolfinx_frontend.results.reactions import eliminated_fields
 from dolfinx_frontend.results.stress import stress_function, stress_of
 from dolfinx_frontend.results.surfaces import surface_of
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -139,7 +139,7 @@ class Face(ABC):
         if self.without_displacements is not None:
             return tuple(name for name in self.problem.interfaces if name in active)
         interfaces = self.problem.interfaces.items()
-        return tuple(name for name, each in interfaces if name in active or not is_glue(each.law))
+        return tuple(name for name, each in interfaces if name in active or each.law.prescribes != "jump")
 
     def surface(self, interface: str) -> Surface:
         """An interface as tables and figures see it."""
@@ -192,7 +192,7 @@ class Face(ABC):
             It is a support or glue: its force is no unknown.
         """
         interface = self.problem.here(name)
-        if is_glue(interface.law):
+        if interface.law.prescribes == "jump":
             raise SceneError(
                 f"interface {name!r} was eliminated ({self.plan.eliminated[name]}), its force is "
                 f"not an unknown: solve with active=[{name!r}] to have it"

@@ -12,21 +12,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.plan.translate import law_fields
 from dolfinx_frontend.results.answer import Answer, Block, stepped
-from dolfinx_frontend.scene.laws import Displacement, Elastic, Law, Perfect, Symmetry
+from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["Reaction", "eliminated_fields", "is_glue", "reaction"]
+__all__ = ["Reaction", "eliminated_fields", "reaction"]
 
 ALIGNED = 1e-9
 """A normal within this of a global axis is that axis."""
-
-
-def is_glue(law: Law) -> bool:
-    """Whether the force of an eliminated interface is no unknown, but a reaction."""
-    return isinstance(law, (Perfect, Displacement, Symmetry))
 
 
 # --- springs and loads -----------------------------------------------------------------------------
@@ -52,15 +45,15 @@ def eliminated_fields(
         u = displacement(side.substructure, columns)
         w = (trace[:, columns] @ u.reshape(-1, len(columns)).T).T
         jump = jump + sign * w.reshape(*u.shape[:-1], m, d)
-    fields = [law_fields(interface, law) for law in laws]
-    jump = jump[..., : fields[0].components]
+    components = laws[0].count(d)
+    jump = jump[..., :components]
     force = np.empty_like(jump)
-    for step, (law, each) in enumerate(zip(laws, fields, strict=True)):
-        if isinstance(law, Elastic):
-            stiffness = stiffnesses(interface, law)[:, : each.components]
-            force[:, step] = stiffness * (jump[:, step] - each.parameters["jump"].reshape(m, -1))
+    for step, law in enumerate(laws):
+        if law.prescribes == "force":
+            force[:, step] = law.fields(interface).parameters["force"].reshape(m, -1)
         else:
-            force[:, step] = each.parameters["force"].reshape(m, -1)
+            kappa, imposed = (each(interface)[:, :components] for each in (law.stiffnesses, law.jumps))
+            force[:, step] = kappa * (jump[:, step] - imposed)
     return force, jump
 
 
@@ -68,9 +61,10 @@ def eliminated_fields(
 def _held_axes(interface: Interface) -> set[int] | None:
     """Global axes along which an interface of this kind acts; None: they are none of these."""
     d, law = interface.dim, interface.law
-    if isinstance(law, Displacement):
-        return set(law.axes(d))
-    if isinstance(law, Symmetry):
+    axes = law.axes(d)
+    if axes is not None:
+        return set(axes)
+    if law.count(d) == 1:  # along the normal
         axis = int(np.argmax(np.abs(interface.normals[0])))
         flat = np.all(np.abs(np.abs(interface.normals[:, axis]) - 1.0) < ALIGNED)
         return {axis} if flat else None

@@ -23,7 +23,6 @@ from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
-from dolfinx_frontend.scene.laws import Contact
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 
@@ -208,9 +207,9 @@ class HistoryResult(Result):
         """
         force, jump = self._local(interface)
         law = self.problem.interfaces[interface].law
-        if not isinstance(law, Contact) or not law.rubs:
+        if not law.rubs:
             raise SceneError(
-                f"interface {interface!r}: {type(law).__name__} has no friction; work() is for every law"
+                f"interface {interface!r}: {law.title} has no friction; work() is for every law"
             )
         return self._along(interface, force[..., 1:], jump[..., 1:])
 

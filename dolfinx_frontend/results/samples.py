@@ -17,7 +17,6 @@ from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
@@ -27,6 +26,7 @@ from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.value import Value
+from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -125,7 +125,7 @@ class SampleResult(Value, PointResults, StochasticResult):
     def _contact_at(self, name: str, part: slice) -> ContactValues | None:
         germs = self.germs[part]
 
-        def sampled(fields: LawFields) -> dict[str, Array]:
+        def sampled(fields: Fields) -> dict[str, Array]:
             return sampled_parameters(self.random, name, germs, fields, self.plan.steps)
 
         return law_contact(self.problem, self.plan, name, len(germs), sampled)

@@ -18,13 +18,13 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
+from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
@@ -243,7 +243,7 @@ class SweepResult(Value, PointResults):
     def _contact_at(self, name: str, part: slice) -> ContactValues | None:
         numbers = range(*part.indices(len(self.points.status)))
 
-        def swept(fields: LawFields) -> Mapping[str, Array]:
+        def swept(fields: Fields) -> Mapping[str, Array]:
             steps, values = self.plan.steps, {}
             for parameter, block in fields.parameters.items():
                 values[parameter] = np.tile(block, (1, len(numbers))) if block.shape[1] > 1 else block

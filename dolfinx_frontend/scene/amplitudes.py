@@ -17,6 +17,7 @@ import numpy.typing as npt
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import frozen
 
 __all__ = ["Amplitude", "Combination", "Varying", "amplitudes_of", "check_step", "check_times"]
 
@@ -127,6 +128,9 @@ class Varying:
     terms: tuple[tuple[Amplitude | None, Any], ...]
 
     __array_ufunc__ = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple((a, frozen(value)) for a, value in self.terms))
 
     def __add__(self, other: Any) -> Varying:
         if isinstance(other, Varying):

@@ -17,8 +17,9 @@ import ufl
 from ufl.domain import extract_unique_domain
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.laws import Parameter, is_plain
+from dolfinx_frontend.scene.values import Parameter, is_plain
 
 __all__ = ["LinearElastic", "Material", "OrthotropicElastic", "matrix_stress", "strain"]
 
@@ -210,6 +211,7 @@ class OrthotropicElastic:
                 np.abs(axes @ axes.T - np.eye(d)).max() > 1e-9
             ):
                 raise SceneError("OrthotropicElastic: axes are not orthonormal rows (d, d)")
+            object.__setattr__(self, "axes", frozen(self.axes))
         for dim in (2, 3) if self._is_full() else (2,):
             if dim == 2 or self.plane == "strain":
                 self._elasticity(dim)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction, Value
+from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.specs import (
     Face,
@@ -21,6 +21,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
+from dolfinx_frontend.scene.values import Value
 
 __all__ = ["Scene"]
 
@@ -170,15 +171,12 @@ class Scene:
         if len(found) not in law.sides:
             wanted = " or ".join("one side" if s == 1 else "two sides" for s in law.sides)
             raise SceneError(
-                f"{where}: {type(law).__name__} takes {wanted}, {len(found)} given"
+                f"{where}: {law.title} takes {wanted}, {len(found)} given"
             )
         if len(found) == 2 and found[0] == found[1]:
             raise SceneError(f"{where}: both sides are {found[0]}; join two different faces")
-        axes = law.components if isinstance(law, Displacement) else None
         spec = self.substructures[found[0].substructure]
-        dim = 3 if spec.lazy else spec.dim
-        if axes is not None and max(axes) >= dim:
-            raise SceneError(f"{where}: components = {axes} in {dim} dimensions; 0 is x")
+        law.check_dimension(3 if spec.lazy else spec.dim, where)
         if quadrature_degree is not None and not 1 <= quadrature_degree <= 30:
             raise SceneError(f"{where}: quadrature_degree = {quadrature_degree}; admissible: 1..30")
         if max_distance is not None and not max_distance > 0.0:
@@ -245,5 +243,5 @@ class Scene:
             lines.append(f"  {s.name:<16} {what}, degree {s.degree}, {material}")
         for i in self.interfaces.values():
             sides = " | ".join(str(f) for f in i.faces)
-            lines.append(f"  {i.name:<24} {sides:<36} {type(i.law).__name__}")
+            lines.append(f"  {i.name:<24} {sides:<36} {i.law.title}")
         return "\n".join(lines)

@@ -10,9 +10,11 @@ from typing import Any, Literal, Protocol, cast
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
-from dolfinx_frontend.scene.laws import Law, Parameter, is_plain
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
+from dolfinx_frontend.scene.values import Parameter, is_plain
 
 __all__ = ["CELLS", "Face", "InterfaceSpec", "Overlap", "PartLike", "Space", "SubstructureSpec", "check_face"]
 
@@ -52,6 +54,9 @@ class SubstructureSpec:
     degree: int
     body_force: Any
     rank: int | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "body_force", frozen(self.body_force))
 
     @property
     def lazy(self) -> bool:

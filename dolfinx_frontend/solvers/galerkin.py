@@ -104,7 +104,7 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
     done: dict[int, tuple[list[Array], Array]] = {}
     matrices = {}
     for (name, parameter), source in random.sources.items():
-        if parameter not in ("normal", "tangential") or not random.linear(name):
+        if parameter not in random.problem.interfaces[name].law.spans:
             continue
         if id(source) not in done:
             coefficients, indices = random.space.expansion(source, basis)
@@ -228,9 +228,9 @@ def _linear_parameters(
     constant = np.array([a is None for a in plan.patterns]) if plan.history == "patterns" else np.ones(steps)
     for parameter in interface.law.parameters():
         source = random.source(name, parameter)
-        if source is None or parameter in ("normal", "tangential"):
+        if source is None or parameter in interface.law.spans:
             continue
-        kernel, unit = bridge.kernel_parameter(interface, parameter)
+        kernel, unit = interface.law.kernel_unit(interface, parameter)
         coefficients = random.space.coefficients(source, basis)
         if len(coefficients) > 1:
             coefficients = np.repeat(coefficients, len(unit) // len(coefficients), axis=0)
@@ -247,12 +247,14 @@ def _groups(
     steps: int,
 ) -> list[ColumnGroup]:
     """Columns in which springs with random stiffnesses decouple; none where the stiffness is not random."""
-    if not any(key[0] == name for key in matrices):
-        return []
     interface = random.problem.interfaces[name]
+    law = interface.law
+    random_ones = {law.kernel_name(p): matrices[name, p] for p in law.spans if (name, p) in matrices}
+    if not random_ones:
+        return []
     fields = bridge.active_fields(interface, plan)
     linear = _linear_parameters(random, basis, name, plan, steps)
-    normal, tangential = (matrices.get((name, p)) for p in ("normal", "tangential"))
+    normal, tangential = random_ones.get("normal"), random_ones.get("tangential")
     spans: list[tuple[int, int, Galerkin | None]] = [(0, 1, normal)]
     if fields.components > 1:
         if normal is not None and tangential is not None and normal.source is tangential.source:
@@ -264,7 +266,7 @@ def _groups(
         parameters = {}
         forward = matrix.forward if matrix is not None else []
         for key in ("normal", "tangential"):
-            own = matrices.get((name, key))
+            own = random_ones.get(key)
             if own is not None and matrix is not None and own.source is matrix.source:
                 parameters[key] = np.repeat(own.values, steps, axis=1)
             else:

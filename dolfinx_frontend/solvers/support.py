@@ -41,12 +41,9 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
-from dolfinx_frontend.assembly.values import forces
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.plan.translate import law_fields
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.scene.laws import Contact, Perfect, Preload, Pressure, Traction
 
 __all__ = ["check_support"]
 
@@ -134,23 +131,6 @@ class _Reached:
     closed: bool
 
 
-def _unilateral(interface: Interface) -> bool:
-    return isinstance(interface.law, Contact)
-
-
-def _given_preload(interface: Interface, time: float | None) -> bool:
-    """Whether an interface is a pretension section whose force is given at a time."""
-    law = interface.law
-    return isinstance(law, Preload) and (time is None or law.controlled(time))
-
-
-def _locked(interface: Interface, given: frozenset[str]) -> Interface:
-    """The interface, as a rigid one if it is a pretension section that keeps its length."""
-    if isinstance(interface.law, Preload) and interface.name not in given:
-        return replace(interface, law=Perfect())
-    return interface
-
-
 def _decide(problem: Problem, work: Callable[[], T]) -> T:
     """Work of the first rank, whose outcome all get: rounding must not divide them."""
     spread = problem.distribution
@@ -204,17 +184,13 @@ def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[
     """Work (q,) of the loads in the motions, and the sum of their sizes."""
     nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
     for name, interface in problem.own.interfaces.items():
-        if _given_preload(problem.interfaces[name], time):
-            force = law_fields(interface, time=time).parameters["force"][:, :1]
-            pull = interface.weights[:, None] * force * interface.normals
-            for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
-                if side.substructure in nodal:
-                    nodal[side.substructure] += sign * (side.shape.T @ pull)
-        elif isinstance(interface.law, (Pressure, Traction)):
-            local = forces(interface, interface.law) * interface.weights[:, None]
-            vectors = np.einsum("pij,pi->pj", interface.frames, local)
-            side = interface.sides[0]
-            nodal[side.substructure] += side.shape.T @ vectors
+        load = interface.law.load(interface, time)
+        if load is None:
+            continue
+        vectors = np.einsum("pij,pi->pj", interface.frames, load * interface.weights[:, None])
+        for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
+            if side.substructure in nodal:
+                nodal[side.substructure] += sign * (side.shape.T @ vectors)
     work, size = np.zeros(len(motions)), 0.0
     for name, f in nodal.items():
         size += float(np.linalg.norm(f, axis=1).sum())
@@ -232,7 +208,7 @@ def _grips(problem: Problem, jumps: Mapping[str, Array]) -> dict[str, _Grip]:
         interface = problem.interfaces[name]
         if not problem.speaks_for(name):
             continue
-        given = law_fields(interface).parameters
+        given = interface.law.fields(interface).parameters
         nothing = np.zeros((interface.num_points, 1))
         bounds = (given.get(key, nothing)[:, 0] for key in ("friction", "threshold"))
         out[name] = _Grip(interface.weights, jump[:, 0], jump[:, 1:], *bounds)
@@ -398,7 +374,7 @@ def _check_slip(
 
 def _touching(interface: Interface, jump: Array) -> Flags:
     """(m,): whether the faces touch, with or without force."""
-    given = law_fields(interface).parameters
+    given = interface.law.fields(interface).parameters
     opening = jump[:, 0] - given["jump"].reshape(len(jump), -1)[:, 0] + given["gap"][:, 0]
     return np.asarray(opening <= _TOUCHING * np.sqrt(interface.area))
 
@@ -445,7 +421,7 @@ def check_support(result: Result) -> None:
         converged, and a part without loads touches nothing (of a static answer: presses on nothing).
     """
     problem = result.problem
-    contacts = [name for name, i in problem.interfaces.items() if _unilateral(i)]
+    contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
     if not contacts:
         return
     times = result.plan.times
@@ -456,12 +432,12 @@ def check_support(result: Result) -> None:
     # what is free depends on the preloads that are locked, and on no other time
     alike: dict[frozenset[str], list[int]] = {}
     for k, (_, time, _) in enumerate(steps):
-        given = frozenset(n for n, i in problem.interfaces.items() if _given_preload(i, time))
+        given = frozenset(n for n, i in problem.interfaces.items() if i.law.controlled(time))
         alike.setdefault(given, []).append(k)
     checks: dict[int, _Check] = {}
     for given, members in alike.items():
         own = {
-            name: held(problem, _locked(i, given))
+            name: held(problem, i if name in given else replace(i, law=i.law.locked))
             for name, i in problem.own.interfaces.items()
             if name not in contacts and problem.speaks_for(name)
         }

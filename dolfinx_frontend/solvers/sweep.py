@@ -15,8 +15,8 @@ from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
@@ -40,7 +40,7 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
             raise SceneError(
                 f"sweep over {', '.join(names)}: give a list of finite numbers, got {values!r}"
             )
-        axes[names] = data
+        axes[names] = frozen(data)
     if not axes:
         raise SceneError("sweep: the grid is empty; give {'interface.parameter': values}")
     return axes
@@ -71,13 +71,10 @@ def _swept(
     for key, values in zip(axes, mesh, strict=True):
         for name in key:
             interface, parameter = targets[name]
-            kernel_name, pattern, factors = bridge.kernel_values(
-                problem.interfaces[interface], parameter, values.reshape(1, -1)
-            )
-            if parameter in ("normal", "tangential") and values.min() < 0.0:
-                raise SceneError(
-                    f"sweep: {name!r} takes the value {values.min():g}: a stiffness must be >= 0"
-                )
+            where = problem.interfaces[interface]
+            kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
+            if parameter in where.law.not_negative and values.min() < 0.0:
+                raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
             parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
     return parameters

@@ -50,6 +50,15 @@ def deviation(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
     return spread
 
 
+def refuse_positional(kind: str, name: str, more: tuple[Any, ...]) -> None:
+    """Refuse a spread without a keyword: it may be meant as either."""
+    if more:
+        raise SceneError(
+            f"{kind} {name!r}: {more[0]!r} may be meant as either of two: give std={more[0]!r}, the standard "
+            f"deviation, or cov={more[0]!r}, the coefficient of variation std / |mean|"
+        )
+
+
 def checked_bounds(kind: str, name: str, lower: Any, upper: Any) -> tuple[float, float]:
     lo, up = checked_number(kind, name, "lower", lower), checked_number(kind, name, "upper", upper)
     if not lo < up:

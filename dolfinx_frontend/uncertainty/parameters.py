@@ -27,7 +27,7 @@ Correlation lengths have the unit of the coordinates; a parameter has the unit o
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, cast
+from typing import Any, Literal, Never, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +36,7 @@ from scipy import special, stats
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.uncertainty.checks import checked_bounds, checked_number, deviation
+from dolfinx_frontend.uncertainty.checks import checked_bounds, checked_number, deviation, refuse_positional
 from dolfinx_frontend.uncertainty.distributions import (
     Atoms,
     Distribution,
@@ -234,7 +234,7 @@ class _NormalParameter(_Affine):
         return self.to_germ(value)
 
 
-def Normal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> RandomParameter:
+def Normal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Normal (Gaussian) parameter, mean (1 + cov xi) as in the paper's equation 13.
 
     It takes negative values: as a stiffness it is only usable at orders for which cov is below the
@@ -247,13 +247,14 @@ def Normal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> Rando
     mean
         Expectation.
     cov, std
-        One of them: coefficient of variation > 0, or standard deviation > 0.
+        One of them, by its keyword: coefficient of variation > 0, or standard deviation > 0.
 
     Raises
     ------
     SceneError
         As all functions of this module, on a value that is no number or out of range.
     """
+    refuse_positional("Normal", name, more)
     m = checked_number("Normal", name, "mean", mean)
     s = deviation("Normal", name, m, cov, std)
     return _NormalParameter(
@@ -271,11 +272,11 @@ def Normal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> Rando
 def TruncatedNormal(
     name: str,
     mean: float,
+    *more: Never,
     cov: Any = None,
+    std: Any = None,
     lower: Any = None,
     upper: Any = None,
-    *,
-    std: Any = None,
     within: Any = None,
 ) -> RandomParameter:
     """Normal law that is cut at bounds and scaled back to the probability 1.
@@ -293,6 +294,7 @@ def TruncatedNormal(
         Instead of bounds: cut at mean +- within * std.
     """
     kind = "TruncatedNormal"
+    refuse_positional(kind, name, more)
     m = checked_number(kind, name, "mean", mean)
     s = deviation(kind, name, m, cov, std)
     if (within is None) == (lower is None and upper is None):
@@ -351,11 +353,12 @@ class _LogNormalParameter(_Gaussian):
         return np.asarray(self.mean * np.exp(powers))
 
 
-def LogNormal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> RandomParameter:
+def LogNormal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Lognormal parameter: the logarithm is normal.  Positive, chaos exact at any degree.
 
     ``mean`` > 0, ``cov`` and ``std`` are those of the parameter, not of its logarithm.
     """
+    refuse_positional("LogNormal", name, more)
     m = checked_number("LogNormal", name, "mean", mean, positive=True)
     return _LogNormalParameter(name, m, deviation("LogNormal", name, m, cov, std))
 
@@ -393,8 +396,9 @@ def Uniform(
     )
 
 
-def Gamma(name: str, mean: float, cov: Any = None, *, std: Any = None) -> RandomParameter:
+def Gamma(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Gamma parameter on (0, inf) with ``mean`` > 0 and ``cov`` or ``std``; shape = 1 / cov^2."""
+    refuse_positional("Gamma", name, more)
     m = checked_number("Gamma", name, "mean", mean, positive=True)
     s = deviation("Gamma", name, m, cov, std)
     shape, scale = (m / s) ** 2, s * s / m

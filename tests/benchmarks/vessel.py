@@ -101,7 +101,8 @@ def sweep_energy_errors(vessel: Any, problem: Problem, surface: SweepResult) -> 
     for names, values in zip(vessel.stiffnesses(*xi), mesh, strict=True):
         for name in names:
             interface, parameter = name.split(".")
-            kernel_name, pattern = bridge.kernel_parameter(problem.interfaces[interface], parameter)
+            where = problem.interfaces[interface]
+            kernel_name, pattern = where.law.kernel_unit(where, parameter)
             swept.append(SweptParameter(interface, kernel_name, pattern, values.reshape(1, -1)))
     order = snake_order([len(values) for values in xi])
     points = kernel_sweep(

@@ -9,7 +9,6 @@ import scipy.sparse as sp
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
-from dolfinx_frontend.assembly.values import jumps, stiffnesses
 from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
 from dolfinx_frontend.reference.cholesky import Cholesky
 from dolfinx_frontend.reference.direct import monolithic
@@ -35,9 +34,9 @@ def test_elimination_equals_lagrange_multipliers():
     F = np.concatenate([a.load, b.load])
     spring = problem.interfaces["spring"]
     T = spring.local_trace(0)
-    k = np.repeat(spring.weights, 2) * stiffnesses(spring, spring.law).ravel()
+    k = np.repeat(spring.weights, 2) * spring.law.stiffnesses(spring).ravel()
     K[: a.size, : a.size] += (T.T @ sp.diags(k) @ T).toarray()
-    F[: a.size] -= T.T @ (k * jumps(spring, spring.law).ravel())
+    F[: a.size] -= T.T @ (k * spring.law.jumps(spring).ravel())
     rows, values = [], []
 
     def constrain(entries, value):

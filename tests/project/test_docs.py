@@ -53,4 +53,4 @@ def test_pages_build_without_warnings(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     page = (tmp_path / "html" / "api" / "laws.html").read_text()
-    assert 'id="dolfinx_frontend.scene.laws.Contact"' in page and "|f_t| &lt;= mu |f_n| + tau" in page
+    assert 'id="dolfinx_frontend.scene.laws.contact.Contact"' in page and "|f_t| &lt;= mu |f_n| + tau" in page

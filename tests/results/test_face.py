@@ -44,7 +44,7 @@ def problem(random: bool = False, d: int = 3, varying: bool = False, contact: bo
         cell = "tetrahedron" if d == 3 else "quadrilateral"
         block = geometry.box((LENGTH, 1.0, 1.0)[:d], (2, 1, 1)[:d], (x0, 0.0, 0.0)[:d], cell)
         scene.substructure(name, block, material, degree=2)
-    k: Any = LogNormal("k", 30.0, 0.2) if random else 30.0
+    k: Any = LogNormal("k", 30.0, cov=0.2) if random else 30.0
     law = Contact(gap=0.001, stiffness=k) if contact else Elastic(normal=k, tangential=10.0)
     scene.interface("joint", "left:x1", "right:x0", law)
     scene.interface("ground", "left:x0", Elastic(normal=50.0, tangential=20.0))

@@ -14,7 +14,6 @@ from mpi4py import MPI
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.rigid import check_rigid_bodies
-from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.reduction import reduce
 from dolfinx_frontend.reference.cholesky import Cholesky
@@ -28,10 +27,11 @@ from dolfinx_frontend.scene.laws import (
     Pressure,
     Symmetry,
     Traction,
-    evaluate,
+    resolve,
 )
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.values import evaluate
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 from parts.rings import annulus
@@ -150,7 +150,7 @@ def test_material_constants():
     message(lambda: LinearElastic(np.nan, 0.3), "E = nan")
     message(lambda: LinearElastic(1.0, 0.5), "nu = 0.5", "-1 < nu < 0.5")
     message(lambda: LinearElastic(1.0, 0.3, "straining"), "'stress'")
-    E = LogNormal("E", 1.0, 0.1)
+    E = LogNormal("E", 1.0, cov=0.1)
     message(lambda: LinearElastic(E, 0.3), "LinearElastic: E = LogNormal('E'", "neither random")
     message(lambda: LinearElastic(1.0, Amplitude([0, 1], [0, 0.3]) * 1.0), "nu =", "in time")
     message(lambda: OrthotropicElastic((1, E, 1), (0, 0, 0), (1, 1, 1)), "E = LogNormal('E'")

@@ -10,7 +10,6 @@ import pytest
 from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, geometry
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction
 from dolfinx_frontend.reference.direct import ReferenceSolution, monolithic
 from dolfinx_frontend.reference.energy import energy_difference, energy_error
@@ -112,7 +111,7 @@ def true_error(problem: Problem, result: Result, reference: ReferenceSolution) -
     for name in result.plan.active:
         interface = problem.interfaces[name]
         m, d = interface.num_points, interface.dim
-        frames = bridge.law_fields(interface).frames.reshape(m, -1, d)
+        frames = interface.law.fields(interface).frames.reshape(m, -1, d)
         for side in interface.sides:
             exact = reference.u[side.substructure]
             error = result.displacements[side.substructure] - exact

@@ -1,0 +1,121 @@
+"""Unilateral contact, with or without friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.laws.base import Fields, Law, Points, positive, resolve
+from dolfinx_frontend.scene.values import is_zero
+
+__all__ = ["Contact"]
+
+
+TOUCHING = 1e-6
+"""Interpenetration, as a share of the face's size, that is rounding of the mesh."""
+
+
+@dataclass(frozen=True, repr=False)
+class Contact(Law):
+    """Unilateral contact, with or without dry friction; one-sided: against rigid ground.
+
+    With the opening g = j_n - Delta_n + g0: f_n <= 0, g >= 0, f_n g = 0. With friction the tangential
+    force is bounded, |f_t| <= mu |f_n| + tau, and slips along its own direction at the bound.
+
+    Parameters
+    ----------
+    gap
+        g0, length; negative: interference. None: the distance of the two faces as they are meshed.
+    friction
+        mu >= 0. None: no friction, and no tangential unknowns.
+    threshold
+        tau >= 0, force / area (Tresca's law where mu is 0). None: none.
+    stiffness
+        Normal stiffness per area in compression, force / length^3. None: rigid.
+    jump
+        Delta, length: a number is the component along n, d components are in the local frame. A bolt
+        that was shortened by 0.2 mm has jump = -0.2.
+    interference
+        Accept faces that are meshed inside each other as an interference; otherwise that is an error.
+    """
+
+    gap: Any = None
+    friction: Any = None
+    threshold: Any = None
+    stiffness: Any = None
+    jump: Any = 0.0
+    interference: bool = False
+    unilateral: ClassVar[bool] = True
+    kernel_names: ClassVar[Mapping[str, str]] = {"stiffness": "compliance"}
+    inverse: ClassVar[tuple[str, ...]] = ("stiffness",)
+    not_negative: ClassVar[tuple[str, ...]] = ("friction", "threshold", "stiffness")
+    search_direction: ClassVar[Literal["parts", "patch", "springs"]] = "patch"
+    drawn: ClassVar[str] = "contact"
+
+    def validate(self) -> None:
+        if self.gap is not None:
+            self.check_value("gap", self.gap)
+        for name in ("friction", "threshold", "stiffness"):
+            value = getattr(self, name)
+            if value is not None:
+                self.check_value(name, value, 0.0, f"{name} is >= 0 and finite")
+        self.check_value("jump", self.jump)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there are tangential forces."""
+        return not (is_zero(self.friction) and is_zero(self.threshold))
+
+    @property
+    def history(self) -> bool:
+        return self.rubs
+
+    @property
+    def bolt(self) -> bool:
+        return not is_zero(self.jump)
+
+    def parameters(self) -> dict[str, Any]:
+        return self.given("gap", "friction", "threshold", "stiffness", "jump")
+
+    def count(self, dim: int) -> int:
+        return dim if self.rubs else 1
+
+    def jumps(self, points: Points) -> Array:
+        return resolve(self.jump, points, points.dim, "first", "jump")
+
+    def fields(self, points: Points, time: float | None = None) -> Fields:
+        nothing = np.zeros((points.num_points, 1))
+        parameters = {"gap": self._gap(points), "compliance": nothing}
+        if self.stiffness is not None:
+            parameters["compliance"] = np.reciprocal(positive(points, self.stiffness, "contact stiffness"))
+        for name in ("friction", "threshold") if self.rubs else ():
+            value = getattr(self, name)
+            values = nothing if value is None else resolve(value, points, 1, name=name)
+            if values.min() < 0.0:
+                raise SceneError(f"interface {points.name!r}: {name} {values.min():g} is negative")
+            parameters[name] = values
+        parameters["jump"] = self.imposed(points)
+        kind = "coulomb" if self.rubs else "contact"
+        return Fields(kind, self.count(points.dim), self.rows(points), parameters)
+
+    def _gap(self, points: Points) -> Array:
+        """g0 (m, 1)."""
+        if self.gap is not None:
+            return resolve(self.gap, points, 1, name="gap")
+        gap = (points.gap if self.interference else points.clearance)[:, None]
+        depth = -float(gap.min())
+        if not self.interference and depth > TOUCHING * np.sqrt(points.area):
+            raise SceneError(
+                f"interface {points.name!r}: the faces are meshed inside each other, by up to {depth:.4g}: "
+                "fix the geometry, give the gap, or pass interference=True if that is meant"
+            )
+        return gap
+
+    def holds(self, dim: int) -> tuple[bool, ...]:
+        # as long as it is closed; whether it is, only the solution tells
+        return (True,) + (self.rubs,) * (dim - 1)

@@ -1,0 +1,88 @@
+"""Prescribed displacement of a face."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.laws.base import Elimination, Face, Fields, Law, Points, resolve
+from dolfinx_frontend.scene.values import evaluate
+
+__all__ = ["Displacement"]
+
+
+@dataclass(frozen=True, repr=False)
+class Displacement(Law):
+    """Prescribed displacement of a face: w_1 = value in the named global components.
+
+    Parameters
+    ----------
+    value
+        Length.  A vector of d global components (those that are not named are ignored), a callable
+        x (m, d) -> (m, d), or a number for all named components.
+    components
+        Global axes (0 = x) that are prescribed; None: all.
+    """
+
+    value: Any = 0.0
+    components: tuple[int, ...] | None = None
+    sides: ClassVar[tuple[int, ...]] = (1,)
+    loading: ClassVar[tuple[str, ...]] = ("value",)
+    linear: ClassVar[bool] = True
+    elimination: ClassVar[Elimination | None] = Elimination.REMOVED
+    kernel_names: ClassVar[Mapping[str, str]] = {"value": "jump"}
+    drawn: ClassVar[str] = "support"
+
+    def validate(self) -> None:
+        self.check_value("value", self.value)
+        if self.components is not None:
+            try:
+                components = tuple(int(c) for c in np.atleast_1d(np.asarray(self.components)))
+            except (TypeError, ValueError, OverflowError):
+                components = ()
+            if not components or len(set(components)) < len(components) or min(components) < 0:
+                raise SceneError(
+                    f"Displacement: components = {self.components!r}; name different axes, 0 = x"
+                )
+            object.__setattr__(self, "components", components)
+
+    def check_dimension(self, dim: int, where: str) -> None:
+        if self.components is not None and max(self.components) >= dim:
+            raise SceneError(f"{where}: components = {self.components} in {dim} dimensions; 0 is x")
+
+    def parameters(self) -> dict[str, Any]:
+        return {"value": self.value}
+
+    def axes(self, dim: int) -> tuple[int, ...]:
+        """The prescribed global components in `dim` dimensions."""
+        return tuple(range(dim)) if self.components is None else self.components
+
+    def count(self, dim: int) -> int:
+        return len(self.axes(dim))
+
+    def rows(self, points: Points) -> Array:
+        return np.tile(np.eye(points.dim)[list(self.axes(points.dim))], (points.num_points, 1))
+
+    def fields(self, points: Points, time: float | None = None) -> Fields:
+        value = resolve(self.value, points, points.dim, "all", "value")[:, list(self.axes(points.dim))]
+        # the ground is side 2: j = -w_1
+        jump = {"jump": -value.reshape(-1, 1)}
+        return Fields("perfect", self.count(points.dim), self.rows(points), jump)
+
+    def removed(self, dim: int) -> int:
+        return self.count(dim)
+
+    def constraint(self, name: str, face: Face, nodes: Array) -> tuple[Array, Array]:
+        d = nodes.shape[1]
+        axes = list(self.axes(d))
+        what = f"interface {name!r}, parameter 'value'"
+        value = evaluate(self.value, nodes, d, what, "all", arrays=False)
+        return np.eye(d)[axes], value[:, axes]
+
+    def held_rows(self, points: Points) -> Array:
+        return np.tile(np.eye(points.dim)[list(self.axes(points.dim))], (points.num_points, 1, 1))
