@@ -862,23 +862,26 @@ EMPTY = "## Reading the front\n\n<!-- front: begin -->\n<!-- front: end -->\n"
 
 INTRODUCTION = """![Error against cost on three scenes](figures/tradeoff.png)
 
-Each point is one setting of the knobs: the cost of mean and standard deviation of one number, and the larger
-of their true relative errors. The line is the front: what a cost buys at best; whatever lies above it or to
-its right wastes work. Stars are what `solve(problem, accuracy=...)` chose by itself.
+Each point is one choice of settings. Its cost is that of computing the mean and the standard deviation of one
+number; its error is the larger of their true relative errors. The line is the front: the best that can be had
+for a given cost. A setting above the line or to its right wastes work. Stars are the settings that
+`solve(problem, accuracy=...)` chose.
 
-Two errors are kept apart. Above: on the same mesh, against a much tighter solution; that is what tolerance,
-chaos and method decide. Below: against a much finer mesh, with everything in it; the front flattens where the
-mesh decides, and from there on tighter tolerances and higher orders buy nothing.
+Two errors are shown separately. The upper pictures show the error on the same mesh, against a much tighter
+solution; it depends on tolerance, chaos and method. The lower pictures show the total error, against a much
+finer mesh. There the front becomes flat where the error of the mesh dominates; from that point on, tighter
+tolerances and higher orders gain nothing.
 
-So begin below: take the mesh whose error fits. Then go up to the same error in the picture above (a third of
-it, if the sum is to fit), and read the setting from the table.
+So begin with the lower picture and choose the mesh whose error is small enough. Then find the same error in
+the upper picture (a third of it, if the sum of both must stay below the limit), and read the setting from the
+table.
 
-A *unit* is one direct solution of the base mesh in the same run. Costs above begin with the matrices of the
-parts; those below have assembly and pairing, too. Errors that are small by chance (a tighter setting of the
-same series is over three times worse, or errors of chaos and mesh cancel) are drawn small, and count neither
-for the front nor for the tables. Errors of Monte Carlo are root mean squares over several seeds. In the grey
-band errors cannot be told from that of the reference. Of settings that cost the same to 10 % the tables name
-the best.
+A *unit* is one direct solution of the base mesh in the same run. Costs in the upper pictures do not include the
+assembly of the parts' matrices; those in the lower pictures include assembly and pairing. Some errors are small
+by chance (a tighter setting of the same series is over three times worse, or errors of chaos and mesh cancel);
+they are drawn small, and are left out of the front and of the tables. Errors of Monte Carlo are root mean
+squares over several seeds. In the grey band errors cannot be distinguished from the error of the reference. If
+several settings cost the same to within 10 %, the tables name the most accurate one.
 """
 
 
@@ -905,12 +908,12 @@ def section(record: Mapping[str, Any]) -> str:
             "",
             common.markdown_table(*table_same(scene)),
             "",
-            "What each method needs at least (`-`: not reached by any setting that was tried); what",
-            "`accuracy=` chose, its true error, and its cost over the least one:",
+            "The least cost of each method (`-`: not reached by any setting that was tried), and the cost of",
+            "what `accuracy=` chose, its true error, and its cost divided by the least one:",
             "",
             common.markdown_table(*table_methods(scene)),
             "",
-            "One knob at a time:",
+            "One setting changed at a time:",
             "",
             common.markdown_table(*table_knobs(scene)),
             "",
@@ -918,13 +921,13 @@ def section(record: Mapping[str, Any]) -> str:
         made = scene["references"].get("all")
         if made is not None:
             text += [
-                f"In all, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which",
+                f"Total error, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which",
                 f"differs by {made['own_error']:.0e} from {made['compared']}; units and seconds with",
                 "assembly:",
                 "",
                 common.markdown_table(*table_all(scene)),
                 "",
-                "Size, degree and interface space, each mesh by the tightest run on it:",
+                "Size, degree and interface space; for each mesh the run with the tightest settings:",
                 "",
                 common.markdown_table(*table_meshes(scene)),
                 "",
