@@ -63,13 +63,13 @@ from dolfinx_frontend import (
     Scene,
     SweepResult,
     assemble,
+    figures,
+    io,
     solve,
     sweep,
 )
-from dolfinx_frontend.figures import plotting
-from dolfinx_frontend.geometry.lap_joint import LapJoint, lap_joint
 from dolfinx_frontend.geometry.parts import Part
-from dolfinx_frontend.io import fields
+from parts.lap_joint import LapJoint, lap_joint
 
 Array = npt.NDArray[np.float64]
 
@@ -471,13 +471,13 @@ def surface_figures(surface: SweepResult, folder: Path) -> list[Path]:
         title = f"{label.partition(' (')[0]}, bolts of {2e-3 * half[middle]:.0f} kN/mm, {pulled}"
         file = folder / f"{name}_friction_preload.png"
         paths.append(
-            plotting.response_surface(friction, preload, z[:, :, middle], labels, file, title=title)
+            figures.response_surface(friction, preload, z[:, :, middle], labels, file, title=title)
         )
         labels = ("friction (-)", "stiffness of a bolt (kN/mm)", label)
         title = f"{label.partition(' (')[0]}, bolts shortened by {-jump[middle]:.2f} mm, {pulled}"
         file = folder / f"{name}_friction_stiffness.png"
         paths.append(
-            plotting.response_surface(
+            figures.response_surface(
                 friction, 2e-3 * half, z[:, middle], labels, file, title=title
             )
         )
@@ -518,12 +518,12 @@ def main(given: Sequence[str] | None = None) -> None:
 
     paths = []
     for name, step in (("tightened", 0), ("pulled", loop.first), ("pushed", 3 * loop.first)):
-        paths.append(fields.write_fields(result, output / f"{name}.vtm", step=step))
-    paths.append(fields.write_interfaces(result, output / "interfaces.pvd"))
+        paths.append(io.write_fields(result, output / f"{name}.vtm", step=step))
+    paths.append(io.write_interfaces(result, output / "interfaces.pvd"))
     if not options.no_figures:
         paths += [
-            plotting.assembly_figure(joint, output / "joint.png"),
-            plotting.interface_figure(
+            figures.assembly_figure(joint, output / "joint.png"),
+            figures.interface_figure(
                 result, "plates", output / "pressure.png", step=0, label="pressure between the plates (MPa)"
             ),
             loop_figure(loop, output / "loop.png"),

@@ -86,7 +86,8 @@ from dolfinx_frontend import (
     SweepResult,
     Symmetry,
     assemble,
-    geometry,
+    figures,
+    io,
     make_plan,
     monte_carlo,
     reference,
@@ -94,13 +95,12 @@ from dolfinx_frontend import (
     sweep,
     tensor_quadrature,
 )
-from dolfinx_frontend.figures import plotting
-from dolfinx_frontend.io import fields
 from dolfinx_frontend.plan.plan import Method
-from dolfinx_frontend.reference import ssfem
 from dolfinx_frontend.results.uncertain import Samples
-from dolfinx_frontend.scene.scene import Space
+from dolfinx_frontend.scene.specs import Space
 from dolfinx_frontend.uncertainty.quantities import SobolEstimate, sobol_of
+from parts.unit import Unit, measure_unit
+from parts.vessel import BoltedVessel, bolted_vessel
 
 Array = npt.NDArray[np.float64]
 
@@ -125,7 +125,7 @@ KEEP_ALL = Options(operator="factored")
 
 
 def vessel_scene(
-    vessel: geometry.BoltedVessel,
+    vessel: BoltedVessel,
     half_screw: Any = 0.5 * SCREW,
     joint: Any = JOINT,
     pressure: Any = PRESSURE,
@@ -168,9 +168,9 @@ def vessel_scene(
     return scene
 
 
-def build_scene(size: str | float = "paper") -> tuple[geometry.BoltedVessel, Scene]:
+def build_scene(size: str | float = "paper") -> tuple[BoltedVessel, Scene]:
     """Geometry and scene; `size` as in :func:`dolfinx_frontend.geometry.parts.bolted_vessel`."""
-    vessel = geometry.bolted_vessel(size=size)
+    vessel = bolted_vessel(size=size)
     return vessel, vessel_scene(vessel)
 
 
@@ -229,7 +229,7 @@ def report_deterministic(
     problem: Problem,
     results: Mapping[str, Result],
     exact: reference.ReferenceSolution,
-    unit: reference.Unit,
+    unit: Unit,
 ) -> None:
     """Tables of cost and accuracy; time is also given in units of one direct solution."""
     print(
@@ -338,7 +338,7 @@ def sample_errors(
 def report_sweeps(
     surfaces: Mapping[str, SweepResult],
     errors: Mapping[str, float],
-    unit: reference.Unit,
+    unit: Unit,
 ) -> None:
     """Table of the iterations and of their cost."""
     rows = []
@@ -393,7 +393,7 @@ CHAOS_RTOL = 1e-8
 QUANTITY = "largest normal stress on the joint"
 
 
-def random_scene(vessel: geometry.BoltedVessel) -> Scene:
+def random_scene(vessel: BoltedVessel) -> Scene:
     """The scene with independent normal stiffnesses of screw and joint."""
     return vessel_scene(
         vessel,
@@ -427,15 +427,15 @@ class Uncertain(NamedTuple):
 
     chaos: ChaosResult
     plain: ChaosResult | None
-    galerkin: ssfem.SSFEMSolution
-    exact: ssfem.SSFEMSolution
+    galerkin: reference.SSFEMSolution
+    exact: reference.SSFEMSolution
     quadrature: SampleResult
     samples: SampleResult
     seconds: dict[str, float]
 
     def error(self, coefficients: Mapping[str, Array]) -> float:
         """Relative energy-norm distance of displacement modes to `exact`, over all of them."""
-        return ssfem.energy_error_modes(self.exact.problem, coefficients, self.exact.coefficients)
+        return reference.energy_error_modes(self.exact.problem, coefficients, self.exact.coefficients)
 
 
 def all_modes(result: ChaosResult) -> dict[str, Array]:
@@ -463,8 +463,8 @@ def solve_uncertain(problem: Problem, samples: int = 2000, plain: bool = False) 
     return Uncertain(
         timed("chaos", lambda: solve(problem, chaos=order, options=precise)),
         timed("plain", of_2004) if plain else None,
-        timed("galerkin", lambda: ssfem.ssfem(problem, order, rtol=CHAOS_RTOL)),
-        ssfem.ssfem(problem, order, rtol=1e-12),
+        timed("galerkin", lambda: reference.ssfem(problem, order, rtol=CHAOS_RTOL)),
+        reference.ssfem(problem, order, rtol=1e-12),
         timed("quadrature", lambda: tensor_quadrature(problem, ORDER + 1, plan_options=usual)),
         # another seed than that of the points at which the chaos is evaluated
         timed("samples", lambda: monte_carlo(problem, samples, seed=1, plan_options=usual)),
@@ -498,7 +498,7 @@ def sobol_indices(result: ChaosResult) -> dict[str, SobolEstimate]:
     return sobol_of(lambda germs: largest_stress(result.at(germs)), result.space)
 
 
-def report_uncertain(uncertain: Uncertain, unit: reference.Unit, paper_size: bool) -> None:
+def report_uncertain(uncertain: Uncertain, unit: Unit, paper_size: bool) -> None:
     """Table of the cost of every method."""
     chaos, plain, galerkin = uncertain.chaos, uncertain.plain, uncertain.galerkin
     modes, dof = chaos.modes, chaos.problem.size
@@ -603,7 +603,7 @@ def chaos_figures(
     for name, title, index in modes:
         displacements = {part: chaos.mode(part, index) for part in chaos.problem.substructures}
         written.append(
-            plotting.deformed_figure(
+            figures.deformed_figure(
                 displacements,
                 output / f"figure_8_{name}.png",
                 title=f"{name}, {title}; cover lifted off",
@@ -616,7 +616,7 @@ def chaos_figures(
     lowest, highest = np.quantile(stresses[f"LATIN-PCE, order {ORDER}"].values, [1e-4, 0.9999])
     at = np.linspace(lowest, highest, 300)
     written.append(
-        plotting.density_figure(
+        figures.density_figure(
             {name: quantity.density(at) for name, quantity in curves.items()},
             output / "figure_9_density.png",
             f"{QUANTITY} (MPa)",
@@ -632,8 +632,8 @@ def chaos_figures(
 # %% Figures and fields
 
 
-def figures(
-    vessel: geometry.BoltedVessel,
+def vessel_figures(
+    vessel: BoltedVessel,
     problem: Problem,
     result: Result,
     surfaces: Mapping[str, SweepResult],
@@ -643,12 +643,12 @@ def figures(
     """Figures 3 to 7 of the paper; the last one of `surfaces` is drawn as a surface."""
     joint = problem.interfaces["joint"]
     written = [
-        plotting.assembly_figure(
+        figures.assembly_figure(
             vessel,
             output / "figure_3_4_assembly.png",
             title="1/16 of the vessel: 6 parts, lifted apart, and their 20 interfaces",
         ),
-        plotting.interface_map(
+        figures.interface_map(
             joint.points,
             result.force("joint")[:, 0],
             output / "figure_6_joint_stress.png",
@@ -660,7 +660,7 @@ def figures(
     for number, (name, surface) in enumerate(surfaces.items(), start=1):
         points = surface.points
         written.append(
-            plotting.convergence_figure(
+            figures.convergence_figure(
                 [[(e.number, e.indicator) for e in points.histories[p]] for p in points.order],
                 output / f"figure_5_convergence_{number}.png",
                 label="error indicator",
@@ -669,7 +669,7 @@ def figures(
         )
     largest = surfaces[list(surfaces)[-1]].force("joint")[..., 0].max(axis=-1)
     written.append(
-        plotting.response_surface(
+        figures.response_surface(
             *xi,
             largest,
             (r"$\xi_1$ (screw)", r"$\xi_2$ (joint)", "largest normal stress (MPa)"),
@@ -713,7 +713,7 @@ class ContactState(NamedTuple):
 
 
 def contact_history(
-    vessel: geometry.BoltedVessel, law: Contact, pressures: Array
+    vessel: BoltedVessel, law: Contact, pressures: Array
 ) -> tuple[HistoryResult, list[ContactState]]:
     """Preload the screws, then raise the pressure; the whole history is iterated on at once."""
     times = np.arange(len(pressures), dtype=float)
@@ -774,7 +774,7 @@ def report_contact(states: Sequence[ContactState]) -> None:
 
 
 def contact_figures(
-    vessel: geometry.BoltedVessel,
+    vessel: BoltedVessel,
     joint: Interface,
     states: Sequence[ContactState],
     output: Path,
@@ -789,7 +789,7 @@ def contact_figures(
         ("opening", 1e3 * np.maximum(shown.jump[:, 0], 0.0), "opening (micrometres)"),
     ):
         written.append(
-            plotting.interface_map(
+            figures.interface_map(
                 joint.points,
                 values,
                 output / f"figure_contact_{name}.png",
@@ -821,7 +821,7 @@ def contact_story(options: argparse.Namespace, say: Callable[[str], None]) -> No
     rubs = f"friction {options.friction:g}" if options.friction else "no friction"
     stiff = f"gasket of {options.gasket:g} N/mm^3" if options.gasket else "rigid faces"
     say(f"meshing the vessel, size {options.size}")
-    vessel = geometry.bolted_vessel(size=options.size)
+    vessel = bolted_vessel(size=options.size)
     pressures = PRESSURES[::4] if options.quick else PRESSURES
     say(f"preload, then {len(pressures)} pressures; joint in contact: {stiff}, {rubs}")
     result, states = contact_history(vessel, law, pressures)
@@ -834,7 +834,7 @@ def contact_story(options: argparse.Namespace, say: Callable[[str], None]) -> No
     say(f"writing to {output}")
     joint = result.problem.interfaces["joint"]
     shown = min(range(len(states)), key=lambda k: abs(states[k].pressure - PRESSURE))
-    print(f"  {fields.write_fields(result, output / 'contact.vtm', step=shown).name} (for ParaView)")
+    print(f"  {io.write_fields(result, output / 'contact.vtm', step=shown).name} (for ParaView)")
     if not options.no_figures:
         for path in contact_figures(vessel, joint, states, output):
             print(f"  {path.name}")
@@ -962,7 +962,7 @@ def main(given: Sequence[str] | None = None) -> None:
     print(wrapped(make_plan(problem, method, options=PLAIN if plain_only else None)))
 
     say("solving the mean parameters: monolithic, then part by part")
-    unit = reference.unit(problem)
+    unit = measure_unit(problem)
     exact = reference.monolithic(problem, solver=unit.solver)
     results = deterministic(problem, plain_only, options.quick)
     report_deterministic(problem, results, exact, unit)
@@ -1004,9 +1004,9 @@ def main(given: Sequence[str] | None = None) -> None:
         report_answers(uncertain, stresses, sobol_indices(uncertain.chaos))
 
     say(f"writing to {output}")
-    print(f"  {fields.write_fields(best, output / 'vessel.vtm').name} (for ParaView)")
+    print(f"  {io.write_fields(best, output / 'vessel.vtm').name} (for ParaView)")
     if not options.no_figures:
-        for path in figures(vessel, problem, best, surfaces, xi, output):
+        for path in vessel_figures(vessel, problem, best, surfaces, xi, output):
             print(f"  {path.name}")
         if uncertain is not None:
             for path in chaos_figures(uncertain, stresses, output):

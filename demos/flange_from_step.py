@@ -5,7 +5,7 @@
 
 Problem
     Two weld-neck flanges (near DN 100) with a ring gasket and eight M20 stud bolts with two nuts each: 27
-    solids, written by ``make_flange_step.py`` and read again with ``Scene.from_step``. Each stud is cut in
+    solids, written by ``make_flange_step.py`` and read again with ``read_step``. Each stud is cut in
     the middle for its pretension section. Where solids touch they share a face, and their meshes match.
 
 Laws (N, mm, MPa)
@@ -55,17 +55,19 @@ from dolfinx_frontend import (
     Perfect,
     Preload,
     Problem,
+    RandomLaws,
     SampleResult,
     Scene,
     assemble,
+    figures,
+    io,
     quasi_monte_carlo,
+    read_step,
+    sample,
     solve,
 )
-from dolfinx_frontend.figures import plotting
 from dolfinx_frontend.geometry.parts import Assembly, Connection
 from dolfinx_frontend.geometry.step import Cut, StepAssembly
-from dolfinx_frontend.io import fields
-from dolfinx_frontend.solvers import sampling
 
 Array = npt.NDArray[np.float64]
 
@@ -93,7 +95,7 @@ OUTPUT = Path(__file__).resolve().parents[1] / "build" / "output" / "flange_from
 
 def read(path: Path, shape: FlangeShape, size: float) -> StepAssembly:
     """The STEP file with materials, mesh sizes, and names for the faces that are held or loaded."""
-    step = Scene.from_step(path, cuts=Cut("stud *", normal=(0.0, 0.0, 1.0)))
+    step = read_step(path, cuts=Cut("stud *", normal=(0.0, 0.0, 1.0)))
     step.material("*", STEEL)
     step.material("gasket", GASKET)
     step.size("* flange", size)
@@ -262,7 +264,7 @@ def exploded(assembly: Assembly, path: Path) -> Path:
     held += [Connection(name, "pressure", name[9:-1]) for name in LOADS[:1]]
     held += [Connection(p, "pressure", f"{p}:inside") for p in ("lower flange", "gasket")]
     shown = replace(assembly, interfaces=(*assembly.interfaces, *held))
-    return plotting.assembly_figure(shown, path, lift=lift)
+    return figures.assembly_figure(shown, path, lift=lift)
 
 
 def leak_figure(least: Any, forces: Array, path: Path) -> Path:
@@ -305,11 +307,11 @@ def rotation_error(problem: Problem, times: Array, options: Options) -> tuple[fl
         Largest difference of the bolt forces with pressure, rotated back, over the preload; and of the
         first harmonics of the gasket's pressure, over its mean.
     """
-    names = sampling.RandomLaws.of(problem).space.germ_names
+    names = RandomLaws.of(problem).space.germ_names
     germs = np.zeros((8, len(names)))
     for k in ROUND:
         germs[k - 1, names.index(f"F{k}")] = 1.0
-    answer = sampling.sample(problem, germs, times=times, plan_options=options, progress=False)
+    answer = sample(problem, germs, times=times, plan_options=options, progress=False)
     forces = bolt_forces(problem, answer)[:, -1]
     waves = harmonics(problem, answer)[:, -1]
     turns = np.exp(1j * np.outer(np.arange(8), np.arange(8)) * 2 * np.pi / 8)
@@ -425,14 +427,14 @@ all bolts alike: spread         {spread:9.1e} of the preload
 one bolt tighter, bolt forces   {turned:9.1e} of the preload
 one bolt tighter, gasket        {shape_error:9.1e} of the mean pressure""")
 
-    paths = [fields.write_fields(result, given.output / "flange.vtm")]
+    paths = [io.write_fields(result, given.output / "flange.vtm")]
     if not given.no_figures:
         paths.append(tightening_figure(sequence, result, steps, given.output / "tightening.png"))
         paths.append(leak_figure(least, preloads, given.output / "leak.png"))
         paths.append(exploded(assembly, given.output / "flange.png"))
         moved = {name: result.displacement(name) for name in assembly.parts}
         title = f"with {PRESSURE:g} MPa inside"
-        paths.append(plotting.deformed_figure(moved, given.output / "deformed.png", scale=10.0, title=title))
+        paths.append(figures.deformed_figure(moved, given.output / "deformed.png", scale=10.0, title=title))
     print("\n" + "\n".join(f"wrote {each.name}" for each in paths))
     print(f"they are in {given.output}; {perf_counter() - began:.0f} s in all")
 

@@ -92,10 +92,10 @@ from dolfinx_frontend import (
     Scene,
     assemble,
     geometry,
+    io,
     solve,
 )
-from dolfinx_frontend.io import fields
-from dolfinx_frontend.scene.scene import Space
+from dolfinx_frontend.scene.specs import Space
 
 Array = npt.NDArray[np.float64]
 
@@ -755,10 +755,10 @@ def main(given: Sequence[str] | None = None) -> None:
     report_friction(runs)
 
     say(f"writing to {output}")
-    written = [fields.write_fields(answers[0].result, output / "hertz.vtm")]
+    written = [io.write_fields(answers[0].result, output / "hertz.vtm")]
     last = runs[-1]
     for step, name in NAMES.items():
-        written.append(fields.write_fields(last.result, output / f"friction_{name}.vtm", step=step))
+        written.append(io.write_fields(last.result, output / f"friction_{name}.vtm", step=step))
     if not options.no_figures:
         written += [
             draw_pressure(answers, output / "hertz_pressure.png"),

@@ -17,21 +17,17 @@ script compares the answer with monolithic SSFEM.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from dolfinx_frontend import Chaos, Options, RandomField, assemble, geometry, solve
-from dolfinx_frontend.figures import plotting
-from dolfinx_frontend.reference import ssfem
+from dolfinx_frontend import Chaos, Options, RandomField, assemble, figures, reference, solve
+from parts.vessel import bolted_vessel
+
+from bolted_vessel import vessel_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-spec = importlib.util.spec_from_file_location("bolted_vessel", ROOT / "demos" / "bolted_vessel.py")
-assert spec is not None and spec.loader is not None
-bolted_vessel = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(bolted_vessel)
 
 parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
 parser.add_argument("--size", default="coarse", help="coarse, paper, or a cell size in mm")
@@ -42,7 +38,7 @@ given = parser.parse_args()
 size = given.size if given.size in ("coarse", "paper") else float(given.size)
 
 # --- scene -------------------------------------------------------------------------------------------
-vessel = geometry.bolted_vessel(size)
+vessel = bolted_vessel(size)
 field = RandomField(
     "joint",
     mean=100.0,  # N/mm^3
@@ -52,7 +48,7 @@ field = RandomField(
     variance_captured=0.8,
     distribution="lognormal",
 )
-problem = assemble(bolted_vessel.vessel_scene(vessel, joint=field))
+problem = assemble(vessel_scene(vessel, joint=field))
 
 # --- LATIN-PCE ---------------------------------------------------------------------------------------
 chaos = Chaos(given.order)
@@ -64,10 +60,10 @@ print(result)
 
 # --- monolithic SSFEM --------------------------------------------------------------------------------
 began = perf_counter()
-reference = ssfem.ssfem(problem, chaos)
+exact = reference.ssfem(problem, chaos)
 print(f"monolithic SSFEM: {reference.iterations} CG iterations, {perf_counter() - began:.2f} s")
 blocks = {name: result.coefficients(name) for name in problem.substructures}
-error = ssfem.energy_error_modes(problem, blocks, reference.coefficients)
+error = reference.energy_error_modes(problem, blocks, exact.coefficients)
 
 # --- answers -----------------------------------------------------------------------------------------
 largest = result.quantity(
@@ -91,7 +87,7 @@ if not given.no_figures:
     points = problem.interfaces["joint"].points
     given.output.mkdir(parents=True, exist_ok=True)
     for index in range(2):
-        path = plotting.interface_map(
+        path = figures.interface_map(
             points,
             modes.functions[:, index] * np.sqrt(modes.eigenvalues[index]),
             given.output / f"mode{index + 1}.png",
@@ -102,10 +98,10 @@ if not given.no_figures:
         (stress, "mean", "mean normal stress (MPa)"),
         (deviation, "deviation", "standard deviation of the normal stress (MPa)"),
     ):
-        path = plotting.interface_map(points, values, given.output / f"{name}.png", label)
+        path = figures.interface_map(points, values, given.output / f"{name}.png", label)
         print(f"wrote {path.name}")
     x, density = largest.density()
-    path = plotting.density_figure(
+    path = figures.density_figure(
         {f"LATIN-PCE, order {given.order}": (x, density)},
         given.output / "density.png",
         "largest normal stress on the joint (MPa)",

@@ -5,24 +5,22 @@ Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -
 here.
 """
 
-from dolfinx_frontend import geometry, reference
+from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
+from dolfinx_frontend import figures, geometry, io, reference
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
-from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import progress
-from dolfinx_frontend.estimate import mesh_error as discretisation
-from dolfinx_frontend.estimate.adaptive import Errors
-from dolfinx_frontend.figures import plotting
-from dolfinx_frontend.geometry import lap_joint, step
-from dolfinx_frontend.io import chaos_file, fields
+from dolfinx_frontend.estimate.errors import Errors
+from dolfinx_frontend.estimate.mesh_error import discretisation_error
+from dolfinx_frontend.geometry.solids import Cut
+from dolfinx_frontend.geometry.step import StepAssembly, read_step
 from dolfinx_frontend.io.saved import ResultFileError, SavedResult, load
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.reference import ssfem
-from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.results.uncertain import StochasticResult
@@ -42,7 +40,6 @@ from dolfinx_frontend.scene.laws import (
 )
 from dolfinx_frontend.scene.materials import LinearElastic, Material, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.chaos import (
     ChaosResult,
     IndefiniteError,
@@ -54,11 +51,12 @@ from dolfinx_frontend.solvers.sampling import (
     SampleResult,
     monte_carlo,
     quasi_monte_carlo,
+    sample,
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
 from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -82,6 +80,7 @@ __all__ = [
     "ChaosResult",
     "Contact",
     "Correlated",
+    "Cut",
     "Debonding",
     "Direction",
     "Displacement",
@@ -118,6 +117,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneWarning",
+    "StepAssembly",
     "StochasticResult",
     "Substructure",
     "SweepResult",
@@ -130,24 +130,20 @@ __all__ = [
     "Uniform",
     "UserLaw",
     "assemble",
-    "chaos_file",
-    "discretisation",
-    "fields",
+    "discretisation_error",
+    "figures",
     "geometry",
-    "lap_joint",
+    "io",
     "load",
     "make_plan",
     "monte_carlo",
-    "plotting",
     "progress",
     "quasi_monte_carlo",
+    "read_step",
     "reference",
-    "sampling",
+    "sample",
     "solve",
     "sparse_quadrature",
-    "ssfem",
-    "step",
     "sweep",
-    "tables",
     "tensor_quadrature",
 ]

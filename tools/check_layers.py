@@ -6,8 +6,10 @@ C++ kernel: every layer may use those left of it and itself, all may use ``commo
     petsc | interface | stochastic | substructure | latin
 
 the bindings may use all, and nothing in the kernel names dolfinx. Python: ``latin_core`` imports
-neither dolfinx nor the frontend; in ``dolfinx_frontend`` only ``bridge.py`` imports the compiled
-module, and only the few modules of `FACE_USERS` import ``latin_core`` at all.
+neither dolfinx nor the frontend. In ``dolfinx_frontend`` every module stands in the table `FRONTEND` and
+imports only what stands before it: sub-packages in the order of the table, modules in the order of their
+sub-package. Imports inside functions and for type checkers count as well. Only ``kernel/bridge.py`` imports
+the compiled module.
 
 Usage: ``check_layers.py [ROOT]``. Prints ``file:line: offence`` and exits with 1 if there is any.
 """
@@ -23,23 +25,69 @@ from typing import NamedTuple
 
 LAYERS = ("petsc", "interface", "stochastic", "substructure", "latin")
 COMMON = "common"
-FACE_USERS = (
-    "__init__.py",
-    "assembly/ranks.py",
-    "estimate/adaptive.py",
-    "io/chaos_file.py",
-    "kernel/bridge.py",
-    "kernel/running.py",
-    "plan/plan.py",
-    "reference/ssfem.py",
-    "solvers/chaos.py",
-    "solvers/collocation.py",
-    "solvers/sampling.py",
-    "solvers/solve.py",
-    "solvers/sweep.py",
-    "uncertainty/quantities.py",
-    "uncertainty/random.py",
+FRONTEND: dict[str, tuple[str, ...]] = {
+    "common": ("arrays", "errors", "describe", "progress", "release", "compat", "clipping"),
+    "scene": ("amplitudes", "laws", "materials", "specs", "scene"),
+    "uncertainty": (
+        "checks",
+        "distributions",
+        "parameters",
+        "correlated",
+        "fields",
+        "chaos",
+        "space",
+        "quantities",
+    ),
+    "geometry": ("parts", "primitives", "gmsh", "solids", "touching", "meshing", "step"),
+    "assembly": (
+        "elements",
+        "facet_map",
+        "averages",
+        "interface",
+        "pairing",
+        "values",
+        "rigid",
+        "ranks",
+        "substructure",
+        "problem",
+        "held",
+        "assemble",
+    ),
+    "plan": ("translate", "random_laws", "reduction", "cost", "coarse", "plan"),
+    "kernel": ("user_laws", "bridge", "running", "fingerprint"),
+    "reference": ("cholesky", "direct", "galerkin", "energy"),
+    "results": ("resultant", "uncertain", "surfaces", "tables", "result"),
+    "solvers": ("support", "collocation", "deterministic", "sweep", "sampling", "chaos"),
+    "estimate": ("recovery", "stress", "mesh_error", "errors", "adaptive"),
+    "solving": (),
+    "io": ("hdf5", "chaos_file", "openturns", "saved", "vtk", "facets", "paraview"),
+    "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),
+}
+"""Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
+
+PENDING = frozenset(
+    {
+        ("results.surfaces", "results.result"),
+        ("results.surfaces", "solvers.sampling"),
+        ("results.surfaces", "solvers.chaos"),
+        ("results.surfaces", "io.saved"),
+        ("results.tables", "results.result"),
+        ("results.tables", "solvers.sampling"),
+        ("results.tables", "solvers.chaos"),
+        ("results.result", "estimate.errors"),
+        ("results.result", "io.saved"),
+        ("solvers.sampling", "estimate.errors"),
+        ("solvers.sampling", "io.saved"),
+        ("solvers.chaos", "io.chaos_file"),
+        ("solvers.chaos", "io.openturns"),
+        ("solvers.chaos", "io.saved"),
+    }
 )
+"""Arrows up that are still there: methods of results that belong to higher layers, and types of results."""
+
+WITHOUT_KERNEL = ("common", "scene", "geometry", "figures")
+"""Sub-packages that know nothing of ``latin_core``."""
+
 FRONTEND_WORDS = ("dolfinx", "dolfinx_frontend", "ufl", "basix", "ffcx")
 
 _INCLUDE = re.compile(r'\s*#\s*include\s*(?:"([^"]+)"|<(latin/[^>]+)>)')
@@ -119,6 +167,98 @@ def imports(path: Path) -> Iterator[tuple[int, str]]:
                 yield node.lineno, f"{prefix}{joint}{alias.name}"
 
 
+def place_of(module: str) -> tuple[int, int] | None:
+    """Place of a module, as "assembly.pairing", in the table; None: it is not there.
+
+    A sub-package stands behind its modules, and the frontend itself behind everything.
+    """
+    package, _, name = module.partition(".")
+    if not module:
+        return len(FRONTEND), 0
+    if package not in FRONTEND:
+        return None
+    modules = FRONTEND[package]
+    if name and name not in modules:
+        return None
+    return list(FRONTEND).index(package), modules.index(name) if name else len(modules)
+
+
+def frontend_module(module: str, name: str, frontend: Path) -> str | None:
+    """Module of the frontend that a dotted name is in, seen from another one; None: it is none of ours."""
+    parts = name.split(".")
+    if name.startswith("."):
+        up = len(name) - len(name.lstrip("."))
+        rest = name.lstrip(".").split(".")
+        parts = [*module.split(".")[: -up or None], *(part for part in rest if part)]
+    elif parts.pop(0) != "dolfinx_frontend":
+        return None
+    while parts:
+        path = frontend.joinpath(*parts)
+        if path.is_dir() or path.with_suffix(".py").is_file() or place_of(".".join(parts)) is not None:
+            break
+        parts.pop()
+    return ".".join(parts)
+
+
+def check_frontend(root: Path) -> Iterator[Offence]:
+    """Offences of ``dolfinx_frontend``."""
+    frontend = root / "dolfinx_frontend"
+    arrows: dict[str, dict[str, tuple[Path, int]]] = {}
+    pending: set[tuple[str, str]] = set()
+    for path in sorted(frontend.rglob("*.py")):
+        parts = path.relative_to(frontend).with_suffix("").parts
+        module = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        inside = ".".join(parts)  # what relative imports start from
+        place = place_of(module)
+        if place is None:
+            yield Offence(path, 1, f"{module} is not in the table FRONTEND of tools/check_layers.py")
+            continue
+        for line, name in imports(path):
+            if name.split(".")[0] == "latin_core":
+                if name.split(".")[1:2] == ["_core"] and module != "kernel.bridge":
+                    yield Offence(path, line, "only kernel/bridge.py may import latin_core._core")
+                elif module.split(".")[0] in WITHOUT_KERNEL:
+                    yield Offence(path, line, f"{module.split('.')[0]} must not import latin_core")
+                continue
+            used = frontend_module(inside, name, frontend)
+            if used is None or used == module:
+                continue
+            there = place_of(used)
+            if there is None:
+                yield Offence(path, line, f"{name} is in no module of the table FRONTEND")
+                continue
+            if (module, used) in PENDING:
+                pending.add((module, used))
+                continue
+            arrows.setdefault(module, {}).setdefault(used, (path, line))
+            if there >= place:
+                yield Offence(path, line, f"{module} must not import {used}, which stands above it")
+    for module, used in sorted(PENDING - pending):
+        path = frontend.joinpath(*module.split(".")).with_suffix(".py")
+        if path.is_file():
+            yield Offence(path, 1, f"{used} is imported no more: take it out of PENDING")
+    for circle in circles({module: set(used) for module, used in arrows.items()}):
+        path, line = arrows[circle[0]][circle[1]]
+        yield Offence(path, line, f"circle: {' -> '.join(circle)}")
+
+
+def circles(arrows: dict[str, set[str]]) -> Iterator[list[str]]:
+    """Circles of a graph, one for each arrow that closes one in a walk through all of it."""
+    finished: set[str] = set()
+
+    def walk(trail: list[str]) -> Iterator[list[str]]:
+        for following in sorted(arrows.get(trail[-1], ())):
+            if following in trail:
+                yield [*trail[trail.index(following) :], following]
+            elif following not in finished:
+                yield from walk([*trail, following])
+        finished.add(trail[-1])
+
+    for start in sorted(arrows):
+        if start not in finished:
+            yield from walk([start])
+
+
 def check_python(root: Path) -> Iterator[Offence]:
     """Offences of ``latin_core/python`` and ``dolfinx_frontend``."""
     for path in sorted((root / "latin_core" / "python").rglob("*.py*")):
@@ -127,18 +267,7 @@ def check_python(root: Path) -> Iterator[Offence]:
         for line, name in imports(path):
             if name.split(".")[0] in FRONTEND_WORDS:
                 yield Offence(path, line, f"the kernel must not import {name}")
-    frontend = root / "dolfinx_frontend"
-    for path in sorted(frontend.rglob("*.py")):
-        module = path.relative_to(frontend).as_posix()
-        for line, name in imports(path):
-            parts = name.split(".")
-            if parts[0] != "latin_core":
-                continue
-            if parts[1:2] == ["_core"] and module != "kernel/bridge.py":
-                yield Offence(path, line, "only bridge.py may import latin_core._core")
-            elif module not in FACE_USERS:
-                allowed = ", ".join(FACE_USERS)
-                yield Offence(path, line, f"only {allowed} may import latin_core")
+    yield from check_frontend(root)
 
 
 def main(arguments: list[str]) -> int:

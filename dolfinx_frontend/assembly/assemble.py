@@ -37,7 +37,8 @@ from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Pressure, Traction
-from dolfinx_frontend.scene.scene import Scene, check_face
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.specs import check_face
 
 __all__ = ["assemble"]
 

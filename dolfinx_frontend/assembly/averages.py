@@ -34,7 +34,7 @@ from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.clipping import flatten, measure, rule_on, simplices_of
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.scene import Overlap
+from dolfinx_frontend.scene.specs import Overlap
 
 __all__ = ["Averages", "Polygons", "average", "means", "polygons"]
 

@@ -15,7 +15,7 @@ from dolfinx_frontend.assembly.elements import coordinate_element, quadrature, t
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.scene import PartLike
+from dolfinx_frontend.scene.specs import PartLike
 
 __all__ = ["FaceCopy", "FacetMap", "face_copy"]
 

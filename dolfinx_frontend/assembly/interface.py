@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.scene.laws import Law
-from dolfinx_frontend.scene.scene import Space
+from dolfinx_frontend.scene.specs import Space
 
 __all__ = ["Interface", "Side", "frames", "nodal_normals"]
 

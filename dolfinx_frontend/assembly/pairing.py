@@ -23,7 +23,7 @@ from dolfinx_frontend.assembly.interface import Interface, Side, frames, nodal_n
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.scene.laws import Elastic, Law
-from dolfinx_frontend.scene.scene import Overlap, PartLike, Space
+from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
 
 __all__ = ["make_interface"]
 

@@ -21,7 +21,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.scene import SubstructureSpec
+from dolfinx_frontend.scene.specs import SubstructureSpec
 from latin_core import bound_threads
 
 __all__ = [

@@ -23,7 +23,7 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
-from dolfinx_frontend.scene.scene import PartLike, SubstructureSpec
+from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
 __all__ = ["Substructure"]
 

@@ -11,528 +11,79 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from math import ceil, isfinite, log, log2
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from dataclasses import replace
+from math import isfinite, log2
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
-from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.kernel.running import iterate
-from dolfinx_frontend.plan.cost import shown
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.errors import (
+    DIGIT,
+    FINEST,
+    REPLICATES,
+    UNKNOWN,
+    ErrorShare,
+    Errors,
+    Interest,
+    Moments,
+    change_of,
+    checked,
+    distance_of,
+    enlarged,
+    errors_of_samples,
+    interest_of,
+    moments,
+    next_step,
+    share_of,
+    share_of_meshes,
+    sizes_of,
+    tightened,
+    whole_of,
+)
 from dolfinx_frontend.plan.plan import Direction, Method
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.results import surfaces
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on, solve_chaos
+from dolfinx_frontend.solvers.chaos import ChaosResult, IndefiniteError, carry_on, solve_chaos
+from dolfinx_frontend.solvers.deterministic import solve_deterministic
 from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import HistoryResult, Result, solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
 if TYPE_CHECKING:
     from dolfinx_frontend.assembly.problem import Problem
 
-__all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments", "solve_to_accuracy"]
+__all__ = ["solve_to_accuracy"]
 
 _log = logging.getLogger(__name__)
-Index = tuple[int, ...]
-Interest = Resultant | str | None
 
-DIGIT = 0.1
-"""By so much the tolerance is tightened to see how far the iteration was."""
-FINEST = 1e-12
-"""Tightest tolerance of an iteration."""
 SLOWEST = 0.7
 """Errors are not taken to fall more slowly than so from one set of modes to the next."""
-DROPPED = 0.02
-"""Variance of modes that may be left out, as predicted, as a share of the accuracy of the moments: these
-change with the square of such modes, and predictions are right within a factor of three, squared."""
-UNKNOWN = 0.3
-"""Fall from one degree to the next where nothing is known of it."""
+
 MOST_MODES = 2000
+
 MOST_ORDER = 8
 """Of an adaptive chaos: beyond, samples are cheaper."""
+
 STALLED = 0.6
 """Moments that change more than so from order to order, in terms of the change before, do not converge."""
-REPLICATES = 4
+
 MOST_SAMPLES = 8192
+
 RULES = (3, 5, 7, 9, 12, 16, 20)
 """Points a germ of the tensor rules that are tried one after the other, at least three of them: the third
 looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
+
 SUREST = 0.5
 """Changes of rules are not taken to fall faster than so: with kinks they are no series."""
+
 FORGOTTEN = 0.5
 """What a change still counts, one rule later: with a kink, changes are small by chance."""
+
 FEW_GERMS = 3
 """So many germs are integrated by tensor rules where laws are not linear."""
-
-
-class Moments(NamedTuple):
-    """Mean and standard deviation of a quantity of interest; None: not random."""
-
-    mean: float
-    std: float | None
-
-
-@dataclass(frozen=True)
-class ErrorShare:
-    """One error of an answer.
-
-    Attributes
-    ----------
-    energy
-        Relative, in the energy norm; NaN: not known.
-    quantity
-        Of the quantity of interest (of its mean, if random), absolute, in its unit; None: none was named.
-    std
-        Of its standard deviation, absolute; None: not random.
-    how
-        How it was measured.
-    """
-
-    energy: float
-    quantity: float | None = None
-    std: float | None = None
-    how: str = ""
-
-
-@dataclass(frozen=True, repr=False)
-class Errors:
-    """Errors of an answer by their source.
-
-    Attributes
-    ----------
-    algebraic, truncation, discretisation
-        Of the iteration, of the chaos or the samples (None: nothing is random), of the meshes (None: not
-        estimated).
-    quantity, moments
-        What they are measured in (None: the energy norm), and its value.
-    whole
-        What an error of the standard deviation is relative to: the deviation, or the mean where it is noise.
-    asked
-        The accuracy that was asked for, or None.
-    next_halving
-        What would halve the dominating error, and its predicted cost.
-    notes
-        What a reader must know: sources that could not be reduced as asked.
-    """
-
-    algebraic: ErrorShare
-    truncation: ErrorShare | None
-    discretisation: ErrorShare | None
-    quantity: Resultant | None
-    moments: Moments | None
-    whole: float | None = None
-    asked: float | None = None
-    next_halving: str = ""
-    notes: tuple[str, ...] = ()
-
-    def relative(self, source: Literal["algebraic", "truncation", "discretisation"]) -> float:
-        """One error as a share: of mean and standard deviation the larger, or of the energy norm; else 0."""
-        share: ErrorShare | None = getattr(self, source)
-        if share is None:
-            return 0.0
-        if self.quantity is None or self.moments is None or share.quantity is None:
-            return share.energy
-        parts = [_share(share.quantity, self.moments.mean)]
-        if share.std is not None and self.whole is not None:
-            parts.append(_share(share.std, self.whole))
-        return max(parts)
-
-    @property
-    def dominating(self) -> Literal["algebraic", "truncation", "discretisation"]:
-        """The largest source."""
-        sources: tuple[Literal["algebraic", "truncation", "discretisation"], ...] = (
-            "algebraic",
-            "truncation",
-            "discretisation",
-        )
-        return max(sources, key=lambda s: np.nan_to_num(self.relative(s)))
-
-    @property
-    def total(self) -> float:
-        """Relative error of the answer on its meshes: algebraic and truncation together."""
-        return self.relative("algebraic") + self.relative("truncation")
-
-    @property
-    def reached(self) -> bool:
-        """Whether the accuracy that was asked for is reached; the meshes count as far as they are known."""
-        return self.asked is None or max(self.total, self.relative("discretisation")) <= self.asked
-
-    def __repr__(self) -> str:
-        of = "the energy norm" if self.quantity is None else str(self.quantity)
-        return f"Errors(of {of}: {self.total:.1e} in all, most of it {self.dominating})"
-
-    def __str__(self) -> str:
-        where = "energy norm" if self.quantity is None else str(self.quantity)
-        lines = [f"errors in the {where}" + (f", asked {self.asked:g}" if self.asked else "")]
-        if self.moments is not None:
-            spread = "" if self.moments.std is None else f", standard deviation {self.moments.std:.6g}"
-            lines[0] += f" (value {self.moments.mean:.6g}{spread})"
-        for source in ("algebraic", "truncation", "discretisation"):
-            share: ErrorShare | None = getattr(self, source)
-            if share is not None:
-                mark = "  <- dominates" if source == self.dominating else ""
-                relative = self.relative(source)
-                lines.append(f"  {source:<15}{relative:9.1e}  ({share.how}){mark}")
-        if self.next_halving:
-            lines.append(f"  half of it: {self.next_halving}")
-        return "\n".join(lines + [f"  {note}" for note in self.notes])
-
-
-def _share(error: float, whole: float) -> float:
-    if whole == 0.0:
-        return 0.0 if error == 0.0 else np.inf
-    return abs(error / whole)
-
-
-# --- quantities -------------------------------------------------------------------------------------
-def _interest(problem: Problem, quantity: Interest) -> Resultant | None:
-    """The quantity that is meant; None: the energy norm."""
-    if quantity is None or quantity == "energy":
-        return None
-    if isinstance(quantity, str):
-        quantity = Resultant(quantity)
-    if quantity.interface not in problem.interfaces:
-        raise unknown_name("interface", quantity.interface, problem.interfaces, "quantity of interest")
-    return quantity
-
-
-def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
-    """Chaos coefficients (P + 1,) of a quantity, of a history at its end."""
-    weights = result.problem.interfaces[quantity.interface].weights
-    read = result.force_coefficients if quantity.of == "force" else result.jump_coefficients
-    values = quantity.total(np.moveaxis(read(quantity.interface), -1, 0), weights)
-    return values if result.times is None else values[..., -1]
-
-
-def _samples(result: Any, fields: Any, quantity: Resultant) -> Array:
-    """A quantity (N,) in samples of the fields, of a history at its end."""
-    weights = result.problem.interfaces[quantity.interface].weights
-    values = quantity.total(quantity.field(fields), weights)
-    return values if result.plan.times is None else values[..., -1]
-
-
-def moments(result: Result | SampleResult, quantity: Resultant) -> Moments:
-    """The quantity in a result, of a history at its end: mean and standard deviation if it is random."""
-    if isinstance(result, SampleResult):
-        values = _samples(result, result, quantity)
-        sums = surfaces.Moments()
-        sums.add({"": values}, result.weights)
-        mean, std = sums.found()[""]
-        return Moments(float(mean), float(std))
-    if not isinstance(result, ChaosResult):
-        return Moments(float(np.ravel(quantity.value(result))[-1]), None)
-    if quantity.interface in result.collocations:
-        germs = result.moment_germs()
-        parts = [
-            _samples(result, result.at(germs[i : i + 512]), quantity) for i in range(0, len(germs), 512)
-        ]
-        values = np.concatenate(parts)
-        return Moments(float(values.mean()), float(values.std()))
-    values = _coefficients(result, quantity)
-    return Moments(float(values[0]), float(np.sqrt(np.sum(values[1:] ** 2))))
-
-
-def _whole(value: Moments, rtol: float) -> float | None:
-    """What an error of the standard deviation is relative to."""
-    if value.std is None:
-        return None
-    noise = value.std <= NOISE * rtol * abs(value.mean)
-    return abs(value.mean) if noise else value.std
-
-
-def _change(one: Moments, other: Moments, rtol: float) -> float:
-    """Relative change of mean and standard deviation, the larger."""
-    change = _share(one.mean - other.mean, other.mean)
-    whole = _whole(other, rtol)
-    if one.std is not None and other.std is not None and whole is not None:
-        change = max(change, _share(one.std - other.std, whole))
-    return change
-
-
-def _distance(one: Result, other: Result) -> float:
-    """Relative difference of two results with the same kernel in the energy norm, over all columns.
-
-    The first may have modes that the second has not.
-    """
-    core = one.core
-    data, traces = one.state.data.copy(), one.state.traces.copy()
-    places = np.arange(data.shape[1])
-    if isinstance(one, ChaosResult) and isinstance(other, ChaosResult):
-        steps = one._steps
-        found = [one.basis.indices.find([int(i) for i in row]) for row in other.basis.indices.table]
-        places = np.concatenate([np.arange(p * steps, (p + 1) * steps) for p in found if p is not None])
-    data[:, places] -= other.state.data
-    traces[:, places] -= other.state.traces
-    forces = data - core.directions[:, None] * traces
-    square = float(np.sum(traces * core.weights[:, None] * forces))
-    return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
-
-
-# --- more of the same -------------------------------------------------------------------------------
-def _tightened(result: Result, rtol: float) -> Result:
-    """The run carried on to another tolerance."""
-    if isinstance(result, ChaosResult):
-        return carry_on(result, result.chaos, rtol)
-    options = result.plan.options.with_(rtol=rtol)
-    plan = replace(result.plan, options=options)
-    summary, state = iterate(
-        result.problem, plan, result.core, plan.amplitudes, [result.state], None
-    )
-    changes: dict[str, Any] = {"_all": None} if isinstance(result, HistoryResult) else {}
-    return replace(
-        result,
-        plan=plan,
-        summary=summary,
-        state=state,
-        _displacements=None,
-        _errors=None,
-        **changes,
-    )
-
-
-def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
-    """Indices outside of a set whose every backward neighbour is in it."""
-    inside = {tuple(int(i) for i in row) for row in table}
-    found: dict[Index, None] = {}
-    for index in inside:
-        for germ in range(len(index)):
-            new = (*index[:germ], index[germ] + 1, *index[germ + 1 :])
-            if new in inside or new[germ] > caps[germ]:
-                continue
-            back = ((*new[:g], d - 1, *new[g + 1 :]) for g, d in enumerate(new) if d > 0)
-            if all(b in inside for b in back):
-                found[new] = None
-    return sorted(found)
-
-
-def _sizes(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Array]:
-    """(P + 1,) how much each mode matters in the quantity and in the whole field, relative to the mean."""
-    steps = result._steps
-    metric = (result.core.weights / result.core.directions)[:, None]
-    square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
-    of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
-    if quantity is None or quantity.interface in result.collocations:
-        return of_field, of_field
-    values = np.abs(_coefficients(result, quantity))
-    mean = values[0] if values[0] > 0.0 else max(float(values.max()), 1e-300)
-    return values / mean, of_field
-
-
-def _enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.0) -> Chaos:
-    """The chaos with the modes of the margin that are predicted to matter to an accuracy; 0: all of them."""
-    table = result.basis.indices.table
-    caps = [germ.capacity - 1 if germ.capacity is not None else 2**30 for germ in result.space.germs]
-    names: list[Index] = [tuple(int(i) for i in row) for row in table]
-    of_quantity, whole = _sizes(result, quantity)
-    sizes = {name: float(size) for name, size in zip(names, of_quantity, strict=True)}
-    of_field = {name: float(size) for name, size in zip(names, whole, strict=True)}
-    margin = _margin(table, caps)
-
-    def predicted(index: Index) -> float:
-        """By the decay along each germ, the largest."""
-        guesses = []
-        for germ, degree in enumerate(index):
-            if degree == 0:
-                continue
-            back = (*index[:germ], degree - 1, *index[germ + 1 :])
-            fall = UNKNOWN  # along a germ of degree 1
-            if degree > 1:
-                before = (*index[:germ], degree - 2, *index[germ + 1 :])
-                if any(before):
-                    fall = min(sizes[back] / max(sizes[before], 1e-300), 1.0)
-            guesses.append(sizes[back] * fall)
-            # a germ may move a symmetric quantity in the second order only
-            alone = tuple(int(g == germ) for g in range(len(index)))
-            guesses.append(of_field[back] * of_field[alone])
-        return max(guesses)
-
-    ranked = sorted(((predicted(index), index) for index in margin), reverse=True)
-    squares = np.array([size**2 for size, _ in ranked])
-    variance = sum(size**2 for index, size in sizes.items() if any(index))
-    # in the energy norm an error is the size of the modes that are left out, in moments its square
-    allowed = variance * (DROPPED * target if quantity is not None else DROPPED * target**2)
-    after = squares.sum() - np.cumsum(squares)  # what is dropped behind each
-    count = min(int(np.searchsorted(-after, -allowed)) + 1, len(ranked)) if target else len(ranked)
-    chosen = [index for _, index in ranked[:count]]
-    indices = (*sizes, *chosen)
-    order = max(sum(index) for index in indices)
-    return replace(result.chaos, order=order, indices=indices)
-
-
-# --- errors of a result -----------------------------------------------------------------------------
-def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
-    """Estimate the errors of a result by their sources.
-
-    Parameters
-    ----------
-    result
-        Of :func:`dolfinx_frontend.solve`, or samples.
-    quantity
-        A :class:`Resultant`, the name of an interface (its normal force), or ``"energy"``; None: what
-        ``solve(accuracy=..., quantity=...)`` was asked for, or the energy norm.
-
-    The iteration is carried on for one digit, and a chaos is solved again with its next modes, both started
-    from the answer: about half the cost of the run without its factorisation.
-    """
-    if quantity is None and result._errors is not None:
-        return result._errors
-    what = _interest(result.problem, quantity)
-    if isinstance(result, SampleResult):
-        return _errors_of_samples(result, what)
-    value = None if what is None else moments(result, what)
-    rtol = result.plan.options.rtol
-    whole = None if value is None else _whole(value, rtol)
-    truncation = None
-    if not result.plan.active:
-        exact = ErrorShare(FINEST, None if value is None else FINEST * abs(value.mean), how="direct solve")
-        made = Errors(exact, None, None, what, value)
-    else:
-        tight = _tightened(result, max(DIGIT * min(rtol, result.error), FINEST))
-        algebraic = ErrorShare(result.error, how="the iteration carried on for one digit")
-        after = None
-        if what is not None and value is not None:
-            after = moments(tight, what)
-            algebraic = replace(
-                algebraic, quantity=abs(after.mean - value.mean), std=_difference(after.std, value.std)
-            )
-        if isinstance(tight, ChaosResult):
-            truncation = _truncation(tight, what, after)
-        if isinstance(result, ChaosResult):
-            result.resume()
-        made = Errors(algebraic, truncation, None, what, value, whole)
-    made = replace(made, discretisation=_of_meshes(result, what))
-    return replace(made, next_halving=_next(result, made))
-
-
-def _difference(one: float | None, other: float | None) -> float | None:
-    return None if one is None or other is None else abs(one - other)
-
-
-def _truncation(
-    result: ChaosResult, quantity: Resultant | None, value: Moments | None
-) -> ErrorShare:
-    """The error of a chaos, on its own kernel."""
-    if result.collocations:
-        return _checked(result, quantity)
-    try:
-        wider = carry_on(result, _enlarged(result, quantity), result.plan.options.rtol)
-    except IndefiniteError as error:
-        return ErrorShare(np.nan, how=f"not known: {str(error).splitlines()[0]}")
-    share = ErrorShare(_distance(wider, result), how=f"the next {wider.modes - result.modes} modes")
-    if quantity is None or value is None:
-        return share
-    after = moments(wider, quantity)
-    return replace(share, quantity=abs(after.mean - value.mean), std=_difference(after.std, value.std))
-
-
-def _checked(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
-    """The error of a chaos of a law that is not linear, by deterministic solves.
-
-    The chaos is their control variate: moments are corrected by mean and variance of the difference, and two
-    standard errors are added.
-    """
-    count = max(result.chaos.check_points, 32)
-    result.resume()
-    truth = result.sample(result.space.sample(count, 1))
-    names = result.plan.active if quantity is None else (quantity.interface,)
-    error = max(result.compared(name, [truth]).error for name in names)
-    how = f"{count} deterministic solves"
-    if quantity is None:
-        return ErrorShare(error, how=how)
-    value = moments(result, quantity)
-    exact, own = (_samples(result, fields, quantity) for fields in (truth, result.at(truth.germs)))
-    shift = exact - own
-    margin = 2.0 * shift.std(ddof=1) / np.sqrt(count)
-    better = value.mean + shift.mean()
-    spread = (exact - better) ** 2 - (own - value.mean) ** 2
-    more = 2.0 * spread.std(ddof=1) / np.sqrt(count)
-    assert value.std is not None  # of a chaos
-    ends = [np.sqrt(max(value.std**2 + spread.mean() + s * more, 0.0)) for s in (-1.0, 0.0, 1.0)]
-    away = max(abs(end - value.std) for end in ends)
-    return ErrorShare(error, float(abs(shift.mean()) + margin), float(away), how)
-
-
-def _errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
-    """By the spread of parts of the sample, one after the other."""
-    error = float(np.nanmax(result.error))
-    if quantity is None:
-        raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
-    if result.weights is not None:
-        raise SceneError(
-            "one quadrature does not tell its error: compare it with one of more points, or let "
-            "solve(accuracy=...) do so"
-        )
-    values = _samples(result, result, quantity)
-    value = moments(result, quantity)
-    spread = np.array(
-        [[p.mean(), p.std()] for p in np.array_split(values, REPLICATES)]
-    ).std(axis=0, ddof=1)
-    mean, std = 2.0 * spread / np.sqrt(REPLICATES)
-    rtol = result.plan.options.rtol
-    truncation = ErrorShare(np.nan, float(mean), float(std), f"{REPLICATES} parts of {len(values)} samples")
-    algebraic = ErrorShare(error, error * abs(value.mean), error * (value.std or 0.0), "its estimate")
-    made = Errors(algebraic, truncation, None, quantity, value, _whole(value, rtol))
-    seconds = sum(result.seconds.values())
-    return replace(
-        made, next_halving=f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
-    )
-
-
-def _of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
-    """The error of the meshes, where it can be estimated."""
-    from dolfinx_frontend.estimate.mesh_error import estimate  # slow to import, and not always asked for
-
-    try:
-        found = estimate(result, quantity)
-    except SceneError as error:
-        _log.info("no estimate of the discretisation error: %s", error)
-        return None
-    return ErrorShare(found.energy, found.quantity, None, "recovered stresses")
-
-
-def _next(result: Result, made: Errors) -> str:
-    """What would halve the dominating error, and its cost by the model of the plan."""
-    cost = result.plan.cost
-    spent = max(result.summary.global_s + result.summary.local_s + result.summary.other_s, 1e-6)
-    flops = cost.iteration_flops if cost is not None else 0.0
-    a_pass = spent / max(result.iterations, 1)
-    if made.dominating == "algebraic":
-        count = _iterations_for(result, 0.5)
-        return (
-            f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "
-            f"{shown(count * flops, 'Flop')}, {count * a_pass:.2g} s"
-        )
-    if made.dominating == "truncation" and isinstance(result, ChaosResult):
-        wider = _enlarged(result, made.quantity, made.asked or 0.0)
-        assert wider.indices is not None
-        count = ceil(0.5 * result.iterations)
-        factor = len(wider.indices) / result.modes
-        return (
-            f"{len(wider.indices)} instead of {result.modes} modes: about {count} iterations, "
-            f"{shown(count * factor * flops, 'Flop')}, {count * factor * a_pass:.2g} s"
-        )
-    degree = min(part.V.ufl_element().degree for part in result.problem.substructures.values())
-    finer = 2.0 ** (-1.0 / degree)
-    factor = finer ** (-2.0 * result.problem.dim)
-    more = factor * (cost.factor_flops if cost is not None else 0.0)
-    return (
-        f"cells of {finer:.2g} times the size: {finer ** -result.problem.dim:.1f} times the unknowns, "
-        f"{shown(more, 'Flop')} to factorise, about {factor * sum(result.seconds.values()):.2g} s"
-    )
-
-
-def _iterations_for(result: Result, fall: float) -> int:
-    """Iterations until the error has fallen so much, by the rate of the run."""
-    record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
-    if len(record) < 2 or record[-1][1] >= record[0][1]:
-        return 1
-    rate = log(record[0][1] / record[-1][1]) / max(record[-1][0] - record[0][0], 1)
-    return max(1, ceil(-log(fall) / rate))
 
 
 # --- solve to an accuracy ---------------------------------------------------------------------------
@@ -568,7 +119,7 @@ def solve_to_accuracy(
     """
     if not (np.isfinite(accuracy) and 1e-10 <= accuracy <= 0.5):
         raise SceneError(f"accuracy = {accuracy!r}: it must lie in 1e-10..0.5")
-    what = _interest(problem, quantity)
+    what = interest_of(problem, quantity)
     options = options or _default_options(method)
     kept = active
     settings: dict[str, Any] = {"times": times, "direction": direction}
@@ -578,15 +129,15 @@ def solve_to_accuracy(
             kept = [what.interface]
         return _adaptive(problem, accuracy, what, method, kept, options, random, meshes, settings)
     first = max(DIGIT * accuracy, FINEST)
-    result: Result = solve(
+    result: Result = solve_deterministic(
         problem, method, active=active, options=options.with_(rtol=first), **settings
     )
-    of_meshes = _of_meshes(result, what) if meshes else None
+    of_meshes = share_of_meshes(result, what) if meshes else None
     target = _visible(accuracy, of_meshes, what, result)
     made = _settled(result, what, target)
     while made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
         rtol = max(result.plan.options.rtol * min(0.5 * target / made.relative("algebraic"), DIGIT), FINEST)
-        result = _tightened(result, rtol)
+        result = tightened(result, rtol)
         made = _settled(result, what, target)
     answer: Result = _with_errors(result, made, accuracy, of_meshes, ())
     return answer
@@ -604,7 +155,7 @@ def _visible(
         return accuracy
     relative = of_meshes.energy
     if quantity is not None and of_meshes.quantity is not None:
-        relative = _share(of_meshes.quantity, moments(result, quantity).mean)
+        relative = share_of(of_meshes.quantity, moments(result, quantity).mean)
     return float(np.clip(0.1 * relative, accuracy, 0.5)) if isfinite(relative) else accuracy
 
 
@@ -618,7 +169,7 @@ def _settled(result: Result, quantity: Resultant | None, target: float) -> Error
         share = replace(share, quantity=FINEST * abs(value.mean), how="direct solve")
         return Errors(share, None, None, quantity, value)
     value = moments(result, quantity)
-    after = moments(_tightened(result, max(DIGIT * result.plan.options.rtol, FINEST)), quantity)
+    after = moments(tightened(result, max(DIGIT * result.plan.options.rtol, FINEST)), quantity)
     how = "the iteration carried on for one digit"
     share = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
     return Errors(share, None, None, quantity, value)
@@ -641,7 +192,7 @@ def _with_errors(
     if made.total > accuracy:
         notes += (f"the accuracy was not reached: {made.total:.1e} is left",)
     if isinstance(result, Result):
-        made = replace(made, next_halving=_next(result, made))
+        made = replace(made, next_halving=next_step(result, made))
     result._errors = replace(made, notes=notes)
     for note in notes:
         _log.warning("%s", note)
@@ -675,8 +226,8 @@ def _adaptive(
     result = carry_on(result, result.chaos, max(DIGIT * min(rtol, loose), FINEST))
     gain = 1.0
     if quantity is not None and before is not None and loose > 0.0:
-        gain = max(_change(before, moments(result, quantity), rtol) / loose, _mean_over_spread(result))
-    of_meshes = _of_meshes(result, quantity) if meshes else None
+        gain = max(change_of(before, moments(result, quantity), rtol) / loose, _mean_over_spread(result))
+    of_meshes = share_of_meshes(result, quantity) if meshes else None
     target = _visible(accuracy, of_meshes, quantity, result)
     rtol = float(np.clip(0.2 * target / gain, FINEST, 1e-3))
 
@@ -693,7 +244,7 @@ def _adaptive(
     change_before, left, fall = np.nan, np.inf, SLOWEST
     stalled = False
     while True:
-        chaos = _enlarged(result, quantity, target)
+        chaos = enlarged(result, quantity, target)
         if curved:
             chaos = Chaos(order=result.chaos.order + 1, check_points=0)
         modes = len(chaos.indices) if chaos.indices is not None else 0
@@ -713,9 +264,9 @@ def _adaptive(
             notes += ("interrupted",)
             break
         if quantity is None or before is None:
-            change = _distance(result, old)
+            change = distance_of(result, old)
         else:
-            change = _change(before, moments(result, quantity), rtol)
+            change = change_of(before, moments(result, quantity), rtol)
         if isfinite(change_before) and change_before > 0.0:
             fall = min(change / change_before, SLOWEST)
             stalled = curved and change > STALLED * change_before and change > target
@@ -729,7 +280,7 @@ def _adaptive(
         return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
     made = _errors_of_chaos(result, quantity, left, gain)
     if curved and result.status != "interrupted":
-        share = _checked(result, quantity)
+        share = checked(result, quantity)
         made = replace(made, truncation=share)
         if made.relative("truncation") > target and quantity is not None:
             return _by_samples(result, quantity, accuracy, target, of_meshes, notes)
@@ -738,14 +289,14 @@ def _adaptive(
 
 def _mean_over_spread(result: ChaosResult) -> float:
     """Size of the whole field over that of its deviation."""
-    sizes = _sizes(result, None)[0]
+    sizes = sizes_of(result, None)[0]
     spread = float(np.sum(sizes[1:] ** 2))
     return float(np.sqrt((1.0 + spread) / spread)) if spread > 1e-6 else 1.0
 
 
 def _decay(result: ChaosResult, quantity: Resultant | None) -> float:
     """Fall of the modes from the last degree but one to the last."""
-    sizes, _ = _sizes(result, quantity)
+    sizes, _ = sizes_of(result, quantity)
     degree = result.basis.indices.table.sum(axis=1)
     last = int(degree.max())
     if last < 2:
@@ -763,7 +314,7 @@ def _errors_of_chaos(
     if quantity is None:
         return Errors(algebraic, ErrorShare(left, how=how), None, None, None)
     value = moments(result, quantity)
-    whole = _whole(value, result.plan.options.rtol)
+    whole = whole_of(value, result.plan.options.rtol)
     assert whole is not None  # of a chaos
     size = gain * result.error
     algebraic = ErrorShare(
@@ -786,7 +337,7 @@ def _by_rules(
         samples = result.sample(rule.points, rule.weights, "quadrature", rtol=rtol)
         value = moments(samples, quantity)
         if before is not None:
-            changes.append(_change(before, value, rtol))
+            changes.append(change_of(before, value, rtol))
             # earlier changes count, too, and the fall of all
             change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
             fall = SUREST
@@ -795,7 +346,7 @@ def _by_rules(
                 fall = float(np.clip(mean, SUREST, SLOWEST))
             left = change * fall / (1.0 - fall)
             if len(changes) > 1 and left <= 0.5 * target:
-                whole = _whole(value, rtol)
+                whole = whole_of(value, rtol)
                 error = float(np.nanmax(samples.error))
                 how = f"the change by the last of {points} points a germ, carried on"
                 made = Errors(
@@ -826,7 +377,7 @@ def _by_samples(
 ) -> Result | SampleResult:
     """Quasi-Monte Carlo on the solver of a chaos that converges too slowly."""
     if quantity is None:
-        made = _errors_of_chaos(result, None, _checked(result, None).energy, 1.0)
+        made = _errors_of_chaos(result, None, checked(result, None).energy, 1.0)
         return _with_errors(result, made, accuracy, of_meshes, notes)  # type: ignore[no-any-return]
     notes += (
         "chaos and Gauss rules converge slowly (a law is not linear): quasi-Monte Carlo on the same solver",
@@ -835,7 +386,7 @@ def _by_samples(
     while True:
         parts = [result.space.sample_sobol(each, seed) for seed in range(REPLICATES)]
         samples = result.sample(np.concatenate(parts), kind="qmc")
-        made = _errors_of_samples(samples, quantity)
+        made = errors_of_samples(samples, quantity)
         total = each * REPLICATES
         if made.relative("truncation") <= 0.7 * target:
             break

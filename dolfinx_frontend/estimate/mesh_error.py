@@ -30,14 +30,14 @@ from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Preload, Pressure, Symmetry, Traction
-from dolfinx_frontend.solvers.solve import Result
 
 
-__all__ = ["DiscretisationError", "estimate"]
+__all__ = ["DiscretisationError", "discretisation_error"]
 
 
 LINEAR = (Perfect, Elastic, Displacement, Symmetry, Pressure, Traction)
@@ -105,7 +105,7 @@ class DiscretisationError:
         return f"{text}; quantity of interest {self.value:.6g} +- {self.quantity:.2g}"
 
 
-def estimate(
+def discretisation_error(
     result: Result, quantity: Resultant | str | None = None, step: int = -1
 ) -> DiscretisationError:
     """Estimate the error of the meshes in a result; collective on several ranks.

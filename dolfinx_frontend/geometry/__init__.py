@@ -1,35 +1,25 @@
 """Meshes and faces of parts: boxes, gmsh, STEP files."""
 
-from dolfinx_frontend.geometry.parts import (
-    FREE,
-    Assembly,
-    BoltedVessel,
-    Connection,
-    Part,
-    VesselShape,
-    annulus,
-    block_chain,
-    bolted_vessel,
-    box,
-    from_gmsh,
-    gmsh_session,
-    read_msh,
-    two_rings,
-)
+from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, read_msh
+from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
+from dolfinx_frontend.geometry.primitives import box
+from dolfinx_frontend.geometry.solids import Cut, Solid, Surface
+from dolfinx_frontend.geometry.step import StepAssembly, read_step
+from dolfinx_frontend.geometry.touching import Touch
 
 __all__ = [
     "Assembly",
-    "BoltedVessel",
     "Connection",
+    "Cut",
     "FREE",
     "Part",
-    "VesselShape",
-    "annulus",
-    "block_chain",
-    "bolted_vessel",
+    "Solid",
+    "StepAssembly",
+    "Surface",
+    "Touch",
     "box",
     "from_gmsh",
     "gmsh_session",
     "read_msh",
-    "two_rings",
+    "read_step",
 ]

@@ -1,6 +1,6 @@
 """From a STEP file to a scene: parts, proposed interfaces, then laws, materials and mesh sizes by pattern.
 
->>> step = Scene.from_step("flange.step")
+>>> step = read_step("flange.step")
 >>> print(step)                                   # the parts, and where they touch
 >>> step.material("*", LinearElastic(E=200e3, nu=0.3))
 >>> step.size("gasket", 5.0)
@@ -27,53 +27,31 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, from_gmsh, gmsh_session
+from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
+from dolfinx_frontend.geometry.meshing import OPTIONS, generate, some
+from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection
 from dolfinx_frontend.geometry.solids import (
     Cut,
     Loaded,
     Solid,
     Surface,
-    Touch,
     load,
     matching,
     nearest,
     solids_of,
-    touching,
     vector,
 )
+from dolfinx_frontend.geometry.touching import Touch, touching
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.scene.materials import Material
-from dolfinx_frontend.scene.scene import Overlap, Scene, Space
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.specs import Overlap, Space
 
-__all__ = ["Cut", "Solid", "StepAssembly", "Surface", "Touch", "read_step"]
+__all__ = ["StepAssembly", "read_step"]
 
 
 GAP = 1e-4
 """Default of the gap up to which faces count as nearly touching, as a share of the assembly's diagonal."""
-
-_OPTIONS = {
-    "General.Verbosity": 0.0,
-    "Geometry.OCCImportLabels": 1.0,
-    "Geometry.ToleranceBoolean": 0.0,
-    "Mesh.MeshSizeFromPoints": 0.0,
-    "Mesh.MeshSizeExtendFromBoundary": 0.0,
-    "Mesh.Algorithm": 6.0,
-    "Mesh.Algorithm3D": 1.0,
-    "Mesh.SecondOrderIncomplete": 0.0,
-}
-_POOR = 0.1
-"""Scaled Jacobian below which curved cells are mended."""
-
-_FOLDED = 0.03
-"""Scaled Jacobian below which cells are straightened."""
-
-_ROUNDS = 20
-"""Most rounds of straightening; each one may fold the neighbours, but straight cells never are."""
-
-_TETRAHEDRON_10 = 11
-_EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 0], [3, 2], [3, 1]])
-"""Number in gmsh of a quadratic tetrahedron, and the ends of the edges that its last six nodes are on."""
 
 _ANGLE = math.cos(math.radians(1.0))
 
@@ -333,7 +311,7 @@ class StepAssembly:
             for (part, face), surfaces in {**self._taken, **self._named}.items():
                 model.addPhysicalGroup(2, sorted(surfaces), name=f"{part}:{face}")
             self._set_sizes(model, loaded)
-            _generate(gmsh, loaded, order, progress)
+            generate(gmsh, loaded, order, progress)
             parts = from_gmsh(model).parts
         kinds = {name: _kind(j.law) for name, j in self._joins.items() if j is not None}
         connections = tuple(Connection(n, kinds[n], *self._faces[n]) for n in self.touches if n in kinds)
@@ -356,12 +334,12 @@ class StepAssembly:
         lacking = [n for n in self.solids if n not in self._bodies]
         if lacking:
             raise SceneError(
-                f"no material for {_some(lacking)}; give one: step.material({lacking[0]!r}, ...)"
+                f"no material for {some(lacking)}; give one: step.material({lacking[0]!r}, ...)"
             )
         lacking = [n for n in self.touches if n not in self._joins]
         if lacking:
             raise SceneError(
-                f"no law for {_some(lacking)}; give one, step.join({lacking[0]!r}, Perfect()), or leave it "
+                f"no law for {some(lacking)}; give one, step.join({lacking[0]!r}, Perfect()), or leave it "
                 f"open, step.leave({lacking[0]!r})"
             )
         meshed = assembly or self.mesh(**settings)
@@ -427,7 +405,7 @@ class StepAssembly:
     @contextmanager
     def _model(self, options: Mapping[str, float]) -> Iterator[tuple[Any, Loaded]]:
         """The CAD model, read again: nothing of gmsh is kept between calls."""
-        with gmsh_session(self.path.stem, {**_OPTIONS, **options}) as gmsh:
+        with gmsh_session(self.path.stem, {**OPTIONS, **options}) as gmsh:
             yield gmsh, load(gmsh, self.path, self._cuts, self._imprint, self._tolerance)
 
     def _check_same(self, model: Any, loaded: Loaded) -> None:
@@ -504,7 +482,7 @@ def read_step(
     for name, value in (("gap", gap), ("tolerance", tolerance)):
         if value is not None and not (math.isfinite(value) and value >= 0.0):
             raise SceneError(f"{name} = {value!r} must be >= 0 and finite")
-    with gmsh_session(file.stem, _OPTIONS) as gmsh:
+    with gmsh_session(file.stem, OPTIONS) as gmsh:
         loaded = load(gmsh, file, planes, imprint, tolerance)
         solids = solids_of(gmsh.model, loaded)
         low = np.min([s.low for s in solids.values()], axis=0)
@@ -594,11 +572,6 @@ def _shape(touch: Touch) -> str:
     return f"normal {vector(touch.normal)}" if np.any(touch.normal) else touch.shape
 
 
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-    return ", ".join(repr(n) for n in names[:6]) + more
-
-
 def _columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
     widths = [max(len(row[i]) for row in rows) for i in range(len(sides))]
     forms = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
@@ -639,67 +612,3 @@ def _surface_table(surfaces: Sequence[Surface], names: Mapping[int, str] | None 
         centre = vector(np.round(s.centre, 2))
         rows.append((str(s.tag), f"{s.area:.5g}", centre, s.shape, (names or {}).get(s.tag, "")))
     return "\n".join("  " + line for line in _columns(rows, ">>>" + "<<"))
-
-
-def _generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
-    """Mesh, curve the cells, and see to it that none is folded."""
-    model = gmsh.model
-    with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
-        for dim in (1, 2, 3):
-            try:
-                model.mesh.generate(dim)
-            except Exception as failure:  # gmsh raises nothing more specific
-                what = ("", "curves", "faces", "solids")[dim]
-                raise SceneError(
-                    f"gmsh cannot mesh the {what} of {_some(list(loaded.volumes))} ({failure}); give "
-                    "smaller sizes, or mend the geometry"
-                ) from failure
-            bar.step()
-        if order == 2:
-            model.mesh.setOrder(2)
-            if min(_worst(model, loaded).values()) < _POOR:
-                model.mesh.optimize("HighOrderElastic")
-                _straighten(model)
-            folded = {n: q for n, q in _worst(model, loaded).items() if q <= 0.0}
-            if folded:
-                raise SceneError(
-                    f"curved cells of {_some(list(folded))} are folded (scaled Jacobian "
-                    f"{min(folded.values()):.2g}); give smaller sizes, more cells per_turn, or order=1"
-                )
-            bar.step()
-
-
-def _straighten(model: Any) -> None:
-    """Take the curvature from cells that it folds, as in a ring that is thinner than a chord's sagitta."""
-    mesh = model.mesh
-    cells, nodes = mesh.getElementsByType(_TETRAHEDRON_10)
-    nodes = nodes.reshape(-1, 10)
-    for _ in range(_ROUNDS):
-        quality = np.asarray(mesh.getElementQualities(cells, "minSJ"))
-        bad = nodes[quality < _FOLDED]
-        if not len(bad):
-            return
-        tags, x, _ = mesh.getNodes()
-        place = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-        place[tags.astype(np.int64)] = np.arange(len(tags))
-        x = x.reshape(-1, 3)
-        ends = bad[:, _EDGES]
-        middle = 0.5 * (x[place[ends[:, :, 0]]] + x[place[ends[:, :, 1]]])
-        chosen, first = np.unique(bad[:, 4:], return_index=True)
-        for tag, at in zip(chosen.tolist(), middle.reshape(-1, 3)[first].tolist(), strict=True):
-            mesh.setNode(tag, at, [])
-
-
-def _worst(model: Any, loaded: Loaded) -> dict[str, float]:
-    """Part -> smallest scaled Jacobian of its cells."""
-    out = {}
-    for name, volumes in loaded.volumes.items():
-        found = [
-            float(model.mesh.getElementQualities(tags, "minSJ").min())
-            for volume in volumes
-            for tags in model.mesh.getElements(3, volume)[1]
-        ]
-        if not found:
-            raise SceneError(f"gmsh made no cells in {name!r}; give it a smaller size, or mend the geometry")
-        out[name] = min(found)
-    return out

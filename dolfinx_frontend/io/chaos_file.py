@@ -1,4 +1,4 @@
-"""A chaos in a file, to be evaluated anywhere; and the same chaos as an OpenTURNS object.
+"""A chaos in a file, to be evaluated anywhere.
 
 The format is described in ``docs/chaos_file.md``.  A file holds all that its evaluation needs: the
 three-term recurrences of the germs, the multi-indices and the coefficients; and the maps between
@@ -8,18 +8,14 @@ germs and physical parameters.  :class:`ChaosFile` evaluates it with NumPy alone
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import math
-import os
-import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
-from urllib.parse import quote, unquote
+from typing import Any, Literal, get_args
+from urllib.parse import quote
 
 import numpy as np
 import numpy.typing as npt
@@ -27,41 +23,25 @@ from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
+from dolfinx_frontend.io.hdf5 import (
+    DAMAGE,
+    ChaosFileError,
+    Tree,
+    h5py_module,
+    read_tree,
+    replaced,
+    write_tree,
+)
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
-__all__ = [
-    "ChaosFile",
-    "ChaosFileError",
-    "Field",
-    "ParameterMap",
-    "load_chaos",
-    "save_chaos",
-    "to_openturns",
-]
+__all__ = ["ChaosFile", "Field", "ParameterMap", "load_chaos", "save_chaos"]
 
 Map = Literal["affine", "exponential", "table"]
-Tree: TypeAlias = dict[str, Any]
 
-# what a damaged file may raise while it is read, whatever is damaged
-DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
-)
 FORMAT = "latin-chaos"
+
 VERSION = 1
-_USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
-
-
-class ChaosFileError(ValueError):
-    """A file that is no chaos file, is damaged or of another version, or cannot be written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +275,7 @@ def _parameter_maps(space: RandomSpace) -> Iterator[tuple[str, Tree]]:
             }
             continue
         for position, member in enumerate(block.members):
-            shape = _one_dimensional(member)
+            shape = one_dimensional(member)
             scale = float(shape.pop("scale"))
             yield member.name, {
                 **shape,
@@ -305,7 +285,7 @@ def _parameter_maps(space: RandomSpace) -> Iterator[tuple[str, Tree]]:
             }
 
 
-def _one_dimensional(parameter: RandomParameter) -> Tree:
+def one_dimensional(parameter: RandomParameter) -> Tree:
     """map, offset, scale (and table) of a parameter over its germ or normal score."""
     unit = parameter.value(np.array([0.0, 1.0]))
     if parameter.affine:
@@ -442,117 +422,12 @@ def _read_json(path: Path) -> Tree:
     return content
 
 
-def _h5py() -> Any:
-    try:
-        return importlib.import_module("h5py")
-    except ImportError as error:
-        raise ChaosFileError(
-            "HDF5 files need h5py, which is not installed: install it, or use a .json file"
-        ) from error
-
-
-def _key(name: str) -> str:
-    """A name as a link of HDF5, which knows no slash and no "."; :func:`unquote` is the inverse."""
-    name = name.replace("%", "%25").replace("/", "%2F")
-    return name.replace(".", "%2E") if name.strip(".") == "" else name
-
-
-def _digest(path: Path, form: str = FORMAT) -> bytes:
-    """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
-    with path.open("rb") as file:
-        file.seek(_USER_BLOCK)
-        found = hashlib.file_digest(file, "sha256").hexdigest()
-    return f"{form} sha256 {found}\n".encode()
-
-
-def _seal(path: Path, form: str = FORMAT) -> None:
-    line = _digest(path, form)
-    with path.open("r+b") as file:
-        file.write(line)
-
-
-def _check_seal(path: Path, form: str = FORMAT) -> None:
-    """Before the HDF5 library sees the file: on some damaged ones it never returns."""
-    wanted = _digest(path, form)
-    with path.open("rb") as file:
-        found = file.read(len(wanted))
-    if found != wanted:
-        raise ValueError("its first line is not the checksum of the rest")
-
-
 def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
     write_tree(path, {"format": FORMAT, "version": VERSION, "checksum": checksum}, tree)
 
 
-def write_tree(path: Path, head: Tree, tree: Tree) -> None:
-    """Write nested dicts, sealed: texts and integers as attributes, arrays and lists of texts as datasets.
-
-    Parameters
-    ----------
-    head
-        The attributes of the file; ``format`` names its kind.
-    """
-    h5py = _h5py()
-
-    def put(group: Any, node: Tree) -> None:
-        for key, value in node.items():
-            if isinstance(value, dict):
-                put(group.create_group(_key(key), track_order=True), value)
-            elif isinstance(value, np.ndarray):
-                group.create_dataset(_key(key), data=value)
-            elif isinstance(value, list):
-                group.create_dataset(_key(key), data=value, dtype=h5py.string_dtype())
-            else:
-                group.attrs[key] = value
-
-    # the layout of HDF5 1.8 has room for long attributes
-    layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
-    with h5py.File(path, "w", track_order=True, **layout) as file:
-        file.attrs.update(head)
-        put(file, tree)
-    _seal(path, head["format"])
-
-
 def _read_hdf5(path: Path) -> Tree:
     return read_tree(path, FORMAT)
-
-
-def read_tree(path: Path, form: str) -> Tree:
-    """What :func:`write_tree` wrote.
-
-    Raises
-    ------
-    ValueError
-        The file is of another kind, was damaged, or holds what does not belong there.
-    """
-    h5py = _h5py()
-    plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
-
-    def text(value: Any) -> Any:
-        return value.decode() if isinstance(value, bytes) else value
-
-    def get(group: Any, depth: int = 0) -> Tree:
-        node: Tree = {key: text(value) for key, value in group.attrs.items()}
-        for key in group:
-            name = unquote(key)
-            if depth > 3 or not isinstance(group.get(key, getlink=True), h5py.HardLink):
-                raise ValueError(f"a link that does not belong there: {key!r}")
-            child = group[key]
-            if isinstance(child, h5py.Group):
-                node[name] = get(child, depth + 1)
-            elif child.id.get_create_plist().get_layout() not in plain or child.external:
-                raise ValueError(f"{key!r} is not stored in one piece in this file")
-            elif child.nbytes > path.stat().st_size:
-                raise ValueError(f"{key!r} is larger than the file")
-            elif h5py.check_string_dtype(child.dtype) is not None:
-                node[name] = child.asstr()[()].tolist()
-            else:
-                node[name] = child[()]
-        return node
-
-    _check_seal(path, form)
-    with h5py.File(path, "r") as file:
-        return get(file)
 
 
 _WRITERS: dict[str, Callable[[Path, Tree, str], None]] = {
@@ -560,6 +435,7 @@ _WRITERS: dict[str, Callable[[Path, Tree, str], None]] = {
     ".h5": _write_hdf5,
     ".hdf5": _write_hdf5,
 }
+
 _READERS: dict[str, Callable[[Path], Tree]] = {
     ".json": _read_json,
     ".h5": _read_hdf5,
@@ -595,31 +471,6 @@ def from_tree(path: Path, tree: Tree) -> ChaosFile:
     if tree["format"] != FORMAT or int(tree["version"]) != VERSION:
         raise ValueError(f"a chaos of version {tree['version']}, known is {VERSION}")
     return _read(path, tree)
-
-
-@contextmanager
-def replaced(target: Path) -> Iterator[Path]:
-    """A new file beside the target, which takes its place when the context ends without an error.
-
-    All or nothing: an existing file stays until the new one is complete on the disk.
-
-    Raises
-    ------
-    ChaosFileError
-        It cannot be written.
-    """
-    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")
-    try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise ChaosFileError(
-            f"{target} cannot be written ({error}): choose a folder that exists, is writable and has room"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def save_chaos(
@@ -797,7 +648,7 @@ def load_chaos(path: str | Path) -> ChaosFile:
     if not source.is_file():
         raise ChaosFileError(f"{source} does not exist or is no file: check the name")
     if suffix != ".json":
-        _h5py()
+        h5py_module()
     try:
         node = _READERS[suffix](source)
         marked = node.get("format") == FORMAT
@@ -820,261 +671,3 @@ def load_chaos(path: str | Path) -> ChaosFile:
         raise ChaosFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error
-
-
-# ---------------------------------------------------------------------------------------------
-# OpenTURNS
-# ---------------------------------------------------------------------------------------------
-def _openturns() -> Any:
-    try:
-        return importlib.import_module("openturns")
-    except ImportError as error:
-        raise SceneError(
-            "to_openturns needs OpenTURNS, which is not installed: pip install openturns, or "
-            "conda install -c conda-forge openturns"
-        ) from error
-
-
-def _continuous(ot: Any, law: Any, shift: float, scale: float) -> Any:
-    """The law of (x - shift) / scale as an OpenTURNS distribution."""
-    low, high = (float((end - shift) / scale) for end in law.support())
-    finite = [math.isfinite(low), math.isfinite(high)]
-    ends = [
-        low if finite[0] else float((law.ppf(1e-15) - shift) / scale),
-        high if finite[1] else float((law.isf(1e-15) - shift) / scale),
-    ]
-
-    class Law(ot.PythonDistribution):  # type: ignore[misc]
-        def __init__(self) -> None:
-            super().__init__(1)
-
-        def getRange(self) -> Any:
-            return ot.Interval(ends[:1], ends[1:], finite[:1], finite[1:])
-
-        def computeCDF(self, x: Any) -> float:
-            return float(law.cdf(shift + scale * x[0]))
-
-        def computePDF(self, x: Any) -> float:
-            return float(law.pdf(shift + scale * x[0])) * scale
-
-        def getMean(self) -> list[float]:
-            return [float((law.mean() - shift) / scale)]
-
-        def getStandardDeviation(self) -> list[float]:
-            return [float(law.std()) / scale]
-
-    return ot.Distribution(Law())
-
-
-def _distribution(ot: Any, parameter: RandomParameter, germ: bool) -> Any:
-    """The law of a parameter or of its own germ."""
-    shift, scale = 0.0, 1.0
-    if parameter.affine:
-        zero, one = parameter.value(np.array([0.0, 1.0]))
-        shift, scale = float(zero), float(one - zero)
-    family = str(parameter.germ).partition("(")[0]
-    alpha, beta = parameter.germ.recurrence(2)
-    native = None
-    if family == "hermite":
-        native = ot.Normal(0.0, 1.0)
-    elif family == "legendre":
-        native = ot.Uniform(-1.0, 1.0)
-    elif family == "laguerre":
-        native = ot.Gamma(alpha[0], 1.0, 0.0)
-    elif family == "jacobi":
-        # the two exponents from mean and variance
-        middle, variance = 0.5 * (1.0 + alpha[0]), 0.25 * beta[1] ** 2
-        total = middle * (1.0 - middle) / variance - 1.0
-        native = ot.Beta(middle * total, (1.0 - middle) * total, -1.0, 1.0)
-    if germ and native is not None:
-        return native
-    if native is not None and parameter.affine:
-        return scale * native + shift
-    law: Any = parameter._law
-    if hasattr(law, "probabilities"):
-        values = law.values if not germ else parameter.to_germ(law.values)
-        return ot.UserDefined(np.asarray(values)[:, None], law.probabilities)
-    shape = _one_dimensional(parameter)
-    if shape["map"] == "exponential":
-        return ot.LogNormal(float(shape["offset"][0]), float(shape["scale"]), 0.0)
-    return _continuous(ot, law, *((shift, scale) if germ else (0.0, 1.0)))
-
-
-def to_openturns(
-    space: RandomSpace,
-    basis: ChaosBasis,
-    coefficients: npt.ArrayLike,
-    names: Sequence[str] = (),
-    inputs: Literal["parameters", "germs"] = "parameters",
-) -> Any:
-    """A chaos as an ``openturns.FunctionalChaosResult``.
-
-    Its metamodel, basis functions and Sobol indices
-    (``openturns.FunctionalChaosSobolIndices``) are ours to rounding.  Its training sample is empty
-    and its residuals are NaN: the coefficients come from a Galerkin projection, not from a fit.
-
-    Parameters
-    ----------
-    space, basis
-        Germs and modes.
-    coefficients
-        (rows, P + 1).
-    names
-        Names of the rows.
-    inputs
-        ``"parameters"``: input of the metamodel are the physical parameters in the order of the
-        germs, with their joint distribution (Gaussian copula where correlated); a random field
-        takes part by its germs.  ``"germs"``: the germs themselves.
-
-    Raises
-    ------
-    SceneError
-        OpenTURNS is not installed or too old, or the shapes do not fit.
-    """
-    ot = _openturns()
-    block = np.asarray(coefficients, dtype=np.float64)
-    table = basis.indices.table
-    if block.ndim != 2 or block.shape[1] != len(table) or table.shape[1] != space.dimension:
-        raise SceneError(
-            f"to_openturns: coefficients of shape {block.shape} for {len(table)} modes of "
-            f"{space.dimension} germs; wanted (rows, {len(table)})"
-        )
-    if names and len(names) != len(block):
-        raise SceneError(f"to_openturns: {len(names)} names for {len(block)} rows")
-    if inputs not in ("parameters", "germs"):
-        raise unknown_name("inputs", str(inputs), ("parameters", "germs"), "to_openturns")
-    size = space.dimension
-    of_germs: list[Any] = [ot.Normal(0.0, 1.0)] * size
-    of_inputs = list(of_germs)
-    labels = list(space.germ_names)
-    copula = np.eye(size)
-    sources: dict[int, RandomParameter] = {}
-    for part in space._blocks:
-        columns = list(part.columns)
-        copula[np.ix_(columns, columns)] = part.mixing @ part.mixing.T
-        for column, member in zip(columns, part.members, strict=False):
-            sources[column] = member
-            labels[column] = member.name
-            correlated = isinstance(member, CorrelatedParameter)
-            marginal = member.marginal if isinstance(member, CorrelatedParameter) else member
-            if not correlated:
-                of_germs[column] = _distribution(ot, member, germ=True)
-            of_inputs[column] = _distribution(ot, marginal, germ=False)
-    measure = ot.JointDistribution(of_germs)
-    transformation = inverse = ot.IdentityFunction(size)
-    joint = measure
-    if inputs == "parameters":
-        joint = ot.JointDistribution(of_inputs)
-        if not np.array_equal(copula, np.eye(size)):
-            joint.setCopula(ot.NormalCopula(ot.CorrelationMatrix(copula)))
-        joint.setDescription(labels)
-        transformation, inverse = _transformations(ot, space, sources)
-    else:
-        measure.setDescription(space.germ_names)
-
-    families = [ot.StandardDistributionPolynomialFactory(law) for law in of_germs]
-    # the plain enumeration does not know that a discrete germ has finitely many polynomials
-    discrete = any(law.isDiscrete() for law in of_germs)
-    enumerate_all = (
-        ot.HyperbolicAnisotropicEnumerateFunction(size, 1.0)
-        if discrete
-        else ot.LinearEnumerateFunction(size)
-    )
-    product = ot.OrthogonalProductPolynomialFactory(families, enumerate_all)
-    enumerate_all = product.getEnumerateFunction()
-    polynomials = _polynomials(ot, space, table)
-    functions = []
-    for index in table:
-        factors = ot.PolynomialCollection()
-        for germ, degree in enumerate(index):
-            factors.add(polynomials[germ][degree])
-        functions.append(ot.Function(ot.ProductPolynomialEvaluation(factors)))
-    rows = list(names) or [f"y{i}" for i in range(len(block))]
-    outputs = ot.Sample(0, len(block))
-    outputs.setDescription(rows)
-    arguments = [
-        ot.Sample(0, size),
-        outputs,
-        joint,
-        transformation,
-        inverse,
-        ot.OrthogonalBasis(product),
-        [int(enumerate_all.inverse([int(d) for d in index])) for index in table],
-        ot.Sample(block.T),
-        functions,
-    ]
-    result = _chaos_result(ot, arguments, ot.Point(len(block), math.nan))
-    result.setIsLeastSquares(False)
-    return result
-
-
-def _chaos_result(ot: Any, arguments: Sequence[Any], unknown: Any) -> Any:
-    """The result; older releases also ask for residuals and relative errors."""
-    refused: Exception | None = None
-    for errors in ([], [unknown, unknown]):
-        try:
-            return ot.FunctionalChaosResult(*arguments, *errors)
-        except (TypeError, NotImplementedError) as error:
-            refused = error
-    raise SceneError(
-        f"to_openturns: OpenTURNS {ot.__version__} makes a FunctionalChaosResult in another "
-        f"way; install OpenTURNS 1.24 to 1.27 ({refused})"
-    ) from refused
-
-
-def _polynomials(ot: Any, space: RandomSpace, table: npt.NDArray[np.int32]) -> list[list[Any]]:
-    """Germ -> psi_0, psi_1, ... by our recurrence, as OpenTURNS spells it.
-
-    There psi_k+1 = (a_k x + b_k) psi_k + c_k psi_k-1.
-    """
-    constant = ot.UniVariatePolynomial([1.0])
-    result = []
-    for germ, highest in zip(space.germs, table.max(axis=0), strict=True):
-        alpha, beta = germ.recurrence(int(highest) + 1)
-        steps = [
-            [1.0 / beta[k + 1], -alpha[k] / beta[k + 1], -beta[k] / beta[k + 1] if k else 0.0]
-            for k in range(int(highest))
-        ]
-        result.append(
-            [
-                ot.OrthogonalUniVariatePolynomial(steps[:k]) if k else constant
-                for k in range(int(highest) + 1)
-            ]
-        )
-    return result
-
-
-def _transformations(
-    ot: Any, space: RandomSpace, sources: Mapping[int, RandomParameter]
-) -> tuple[Any, Any]:
-    """Inputs -> germs and germs -> inputs."""
-    size = space.dimension
-    if all(source.affine for source in sources.values()):
-        shift, scale = np.zeros(size), np.ones(size)
-        for column, source in sources.items():
-            zero, one = source.value(np.array([0.0, 1.0]))
-            shift[column], scale[column] = zero, one - zero
-        nothing = np.zeros(size)
-        return (
-            ot.LinearFunction(shift, nothing, ot.Matrix(np.diag(1.0 / scale))),
-            ot.LinearFunction(nothing, shift, ot.Matrix(np.diag(scale))),
-        )
-
-    def to_germs(inputs: Any) -> Array:
-        values = np.array(inputs, dtype=np.float64)
-        points = space.germ_points({s.name: values[:, c] for c, s in sources.items()})
-        rest = [c for c in range(size) if c not in sources]
-        points[:, rest] = values[:, rest]
-        return points
-
-    def to_inputs(germs: Any) -> Array:
-        points = np.array(germs, dtype=np.float64)
-        values = points.copy()
-        for column, source in sources.items():
-            values[:, column] = space.values(source, points)
-        return values
-
-    return (
-        ot.PythonFunction(size, size, func_sample=to_germs),
-        ot.PythonFunction(size, size, func_sample=to_inputs),
-    )

@@ -17,8 +17,9 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import unknown_name
-from dolfinx_frontend.io import chaos_file
-from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Tree
+from dolfinx_frontend.io import chaos_file, hdf5
+from dolfinx_frontend.io.chaos_file import ChaosFile
+from dolfinx_frontend.io.hdf5 import ChaosFileError, Tree
 from dolfinx_frontend.results import tables
 from dolfinx_frontend.results.surfaces import ContactValues, contact_values
 from dolfinx_frontend.scene.laws import Displacement
@@ -27,9 +28,9 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 if TYPE_CHECKING:
     from dolfinx_frontend.assembly.interface import Interface
     from dolfinx_frontend.plan.plan import Plan
+    from dolfinx_frontend.results.result import Result
     from dolfinx_frontend.solvers.chaos import ChaosResult
     from dolfinx_frontend.solvers.sampling import SampleResult
-    from dolfinx_frontend.solvers.solve import Result
 
 __all__ = ["ResultFileError", "SavedInterface", "SavedResult", "load", "save_result", "save_samples"]
 
@@ -301,8 +302,8 @@ def _target(path: str | Path) -> Path:
 
 def _write(target: Path, tree: Tree) -> None:
     try:
-        with chaos_file.replaced(target) as temporary:
-            chaos_file.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
+        with hdf5.replaced(target) as temporary:
+            hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
     except ChaosFileError as error:  # no h5py, or the file cannot be written
         raise ResultFileError(str(error)) from error
 
@@ -324,9 +325,9 @@ def load(path: str | Path) -> SavedResult:
     if first == chaos_file.FORMAT.encode():
         raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
     try:
-        tree = chaos_file.read_tree(source, FORMAT)
+        tree = hdf5.read_tree(source, FORMAT)
         version = int(tree["version"])
-    except chaos_file.DAMAGE as error:
+    except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
         ) from error
@@ -337,7 +338,7 @@ def load(path: str | Path) -> SavedResult:
         )
     try:
         return _read(source, tree)
-    except chaos_file.DAMAGE as error:
+    except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
         ) from error

@@ -14,13 +14,13 @@ import numpy as np
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.plan.translate import kernel_values, law_fields
+from dolfinx_frontend.plan.translate import LawFields, kernel_values, law_fields
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random"]
+__all__ = ["LINEAR", "RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
 
 Source = RandomParameter | DiscretisedField
 
@@ -187,3 +187,25 @@ def _matters(law: Law, parameter: str) -> bool:
     if isinstance(law, Elastic) and parameter == "jump":
         return any(law.holds(3))
     return isinstance(law, Elastic | Perfect) or bool(law.parameters())
+
+
+def sampled_parameters(
+    random: RandomLaws, name: str, points: Array, fields: LawFields, steps: int = 1
+) -> dict[str, Array]:
+    """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
+
+    What is the same everywhere keeps its one column.
+
+    Parameters
+    ----------
+    fields
+        The law, with one column or one a time step.
+    """
+    values = {}
+    for parameter, block in fields.parameters.items():
+        values[parameter] = np.tile(block, (1, len(points))) if block.shape[1] > 1 else block
+    for interface, parameter in random.sources:
+        if interface == name:
+            each = random.sampled(name, parameter, points)
+            values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
+    return {parameter: np.asfortranarray(block) for parameter, block in values.items()}

@@ -1,25 +1,20 @@
 """Answers to compare with: one direct solve of all parts, and stochastic finite elements."""
 
-from dolfinx_frontend.reference.monolithic import (
-    Cholesky,
-    Monolithic,
-    ReferenceSolution,
-    Unit,
-    energy_difference,
-    energy_error,
-    monolithic,
-    solvers,
-    unit,
-)
+from dolfinx_frontend.reference.cholesky import Cholesky, solvers
+from dolfinx_frontend.reference.direct import Monolithic, ReferenceSolution, monolithic
+from dolfinx_frontend.reference.energy import energy_difference, energy_error
+from dolfinx_frontend.reference.galerkin import SSFEMSolution, energy_error_modes, smallest_eigenvalue, ssfem
 
 __all__ = [
     "Cholesky",
     "Monolithic",
     "ReferenceSolution",
-    "Unit",
+    "SSFEMSolution",
     "energy_difference",
     "energy_error",
+    "energy_error_modes",
     "monolithic",
+    "smallest_eigenvalue",
     "solvers",
-    "unit",
+    "ssfem",
 ]

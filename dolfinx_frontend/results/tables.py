@@ -42,9 +42,9 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 
 if TYPE_CHECKING:
     from dolfinx_frontend.plan.plan import Plan
+    from dolfinx_frontend.results.result import Result
     from dolfinx_frontend.solvers.chaos import ChaosResult
     from dolfinx_frontend.solvers.sampling import SampleResult
-    from dolfinx_frontend.solvers.solve import Result
 
 __all__ = [
     "Measures",

@@ -33,22 +33,22 @@ from latin_core import Problem as Kernel
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io import saved
-from dolfinx_frontend.io.chaos_file import Field, save_chaos, to_openturns
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import iterate
 from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
-from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.plan.random_laws import RandomLaws, Source, sampled_parameters
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
-from dolfinx_frontend.solvers.collocation import Collocation, collocation, sampled_parameters
-from dolfinx_frontend.solvers.solve import Result, fields_of_cuts, start_states
+from dolfinx_frontend.solvers.collocation import Collocation, collocation
+from dolfinx_frontend.solvers.deterministic import fields_of_cuts, start_states
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.quantities import Quantity
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 if TYPE_CHECKING:
+    from dolfinx_frontend.io.chaos_file import Field
     from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = [
@@ -681,11 +681,15 @@ class ChaosResult(Result, StochasticResult):
 
         The file (``.h5`` or ``.json``, see ``docs/chaos_file.md``) can be evaluated without this package.
         """
+        from dolfinx_frontend.io.chaos_file import save_chaos
+
         self.problem.on_one_rank("save_chaos")
         save_chaos(path, self.space, self.basis, *self.chaos_fields(substructures))
 
     def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
         """Fields and notes of the file that :meth:`save_chaos` writes."""
+        from dolfinx_frontend.io.chaos_file import Field
+
         fields = {}
         for name in self.plan.active:
             for what, block, unit in (
@@ -734,10 +738,14 @@ class ChaosResult(Result, StochasticResult):
         self, path: str | Path, fields: bool = True, samples: int = tables.SAMPLES, seed: int = 0
     ) -> None:
         """As :meth:`Result.save`, with the whole chaos; the tables are made of so many samples."""
+        from dolfinx_frontend.io import saved
+
         saved.save_result(path, self, tables.read_chaos(self, samples, seed), fields)
 
     def to_openturns(self, interface: str, inputs: Literal["parameters", "germs"] = "parameters") -> Any:
         """The force (m * components outputs) of an active interface as OpenTURNS' chaos result."""
+        from dolfinx_frontend.io.openturns import to_openturns
+
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return to_openturns(self.space, self.basis, block, inputs=inputs)
 

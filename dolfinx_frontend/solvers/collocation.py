@@ -21,25 +21,32 @@ from latin_core import stochastic
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["MOST_TENSOR", "Collocation", "collocation", "sampled_parameters"]
+__all__ = ["Collocation", "MOST_TENSOR", "collocation"]
 
 
 MOST_TENSOR = 4096
 """Points up to which a tensor Gauss rule is the default..."""
+
 MOST_BYTES = 1e9
 """...if samples and forces of the interface take no more memory."""
+
 LEAST_LINE = 16
 """Points that a germ is given at least while all germs together take no more than..."""
+
 CHEAP = 256
 """...so many: kinks cost a coarse rule up to a tenth of a per cent of the mean."""
+
 SOBOL_A_MODE = 16
 """Sobol points taken for each mode that is projected, at least."""
+
 FEWEST_SOBOL = 1024
+
 MOST_SOBOL = 2**16
+
 UNEVEN = 0.5
 """Departure of the Gram matrix from the identity beyond which Sobol points are too few."""
 
@@ -111,28 +118,6 @@ def nominal_fields(random: RandomLaws, name: str) -> LawFields:
     """Law of an interface in kernel terms, with what varies at nominal values."""
     interface = random.problem.interfaces[name]
     return law_fields(interface, interface.law.nominal)
-
-
-def sampled_parameters(
-    random: RandomLaws, name: str, points: Array, fields: LawFields, steps: int = 1
-) -> dict[str, Array]:
-    """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
-
-    What is the same everywhere keeps its one column.
-
-    Parameters
-    ----------
-    fields
-        The law, with one column or one a time step.
-    """
-    values = {}
-    for parameter, block in fields.parameters.items():
-        values[parameter] = np.tile(block, (1, len(points))) if block.shape[1] > 1 else block
-    for interface, parameter in random.sources:
-        if interface == name:
-            each = random.sampled(name, parameter, points)
-            values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
-    return {parameter: np.asfortranarray(block) for parameter, block in values.items()}
 
 
 def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:

@@ -25,20 +25,20 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.io import saved
 from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.plan.plan import Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results import tables
 from dolfinx_frontend.results.surfaces import Moments
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
-from dolfinx_frontend.solvers.sweep import PointResults, fingerprint, warn_unconverged
+from dolfinx_frontend.solvers.sweep import PointResults, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Quantity
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.adaptive import Errors
+    from dolfinx_frontend.estimate.errors import Errors
     from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = [
@@ -206,7 +206,7 @@ class SampleResult(PointResults, StochasticResult):
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
-        from dolfinx_frontend.estimate.adaptive import errors  # which builds on this module
+        from dolfinx_frontend.estimate.errors import errors  # which builds on this module
 
         return errors(self, quantity)
 
@@ -233,6 +233,8 @@ class SampleResult(PointResults, StochasticResult):
 
     def save(self, path: str | Path, fields: bool = True) -> None:
         """As :meth:`dolfinx_frontend.Result.save`; fields: force and jump of every sample."""
+        from dolfinx_frontend.io import saved
+
         saved.save_samples(path, self, tables.read_samples(self), fields)
 
     def _count(self) -> str:

@@ -48,7 +48,7 @@ from dolfinx_frontend.plan.translate import law_fields
 from dolfinx_frontend.scene.laws import Contact, Perfect, Preload, Pressure, Traction
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.solvers.solve import Result
+    from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
 

@@ -55,7 +55,7 @@ from dolfinx_frontend import (
     solve,
 )
 from dolfinx_frontend.common import compat
-from dolfinx_frontend.geometry.lap_joint import lap_joint
+from parts.lap_joint import lap_joint
 
 Array = npt.NDArray[np.float64]
 

@@ -50,11 +50,12 @@ from dolfinx_frontend import (
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.estimate.adaptive import Moments, moments
-from dolfinx_frontend.estimate.mesh_error import estimate as of_meshes
-from dolfinx_frontend.geometry.lap_joint import lap_joint
+from dolfinx_frontend.estimate.errors import Moments, moments
+from dolfinx_frontend.estimate.mesh_error import discretisation_error as of_meshes
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Plan
+from parts.lap_joint import lap_joint
+from parts.vessel import bolted_vessel
 from tests.verification import test_accuracy, test_discretisation
 
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
@@ -80,7 +81,7 @@ class Case:
 def vessel(screw: Any, joint: Any, name: str) -> Case:
     """The bolted vessel: force of the screw, closing of the joint."""
     demo = common.demo("bolted_vessel")
-    problem = assemble(demo.vessel_scene(geometry.bolted_vessel("coarse"), screw, joint))
+    problem = assemble(demo.vessel_scene(bolted_vessel("coarse"), screw, joint))
     return Case(name, problem, (Resultant("screw"), Resultant("joint", "jump")))
 
 
@@ -222,7 +223,7 @@ def algebraic(
 
 def algebraic_scenes() -> list[tuple[str, Problem, dict[str, Any]]]:
     """Deterministic vessel, all its interfaces kept or two; the lap joint; chaos of the blocks."""
-    plain = assemble(common.demo("bolted_vessel").vessel_scene(geometry.bolted_vessel("coarse")))
+    plain = assemble(common.demo("bolted_vessel").vessel_scene(bolted_vessel("coarse")))
     demo = common.demo("bolted_lap_joint")
     joint = assemble(demo.build_scene(lap_joint(12.0), demo.SHEAR * (0.05, 0.0, 0.0)))
     field = CASES["blocks, field"]().problem

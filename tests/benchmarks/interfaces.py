@@ -19,7 +19,7 @@ import common
 import numpy as np
 
 from dolfinx_frontend.scene.laws import Contact, Perfect
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.python import test_facets as patch
 from tests.verification import nonmatching

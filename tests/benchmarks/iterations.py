@@ -23,9 +23,10 @@ from typing import Any
 import common
 import numpy as np
 
-from dolfinx_frontend import Amplitude, Contact, Options, Problem, assemble, geometry, reference, solve
-from dolfinx_frontend.geometry.lap_joint import lap_joint
+from dolfinx_frontend import Amplitude, Contact, Options, Problem, assemble, reference, solve
 from dolfinx_frontend.plan.plan import Direction
+from parts.lap_joint import lap_joint
+from parts.vessel import bolted_vessel
 
 RTOL = 1e-5
 TIGHT = Options(rtol=1e-11, max_iterations=20000, stagnation_window=400)
@@ -42,7 +43,7 @@ class Case:
 def vessel(size: str | float, friction: float, pressures: tuple[float, ...]) -> Case:
     """The vessel's cover in true contact: preload, then pressure."""
     demo = common.demo("bolted_vessel")
-    shape = geometry.bolted_vessel(size=size)
+    shape = bolted_vessel(size=size)
     times = np.arange(len(pressures), dtype=float)
     law = Contact(friction=friction or None)
     scene = demo.vessel_scene(shape, joint=law, pressure=Amplitude(times, pressures) * 1.0)

@@ -49,7 +49,7 @@ from dolfinx_frontend import (
     solve,
     sweep,
 )
-from dolfinx_frontend.reference import ssfem
+from parts.unit import measure_unit
 from tests.verification import test_macro
 
 
@@ -117,9 +117,9 @@ def chaos_error(problem: Problem, result: ChaosResult, order: Chaos) -> float | 
     """Energy error of all chaos coefficients against a converged SSFEM, if that is affordable."""
     if problem.size > EXACT_UP_TO:
         return None
-    exact = ssfem.ssfem(problem, order, rtol=1e-11)
+    exact = reference.ssfem(problem, order, rtol=1e-11)
     own = {name: result.coefficients(name) for name in problem.substructures}
-    return float(ssfem.energy_error_modes(problem, own, exact.coefficients))
+    return float(reference.energy_error_modes(problem, own, exact.coefficients))
 
 
 def one(method: str, size: str, repeats: int) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def one(method: str, size: str, repeats: int) -> dict[str, Any]:
 
     measure = partial(measured, record, repeats=repeats)
     if method == "monolithic":
-        unit = common.unit(fixed, repeats) if problem.size < LARGE else reference.unit(fixed, 1)
+        unit = common.unit(fixed, repeats) if problem.size < LARGE else measure_unit(fixed, 1)
         record |= {"seconds": unit.seconds, "solver": unit.solver}
     elif method in ("cholmod", "mumps"):  # for the peak: a unit tries both, and more than once
         systems = reference.Monolithic(fixed).systems(fixed.laws())
@@ -149,12 +149,12 @@ def one(method: str, size: str, repeats: int) -> dict[str, Any]:
         record |= {"iterations": result.iterations, "phases": result.spent()}
         record["error"] = chaos_error(problem, result, order)
     elif method == "ssfem_cg":
-        found = measure(lambda: ssfem.ssfem(problem, order, rtol=PCE_RTOL))
+        found = measure(lambda: reference.ssfem(problem, order, rtol=PCE_RTOL))
         record["iterations"] = found.iterations
         if problem.size <= EXACT_UP_TO:
-            exact = ssfem.ssfem(problem, order, rtol=1e-11)
+            exact = reference.ssfem(problem, order, rtol=1e-11)
             record["error"] = float(
-                ssfem.energy_error_modes(problem, found.coefficients, exact.coefficients)
+                reference.energy_error_modes(problem, found.coefficients, exact.coefficients)
             )
     elif method == "sweep":
         grid = demo.stiffnesses(demo.XI_SCREW, demo.XI_JOINT)

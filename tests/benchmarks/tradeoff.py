@@ -58,7 +58,6 @@ from dolfinx_frontend import (
     Resultant,
     SampleResult,
     assemble,
-    geometry,
     monte_carlo,
     quasi_monte_carlo,
     reference,
@@ -66,10 +65,11 @@ from dolfinx_frontend import (
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.estimate.adaptive import moments
-from dolfinx_frontend.figures import plotting
-from dolfinx_frontend.geometry.lap_joint import lap_joint
-from dolfinx_frontend.reference import ssfem
+from dolfinx_frontend.estimate.errors import moments
+from parts.front import FrontPanel, front_figure
+from parts.lap_joint import lap_joint
+from parts.unit import measure_unit
+from parts.vessel import bolted_vessel
 
 Array = npt.NDArray[np.float64]
 Method = Literal["latin", "single", "latin2004", "ssfem", "tensor", "sparse", "mc", "qmc"]
@@ -196,7 +196,7 @@ class Scene:
         return list(dict.fromkeys([self.base, *(s.mesh for s in self.settings if s.mesh is not None)]))
 
 
-_vessel_shape = cache(geometry.bolted_vessel)
+_vessel_shape = cache(bolted_vessel)
 _lap_shape = cache(lap_joint)
 
 
@@ -422,7 +422,7 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
         about = {k: knobs.pop(k) for k in ("index_set", "q") if k in knobs}
         chaos = Chaos(knobs.pop("order"), check_points=0, **about)
         if method == "ssfem":
-            found = ssfem.ssfem(problem, chaos, rtol=rtol)
+            found = reference.ssfem(problem, chaos, rtol=rtol)
             status = "converged" if found.converged else "max_iterations"
             return Answer(of_chaos(scene, problem, found), status, found.iterations)
         options = scene.options.with_(rtol=rtol)
@@ -517,7 +517,7 @@ def measure(
     runs, chosen = [], []
     for number, setting in enumerate(scene.settings):
         if number % UNIT_EVERY == UNIT_EVERY - 1:  # a machine is not equally fast all the time
-            units.append(reference.unit(linear, 1))
+            units.append(measure_unit(linear, 1))
         row = one(scene, setting, references, repeats, seeds)
         runs.append(finish(row, meshes[setting.mesh or scene.base], units[-1].seconds))
         say(_line(row))
@@ -711,7 +711,7 @@ def cheapest(
     return min((r for r in good if r[cost] <= TIE * least), key=lambda r: float(r[error]))
 
 
-def panels(record: Mapping[str, Any]) -> list[list[plotting.FrontPanel]]:
+def panels(record: Mapping[str, Any]) -> list[list[FrontPanel]]:
     """Pictures of all scenes: the same mesh above, errors in all below."""
     rows = []
     for in_all in (False, True):
@@ -729,7 +729,7 @@ def panels(record: Mapping[str, Any]) -> list[list[plotting.FrontPanel]]:
                     points[name] = np.array([[r[cost], r[error]] for r in mine])
                     front[name] = np.array([id(r) in good for r in mine])
             row.append(
-                plotting.FrontPanel(
+                FrontPanel(
                     scene["title"],
                     "cost with assembly (units)" if in_all else "cost (units)",
                     "relative error, in all" if in_all else "relative error, same mesh",
@@ -746,7 +746,7 @@ def panels(record: Mapping[str, Any]) -> list[list[plotting.FrontPanel]]:
 
 def figure(record: Mapping[str, Any], path: Path) -> Path:
     """Error against cost of all scenes."""
-    return plotting.front_figure(panels(record), path, marked_label="chosen by solve(accuracy=...)")
+    return front_figure(panels(record), path, marked_label="chosen by solve(accuracy=...)")
 
 
 # %% Tables and the page

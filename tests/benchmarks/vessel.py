@@ -50,8 +50,8 @@ from dolfinx_frontend import (
     tensor_quadrature,
 )
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.reference import ssfem
 from latin_core import State, SweptParameter, snake_order
+from parts.unit import Unit
 from latin_core import sweep as kernel_sweep
 
 RTOL = 1e-4
@@ -71,7 +71,7 @@ def one_solve(
     problem: Problem,
     plan: Plan,
     exact: reference.ReferenceSolution,
-    unit: reference.Unit,
+    unit: Unit,
     repeats: int,
 ) -> dict[str, Any]:
     """Time and accuracy of one way to solve the mean parameters."""
@@ -123,7 +123,7 @@ def sweep_energy_errors(vessel: Any, problem: Problem, surface: SweepResult) -> 
 
 
 def one_sweep(
-    vessel: Any, problem: Problem, plan: Plan, unit: reference.Unit, repeats: int
+    vessel: Any, problem: Problem, plan: Plan, unit: Unit, repeats: int
 ) -> tuple[dict[str, Any], SweepResult]:
     """Time and accuracy of a sweep over 13 x 7 parameter sets, and its answer."""
     grid = vessel.stiffnesses(vessel.XI_SCREW, vessel.XI_JOINT)
@@ -152,7 +152,7 @@ def uncertain_part(
     vessel: Any,
     problem: Problem,
     surface: Quantity,
-    unit: reference.Unit,
+    unit: Unit,
     repeats: int,
     samples: int,
     plain: bool,
@@ -171,10 +171,10 @@ def uncertain_part(
         cost = {"seconds": run.seconds, "units": run.seconds / unit.seconds, "repeats": run.repeats}
         return cost, run.value
 
-    exact = ssfem.ssfem(problem, order, rtol=1e-12)
+    exact = reference.ssfem(problem, order, rtol=1e-12)
 
     def pce(cost: dict[str, Any], result: ChaosResult) -> dict[str, Any]:
-        error = ssfem.energy_error_modes(problem, vessel.all_modes(result), exact.coefficients)
+        error = reference.energy_error_modes(problem, vessel.all_modes(result), exact.coefficients)
         return {
             "modes": result.modes,
             "unknowns": result.modes * problem.size,
@@ -206,13 +206,13 @@ def uncertain_part(
     if plain:
         slow = vessel.PLAIN.with_(rtol=PLAIN_SWEEP_RTOL, criterion="indicator")
         record["latin_pce_plain"] = pce(*measured(lambda: chaos(method="latin", options=slow), 1))
-    cost, galerkin = measured(lambda: ssfem.ssfem(problem, order, rtol=vessel.CHAOS_RTOL))
+    cost, galerkin = measured(lambda: reference.ssfem(problem, order, rtol=vessel.CHAOS_RTOL))
     record["ssfem_cg"] = {
         "modes": len(galerkin.basis),
         "unknowns": galerkin.unknowns,
         "iterations": galerkin.iterations,
         **cost,
-        "error": ssfem.energy_error_modes(problem, galerkin.coefficients, exact.coefficients),
+        "error": reference.energy_error_modes(problem, galerkin.coefficients, exact.coefficients),
         "rtol": vessel.CHAOS_RTOL,
     }
     cost, rule = measured(

@@ -25,10 +25,11 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect, Preload
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal, Uniform
 

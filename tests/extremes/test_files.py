@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dolfinx_frontend.io.chaos_file import ChaosFile, ChaosFileError, Field, load_chaos, save_chaos
+from dolfinx_frontend.io.chaos_file import ChaosFile, Field, load_chaos, save_chaos
+from dolfinx_frontend.io.hdf5 import ChaosFileError
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Uniform
 from dolfinx_frontend.uncertainty.space import RandomSpace

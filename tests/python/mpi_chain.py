@@ -28,12 +28,12 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
+    io,
     make_plan,
     solve,
     sweep,
 )
-from dolfinx_frontend.io import fields
-from dolfinx_frontend.reference.monolithic import monolithic
+from dolfinx_frontend.reference.direct import monolithic
 from dolfinx_frontend.solvers.sampling import sample
 
 PARTS = 5
@@ -201,7 +201,7 @@ def stopped() -> None:
 
     folder = WORLD.bcast(tempfile.mkdtemp() if WORLD.rank == 0 else None)
     whole = solve(problem, options=Options(rtol=1e-11, **SERIAL))
-    parts, interfaces = fields.write(whole, folder)
+    parts, interfaces = io.write(whole, folder)
     WORLD.barrier()
     index = interfaces.read_text()
     files = re.findall('file="([^"]+)"', index + parts.read_text())

@@ -17,7 +17,8 @@ from dolfinx_frontend.assembly.rigid import check_rigid_bodies
 from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.reduction import reduce
-from dolfinx_frontend.reference.monolithic import Cholesky, monolithic
+from dolfinx_frontend.reference.cholesky import Cholesky
+from dolfinx_frontend.reference.direct import monolithic
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import (
     Displacement,
@@ -31,8 +32,9 @@ from dolfinx_frontend.scene.laws import (
 )
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
+from parts.rings import annulus
 
 STEEL = LinearElastic(2e5, 0.3)
 UNIT = geometry.box((1.0, 1.0), (2, 2))
@@ -342,7 +344,7 @@ def test_laws_that_cannot_be_eliminated():
 
 def test_symmetry_on_a_curved_face():
     scene = Scene()
-    scene.substructure("ring", geometry.annulus(1.0, 2.0, divisions=(1, 4)), STEEL)
+    scene.substructure("ring", annulus(1.0, 2.0, divisions=(1, 4)), STEEL)
     scene.symmetry(["ring:inner", "ring:theta0"])
     message(lambda: monolithic(assemble(scene)), "symmetry(ring:inner)", "not flat")
 

@@ -15,8 +15,10 @@ import pytest
 from scipy import stats
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.io import chaos_file
-from dolfinx_frontend.io.chaos_file import ChaosFileError, Field, load_chaos, save_chaos, to_openturns
+from dolfinx_frontend.io import chaos_file, hdf5
+from dolfinx_frontend.io.chaos_file import Field, load_chaos, save_chaos
+from dolfinx_frontend.io.hdf5 import ChaosFileError
+from dolfinx_frontend.io.openturns import to_openturns
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
@@ -406,7 +408,7 @@ def test_hdf5_that_reaches_out(tmp_path):
             trick(file["fields/w"])
         with pytest.raises(ChaosFileError, match="not the checksum of the rest"):
             load_chaos(path)
-        chaos_file._seal(path)
+        hdf5.seal(path, chaos_file.FORMAT)
         with pytest.raises(ChaosFileError, match="does not belong|in one piece|larger than the f"):
             load_chaos(path)
 

@@ -15,8 +15,9 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Contact
 from dolfinx_frontend.scene.materials import LinearElastic
-from dolfinx_frontend.scene.scene import Scene, Space
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.scene.scene import Scene
+from dolfinx_frontend.scene.specs import Space
+from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block
 

@@ -12,7 +12,7 @@ from dolfinx_frontend.plan.cost import predict, shown
 from dolfinx_frontend.scene.laws import Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 
 
 def pair(cells: int, dim: int) -> Problem:

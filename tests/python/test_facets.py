@@ -20,11 +20,11 @@ from dolfinx_frontend.common.clipping import clip
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.plan.reduction import reduce
-from dolfinx_frontend.reference.monolithic import monolithic
+from dolfinx_frontend.reference.direct import monolithic
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from latin_core import Options
 from tests.python.helpers import DIMENSION, block, face_mass, polynomial, wavy
 

@@ -18,17 +18,14 @@ from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.rigid import check_rigid_bodies
 from dolfinx_frontend.assembly.values import jumps, stiffnesses
 from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
-from dolfinx_frontend.reference.monolithic import (
-    Cholesky,
-    Monolithic,
-    energy_error,
-    monolithic,
-    solvers,
-    unit,
-)
+from dolfinx_frontend.reference.cholesky import Cholesky, solvers
+from dolfinx_frontend.reference.direct import Monolithic, monolithic
+from dolfinx_frontend.reference.energy import energy_error
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect, Pressure, Symmetry
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.scene import Scene
+from parts.rings import annulus, two_rings
+from parts.unit import measure_unit
 from tests.python.helpers import DIMENSION, block, face_mass, lame, polynomial, wavy
 
 EPS = np.finfo(float).eps
@@ -125,7 +122,7 @@ def test_arc_length_and_normals(order, slope):
     """Weights of curved facets add up to the area, at the rate of the geometry."""
     errors = []
     for n in (4, 8, 16):
-        part = geometry.annulus(1.0, 2.0, divisions=(1, n), geometry_order=order)
+        part = annulus(1.0, 2.0, divisions=(1, n), geometry_order=order)
         i = make_interface("i", Pressure(1.0), (part,), (("a", "inner"),), (space(part, 2),))
         errors.append(abs(i.area - np.pi / 2))
         radial = -i.points / np.linalg.norm(i.points, axis=1)[:, None]
@@ -156,7 +153,7 @@ def test_gap_is_signed_along_the_normal():
 
 def test_curved_faces_that_do_not_match_are_paired():
     """Cylinder sectors of different meshes: gaps and traces differ by the sagitta."""
-    rings = geometry.two_rings(1.0, 2.0, 3.0, divisions=(2, 6), outer_divisions=(2, 10))
+    rings = two_rings(1.0, 2.0, 3.0, divisions=(2, 6), outer_divisions=(2, 10))
     V = tuple(space(p, 2) for p in rings.parts.values())
     i = make_interface(
         "i", Perfect(), tuple(rings.parts.values()), (("inner", "outer"), ("outer", "inner")), V
@@ -230,7 +227,7 @@ def test_elastic_coupling_is_the_boundary_mass():
 
 
 def test_local_trace_rotates_into_the_frames():
-    part = geometry.annulus(1.0, 2.0, divisions=(1, 4))
+    part = annulus(1.0, 2.0, divisions=(1, 4))
     V = space(part, 2)
     i = make_interface("i", Symmetry(), (part,), (("a", "outer"),), (V,))
     u = nodes(V, 2).ravel()  # u = x
@@ -458,7 +455,7 @@ def test_patch(cell):
 
 def ring(n, nu=0.3):
     scene = Scene()
-    part = geometry.annulus(100.0, 200.0, divisions=(n, 2 * n))
+    part = annulus(100.0, 200.0, divisions=(n, 2 * n))
     scene.substructure("ring", part, LinearElastic(2e5, nu), degree=2)
     scene.symmetry(["ring:theta0", "ring:theta1"])
     scene.pressure("ring:inner", 1.6, "bore")
@@ -488,7 +485,7 @@ def test_lame_ring_converges():
 def test_oblique_symmetry():
     """A sector of 22.5 degrees behaves like the whole ring, and w . n = 0 on its oblique side."""
     scene = Scene()
-    part = geometry.annulus(100.0, 200.0, np.pi / 8, (4, 2))
+    part = annulus(100.0, 200.0, np.pi / 8, (4, 2))
     scene.substructure("ring", part, STEEL, degree=2)
     scene.symmetry(["ring:theta0", "ring:theta1"])
     scene.pressure("ring:inner", 1.6)
@@ -507,7 +504,7 @@ def test_oblique_symmetry():
 def test_split_lame_ring(outer):
     """Jump p_c / k across an elastic joint at r = c, on meshes that match and that do not."""
     a, c, b, p, k, E, nu = 100.0, 150.0, 200.0, 1.6, 2e3, 2e5, 0.3
-    rings = geometry.two_rings(a, c, b, divisions=(8, 16), outer_divisions=outer)
+    rings = two_rings(a, c, b, divisions=(8, 16), outer_divisions=outer)
     scene = Scene()
     for name, part in rings.parts.items():
         scene.substructure(name, part, LinearElastic(E, nu), degree=2)
@@ -574,7 +571,7 @@ def test_solvers_agree_and_the_unit_is_measured():
     u = [monolithic(problem, solver=s).u["ring"] for s in solvers()]
     for other in u[1:]:
         assert np.abs(other - u[0]).max() < 1e-11 * np.abs(u[0]).max()
-    measured = unit(problem)
+    measured = measure_unit(problem)
     (body,) = reduce(problem, problem.interfaces)
     assert measured.dof == body.n and measured.seconds > 0 and measured.solver in solvers()
 

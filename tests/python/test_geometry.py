@@ -12,10 +12,15 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend import geometry
+from dolfinx_frontend import figures, geometry
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.figures import plotting
+from dolfinx_frontend.figures import render, solids
+from dolfinx_frontend.figures.canvas import sheet
+from dolfinx_frontend.figures.solids import skin_of
 from dolfinx_frontend.geometry.parts import FREE, Part
+from parts.blocks import block_chain
+from parts.rings import annulus, two_rings
+from parts.vessel import BoltedVessel, VesselShape, bolted_vessel
 
 ROUND = 1e-12  # relative, for sums over a few thousand facets
 
@@ -90,11 +95,11 @@ def test_box_of_any_size_and_shape(scale: float) -> None:
 
 
 def test_block_chain() -> None:
-    chain = geometry.block_chain(3, (1.0, 2.0), (2, 4), axis=1)
+    chain = block_chain(3, (1.0, 2.0), (2, 4), axis=1)
     assert list(chain.parts) == ["block0", "block1", "block2"]
     assert chain.interfaces[1][1:] == ("perfect", "block1:y1", "block2:y0")
     check_matching(chain)
-    uneven = geometry.block_chain(2, (1.0, 1.0, 1.0), [(1, 2, 2), (1, 3, 3)])
+    uneven = block_chain(2, (1.0, 1.0, 1.0), [(1, 2, 2), (1, 3, 3)])
     assert uneven.parts["block1"].facets("x0").size == 9
 
 
@@ -106,7 +111,7 @@ def test_annulus_area_converges_to_the_circle(cell: str, angle: float) -> None:
     for order, slope in ((1, 2), (2, 4)):
         errors = []
         for n in (8, 16):
-            part = geometry.annulus(1.0, 2.0, angle, (2, n), cell, order)
+            part = annulus(1.0, 2.0, angle, (2, n), cell, order)
             check_names(part)
             assert part.order == order
             errors.append(abs(part.volume() / exact - 1))
@@ -118,20 +123,20 @@ def test_annulus_area_converges_to_the_circle(cell: str, angle: float) -> None:
 
 
 def test_two_rings() -> None:
-    rings = geometry.two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
+    rings = two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
     check_matching(rings)
     assert [c.kind for c in rings.interfaces].count("symmetry") == 4
-    apart = geometry.two_rings(1.0, 1.5, 2.0, divisions=(2, 4), outer_divisions=(1, 3))
+    apart = two_rings(1.0, 1.5, 2.0, divisions=(2, 4), outer_divisions=(1, 3))
     assert apart.parts["outer"].facets("inner").size == 3
 
 
 # --- the vessel ---------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
-def vessel() -> geometry.BoltedVessel:
-    return geometry.bolted_vessel("coarse")
+def vessel() -> BoltedVessel:
+    return bolted_vessel("coarse")
 
 
-def test_vessel_has_the_parts_and_interfaces_of_the_paper(vessel: geometry.BoltedVessel) -> None:
+def test_vessel_has_the_parts_and_interfaces_of_the_paper(vessel: BoltedVessel) -> None:
     assert list(vessel.parts) == ["cylinder", "flange", "ring", "cover", "shank", "head"]
     assert len(vessel.interfaces) == len({c.name for c in vessel.interfaces}) == 20
     kinds = [c.kind for c in vessel.interfaces]
@@ -143,15 +148,15 @@ def test_vessel_has_the_parts_and_interfaces_of_the_paper(vessel: geometry.Bolte
     assert named == set(used)
 
 
-def test_vessel_names_and_nodes(vessel: geometry.BoltedVessel) -> None:
+def test_vessel_names_and_nodes(vessel: BoltedVessel) -> None:
     for part in vessel.parts.values():
         check_names(part)
     check_matching(vessel)
 
 
-def test_vessel_sizes(vessel: geometry.BoltedVessel) -> None:
+def test_vessel_sizes(vessel: BoltedVessel) -> None:
     """Volumes and areas of the solids, up to the parabolas that stand for circles."""
-    s = geometry.VesselShape()
+    s = VesselShape()
     a, b, sector = s.bore_radius, s.wall, s.angle / 2
     half = math.pi / 2
     volumes = {
@@ -183,23 +188,23 @@ def test_vessel_sizes(vessel: geometry.BoltedVessel) -> None:
     assert vessel.pressure_force == pytest.approx(2 * areas["cover:inner"], rel=1e-12)
 
 
-def test_vessel_presets(vessel: geometry.BoltedVessel) -> None:
+def test_vessel_presets(vessel: BoltedVessel) -> None:
     assert 4_000 < dofs(vessel) < 6_500
-    paper = geometry.bolted_vessel("paper")
+    paper = bolted_vessel("paper")
     assert 22_000 < dofs(paper) < 26_000
     check_matching(paper)
     assert "20 interfaces" in repr(paper)
 
 
 def test_vessel_of_other_dimensions() -> None:
-    straight = geometry.bolted_vessel(25.0, geometry_order=1, n_screws=6, cover_thickness=40.0)
+    straight = bolted_vessel(25.0, geometry_order=1, n_screws=6, cover_thickness=40.0)
     assert straight.parts["cover"].order == 1
     check_matching(straight)
-    scaled = geometry.bolted_vessel(
+    scaled = bolted_vessel(
         "coarse",
         **{
             name: value if name == "n_screws" else 1e-3 * value
-            for name, value in vars(geometry.VesselShape()).items()
+            for name, value in vars(VesselShape()).items()
         },
     )
     for part in scaled.parts.values():
@@ -279,7 +284,7 @@ def test_open_gmsh_session_is_left_as_it_was(tmp_path) -> None:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add("mine")
         size = gmsh.option.getNumber("Mesh.MeshSizeFromPoints")
-        geometry.bolted_vessel(40.0)
+        bolted_vessel(40.0)
         assert gmsh.isInitialized() and gmsh.model.getCurrent() == "mine"
         assert "bolted_vessel" not in gmsh.model.list()
         assert gmsh.option.getNumber("Mesh.MeshSizeFromPoints") == size
@@ -301,20 +306,20 @@ def test_open_gmsh_session_is_left_as_it_was(tmp_path) -> None:
         (lambda: geometry.box([1.0, 1.0], [1, 1.5]), r"divisions = \(1, 1.5\)"),
         (lambda: geometry.box([1.0, 1.0], [1, 1], cell="tetrahedron"), "'triangle'"),
         (lambda: geometry.box([1.0, 1.0], [1, 1], origin=[0.0]), "2 coordinates"),
-        (lambda: geometry.block_chain(0), "n = 0"),
-        (lambda: geometry.block_chain(2, axis=3), "axis = 3"),
-        (lambda: geometry.block_chain(3, divisions=[(1, 1, 1)] * 2), "3 rows of 3"),
-        (lambda: geometry.annulus(2.0, 1.0), "outer = 1.0 must exceed"),
-        (lambda: geometry.annulus(1.0, 2.0, angle=7.0), "2 pi"),
-        (lambda: geometry.annulus(1.0, 2.0, angle=2 * math.pi, divisions=(1, 2)), "3 cells"),
-        (lambda: geometry.annulus(1.0, 2.0, geometry_order=3), "geometry_order = 3"),
-        (lambda: geometry.bolted_vessel("huge"), "unknown size 'huge'"),
-        (lambda: geometry.bolted_vessel(-1.0), "size = -1.0"),
-        (lambda: geometry.bolted_vessel(math.nan), "size = nan"),
-        (lambda: geometry.bolted_vessel(bore_radios=1.0), "did you mean 'bore_radius'"),
-        (lambda: geometry.bolted_vessel(n_screws=2.5), "n_screws = 2.5"),
-        (lambda: geometry.bolted_vessel(hole_radius=8.0), "screw_radius < hole_radius"),
-        (lambda: geometry.bolted_vessel(n_screws=40), "head_radius < bolt_circle sin"),
+        (lambda: block_chain(0), "n = 0"),
+        (lambda: block_chain(2, axis=3), "axis = 3"),
+        (lambda: block_chain(3, divisions=[(1, 1, 1)] * 2), "3 rows of 3"),
+        (lambda: annulus(2.0, 1.0), "outer = 1.0 must exceed"),
+        (lambda: annulus(1.0, 2.0, angle=7.0), "2 pi"),
+        (lambda: annulus(1.0, 2.0, angle=2 * math.pi, divisions=(1, 2)), "3 cells"),
+        (lambda: annulus(1.0, 2.0, geometry_order=3), "geometry_order = 3"),
+        (lambda: bolted_vessel("huge"), "unknown size 'huge'"),
+        (lambda: bolted_vessel(-1.0), "size = -1.0"),
+        (lambda: bolted_vessel(math.nan), "size = nan"),
+        (lambda: bolted_vessel(bore_radios=1.0), "did you mean 'bore_radius'"),
+        (lambda: bolted_vessel(n_screws=2.5), "n_screws = 2.5"),
+        (lambda: bolted_vessel(hole_radius=8.0), "screw_radius < hole_radius"),
+        (lambda: bolted_vessel(n_screws=40), "head_radius < bolt_circle sin"),
         (lambda: geometry.read_msh("nowhere.msh"), "no mesh file 'nowhere.msh'"),
     ],
 )
@@ -323,7 +328,7 @@ def test_wrong_arguments(build, message: str) -> None:
         build()
 
 
-def test_unknown_faces(vessel: geometry.BoltedVessel) -> None:
+def test_unknown_faces(vessel: BoltedVessel) -> None:
     with pytest.raises(SceneError, match="did you mean 'theta1'"):
         vessel.parts["ring"].facets("theta2")
     with pytest.raises(SceneError, match="unknown part 'rong'"):
@@ -380,7 +385,7 @@ def test_wrong_gmsh_models() -> None:
 # --- figures ------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def rings() -> geometry.Assembly:
-    return geometry.two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
+    return two_rings(1.0, 1.5, 2.0, math.pi / 4, (2, 4))
 
 
 def displacements(assembly: geometry.Assembly) -> dict[str, fem.Function]:
@@ -397,11 +402,11 @@ def is_picture(path) -> bool:
     return path.read_bytes()[:4] == b"\x89PNG" and 2_000 < path.stat().st_size < 300_000
 
 
-def test_skin_follows_the_part(vessel: geometry.BoltedVessel) -> None:
+def test_skin_follows_the_part(vessel: BoltedVessel) -> None:
     """The triangles that are drawn have the area of the solid and the values of the function."""
-    s = geometry.VesselShape()
+    s = VesselShape()
     head = vessel.parts["head"]
-    skin, facets = plotting._skin(head.mesh, None, displacements(vessel)["head"])
+    skin, facets = skin_of(head.mesh, None, displacements(vessel)["head"])
     assert np.array_equal(np.sort(facets), dmesh.exterior_facet_indices(head.mesh.topology))
     assert np.allclose(skin.values, 1e-3 * skin.points, rtol=1e-12, atol=1e-15)
     corner = skin.points[skin.triangles]
@@ -420,8 +425,8 @@ def test_skin_follows_the_part(vessel: geometry.BoltedVessel) -> None:
 def test_figures_of_assemblies(tmp_path, vessel, rings) -> None:
     for assembly, name in ((vessel, "solid"), (rings, "plane")):
         one, two = tmp_path / f"{name}.png", tmp_path / "new folder" / f"moved {name}.png"
-        assert plotting.assembly_figure(assembly, one, title="t", renderer="matplotlib") == one
-        plotting.deformed_figure(
+        assert figures.assembly_figure(assembly, one, title="t", renderer="matplotlib") == one
+        figures.deformed_figure(
             displacements(assembly), two, quantity=lambda u: u[:, 0], renderer="matplotlib"
         )
         assert is_picture(one) and is_picture(two)
@@ -430,10 +435,10 @@ def test_figures_of_assemblies(tmp_path, vessel, rings) -> None:
 @pytest.mark.parametrize("view", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0)])
 def test_a_solid_is_seen_from_above(view, vessel) -> None:
     """Along z, where z is no direction in the picture: x and y keep their lengths."""
-    skin, _ = plotting._skin(vessel.parts["head"].mesh)
-    figure = plotting._figure(4.0, 4.0)
+    skin, _ = skin_of(vessel.parts["head"].mesh)
+    figure = sheet(4.0, 4.0)
     axis = figure.add_subplot()
-    plotting._draw_with_matplotlib(axis, skin.solid(skin.points, np.ones((len(skin.triangles), 3))), view)
+    solids._draw_with_matplotlib(axis, skin.solid(skin.points, np.ones((len(skin.triangles), 3))), view)
     size = np.ptp(skin.points, axis=0)
     assert np.ptp([axis.get_xlim(), axis.get_ylim()], axis=1) == pytest.approx(size[:2])
 
@@ -442,15 +447,15 @@ def test_figures_by_vtk(tmp_path, vessel) -> None:
     pytest.importorskip("pyvista")
     if shutil.which("xvfb-run") is None:
         pytest.skip("needs xvfb-run")
-    plotting.assembly_figure(vessel, tmp_path / "vtk.png", renderer="vtk")
+    figures.assembly_figure(vessel, tmp_path / "vtk.png", renderer="vtk")
     assert is_picture(tmp_path / "vtk.png")
 
 
 def test_the_process_that_draws_does_not_import_the_package() -> None:
     """The file as the program that VTK runs in: nothing but NumPy, which starts in a tenth of the time."""
-    run = [sys.executable, "-P", "-X", "importtime", plotting.__file__]
+    run = [sys.executable, "-P", "-X", "importtime", render.__file__]
     done = subprocess.run(run, capture_output=True, text=True, timeout=60)
-    assert "_draw_with_vtk() missing 2 required positional arguments" in done.stderr
+    assert "draw() missing 2 required positional arguments" in done.stderr
     named = (line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if "import time:" in line)
     roots = {name.partition(".")[0] for name in named}
     assert "numpy" in roots
@@ -459,18 +464,18 @@ def test_the_process_that_draws_does_not_import_the_package() -> None:
 
 def test_figures_without_vtk(tmp_path, vessel, monkeypatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr(plotting.shutil, "which", lambda name: None)
-    with pytest.raises(plotting.RenderError, match="install xvfb"):
-        plotting.assembly_figure(vessel, tmp_path / "no.png", renderer="vtk")
-    plotting.assembly_figure(vessel, tmp_path / "yes.png")  # matplotlib takes over
+    monkeypatch.setattr(solids.shutil, "which", lambda name: None)
+    with pytest.raises(figures.RenderError, match="install xvfb"):
+        figures.assembly_figure(vessel, tmp_path / "no.png", renderer="vtk")
+    figures.assembly_figure(vessel, tmp_path / "yes.png")  # matplotlib takes over
     assert is_picture(tmp_path / "yes.png")
     with pytest.raises(ValueError, match="renderer = 'opengl'"):
-        plotting.assembly_figure(vessel, tmp_path / "no.png", renderer="opengl")
+        figures.assembly_figure(vessel, tmp_path / "no.png", renderer="opengl")
     monkeypatch.setenv("DISPLAY", ":0")
     failed = subprocess.CompletedProcess([], 1, "", "Traceback\nNo module named 'pyvista'")
-    monkeypatch.setattr(plotting.subprocess, "run", lambda *a, **k: failed)
-    with pytest.raises(plotting.RenderError, match="No module named 'pyvista'.*install pyvista"):
-        plotting.assembly_figure(vessel, tmp_path / "no.png", renderer="vtk")
+    monkeypatch.setattr(solids.subprocess, "run", lambda *a, **k: failed)
+    with pytest.raises(figures.RenderError, match="No module named 'pyvista'.*install pyvista"):
+        figures.assembly_figure(vessel, tmp_path / "no.png", renderer="vtk")
 
 
 def test_figures_of_results(tmp_path) -> None:
@@ -479,17 +484,17 @@ def test_figures_of_results(tmp_path) -> None:
     points = np.column_stack([r * np.cos(t), r * np.sin(t)])
     grid = np.linspace(-3, 3, 7)
     x = np.linspace(-4, 4, 50)
-    figures = [
-        plotting.interface_map(points, r, tmp_path / "1.png", "f (MPa)", mirror=math.pi / 4),
-        plotting.interface_map(points, np.ones(200), tmp_path / "2.png", "f (MPa)"),
-        plotting.interface_map(points, r - 1.5, tmp_path / "3.png", "f (MPa)", title="t"),
-        plotting.convergence_figure(0.5 ** np.arange(20), tmp_path / "4.png", target=1e-3),
-        plotting.convergence_figure([[1, 0.1], [0.5], []], tmp_path / "5.png"),
-        plotting.convergence_figure({"a": [1, 0.1], "b": [1, 0.2]}, tmp_path / "6.png"),
-        plotting.response_surface(
+    made = [
+        figures.interface_map(points, r, tmp_path / "1.png", "f (MPa)", mirror=math.pi / 4),
+        figures.interface_map(points, np.ones(200), tmp_path / "2.png", "f (MPa)"),
+        figures.interface_map(points, r - 1.5, tmp_path / "3.png", "f (MPa)", title="t"),
+        figures.convergence_figure(0.5 ** np.arange(20), tmp_path / "4.png", target=1e-3),
+        figures.convergence_figure([[1, 0.1], [0.5], []], tmp_path / "5.png"),
+        figures.convergence_figure({"a": [1, 0.1], "b": [1, 0.2]}, tmp_path / "6.png"),
+        figures.response_surface(
             grid, grid[:3], np.add.outer(grid, grid[:3]), ("x", "y", "z"), tmp_path / "7.png"
         ),
-        plotting.density_figure(
+        figures.density_figure(
             {"normal": (x, np.exp(-(x**2) / 2))},
             tmp_path / "8.png",
             "x",
@@ -497,10 +502,10 @@ def test_figures_of_results(tmp_path) -> None:
             threshold=1.0,
         ),
     ]
-    assert all(is_picture(path) for path in figures)
+    assert all(is_picture(path) for path in made)
     with pytest.raises(ValueError, match="3 values for 200 points"):
-        plotting.interface_map(points, r[:3], tmp_path / "no.png", "f")
+        figures.interface_map(points, r[:3], tmp_path / "no.png", "f")
     with pytest.raises(ValueError, match="mirror = 1.0"):
-        plotting.interface_map(points, r, tmp_path / "no.png", "f", mirror=1.0)
+        figures.interface_map(points, r, tmp_path / "no.png", "f", mirror=1.0)
     with pytest.raises(ValueError, match="expected"):
-        plotting.response_surface(grid, grid, np.zeros((2, 2)), ("x", "y", "z"), tmp_path / "no")
+        figures.response_surface(grid, grid, np.zeros((2, 2)), ("x", "y", "z"), tmp_path / "no")

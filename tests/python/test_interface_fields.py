@@ -21,13 +21,16 @@ from dolfinx_frontend import (
     Scene,
     SceneError,
     assemble,
+    figures,
     geometry,
+    io,
     load,
     quasi_monte_carlo,
     solve,
 )
-from dolfinx_frontend.figures import plotting
-from dolfinx_frontend.io import fields
+from dolfinx_frontend.figures import interfaces as interface_figures
+from dolfinx_frontend.io import facets
+from parts.rings import two_rings
 
 pyvista = pytest.importorskip("pyvista")
 meshio = pytest.importorskip("meshio")
@@ -69,7 +72,7 @@ def series(path: Path) -> dict[float, Any]:
 
 def test_history_of_a_contact(history: Any, tmp_path: Path) -> None:
     """Every number at every point and time is that of the result, in global axes."""
-    parts, interfaces = fields.write(history, tmp_path / "deep" / "out")
+    parts, interfaces = io.write(history, tmp_path / "deep" / "out")
     assert (parts.name, interfaces.name) == ("parts.pvd", "interfaces.pvd")
     read = series(interfaces)
     assert list(read) == [0.5, 1.0, 2.0]
@@ -100,7 +103,7 @@ def test_history_of_a_contact(history: Any, tmp_path: Path) -> None:
 
 
 def test_facets_have_the_means_of_their_points(history: Any, tmp_path: Path) -> None:
-    path = fields.write_interfaces(history, tmp_path / "joint.vtm", interfaces="joint")
+    path = io.write_interfaces(history, tmp_path / "joint.vtm", interfaces="joint")
     found = pyvista.read(path)
     surface, cloud = found["facets"]["joint"], found["points"]["joint"]
     assert surface.n_cells == 8 and cloud.n_points == 72
@@ -126,18 +129,18 @@ def test_facets_have_the_means_of_their_points(history: Any, tmp_path: Path) -> 
 def test_the_surface_is_made_once_for_all_steps(history: Any, tmp_path: Path, monkeypatch: Any) -> None:
     made = []
 
-    class Counted(fields.FacetMap):
+    class Counted(facets.FacetMap):
         def __init__(self, *given: Any) -> None:
             made.append(given)
             super().__init__(*given)
 
-    monkeypatch.setattr(fields, "FacetMap", Counted)
-    fields.write_interfaces(history, tmp_path / "a.pvd", interfaces=["joint", "springs"])
+    monkeypatch.setattr(facets, "FacetMap", Counted)
+    io.write_interfaces(history, tmp_path / "a.pvd", interfaces=["joint", "springs"])
     assert len(made) == 2
 
 
 def test_parts_over_a_history(history: Any, tmp_path: Path) -> None:
-    read = series(fields.write_fields(history, tmp_path / "parts.pvd"))
+    read = series(io.write_fields(history, tmp_path / "parts.pvd"))
     nodes = history.problem.substructures["top"].dof_coordinates
     for k, found in enumerate(read.values()):
         grid = found["top"]
@@ -145,13 +148,13 @@ def test_parts_over_a_history(history: Any, tmp_path: Path) -> None:
         at = np.argmin(np.linalg.norm(grid.points[:, None] - nodes, axis=2), axis=1)
         expected = history.displacements["top"][k].reshape(-1, 3)[at]
         assert grid["displacement"] == pytest.approx(expected, rel=1e-10, abs=1e-15)
-    first = fields.write_fields(history, tmp_path / "first.vtm", step=0)
+    first = io.write_fields(history, tmp_path / "first.vtm", step=0)
     assert np.array_equal(pyvista.read(first)["top"]["stress"], read[0.5]["top"]["stress"])
 
 
 def test_other_readers(history: Any, tmp_path: Path) -> None:
     """meshio reads the grids, which the index names."""
-    fields.write_interfaces(history, tmp_path / "all.vtm")
+    io.write_interfaces(history, tmp_path / "all.vtm")
     grid = meshio.read(tmp_path / "all" / "4_joint.vtu")
     assert grid.cells[0].type == "vertex" and len(grid.points) == 72
     pressure = -history.force("joint")[-1, :, 0]
@@ -164,7 +167,7 @@ def test_other_readers(history: Any, tmp_path: Path) -> None:
     tetrahedra = geometry.box((1.0, 1.0, 1.0), (1, 1, 1), cell="tetrahedron")
     u = fem.Function(fem.functionspace(tetrahedra.mesh, ("Lagrange", 2, (3,))))
     u.interpolate(lambda x: x)
-    fields.write_fields({"a": u}, tmp_path / "a.vtm")
+    io.write_fields({"a": u}, tmp_path / "a.vtm")
     part = meshio.read(tmp_path / "a" / "0_a.vtu")
     assert part.point_data["displacement"] == pytest.approx(part.points, abs=1e-14)
 
@@ -180,7 +183,7 @@ def test_facet_space_has_its_values_on_the_facets(tmp_path: Path) -> None:
     scene.fix("top:z1", components=(0, 1))
     scene.pressure("top:z1", 8.0)
     result = solve(assemble(scene))
-    found = pyvista.read(fields.write_interfaces(result, tmp_path / "a.vtm", interfaces=["joint"]))
+    found = pyvista.read(io.write_interfaces(result, tmp_path / "a.vtm", interfaces=["joint"]))
     surface, cloud = found["facets"]["joint"], found["points"]["joint"]
     assert surface.n_cells == cloud.n_points == 4
     assert surface.points[:, 0].max() == pytest.approx(10.0)
@@ -197,7 +200,7 @@ def test_an_open_contact_and_its_gap(tmp_path: Path) -> None:
     scene = blocks(Contact(gap=0.25), nu=0.0)
     scene.fix("top:z1", (0.0, 0.0, 0.5), components=(2,), name="lift")
     result = solve(assemble(scene))
-    cloud = pyvista.read(fields.write_interfaces(result, tmp_path / "a.vtm"))["points"]["joint"]
+    cloud = pyvista.read(io.write_interfaces(result, tmp_path / "a.vtm"))["points"]["joint"]
     assert np.all(cloud["state"] == 0) and np.abs(cloud["pressure"]).max() < 1e-9
     assert cloud["opening"] == pytest.approx(np.full(cloud.n_points, 0.5), rel=1e-6)
     assert cloud["gap"] == pytest.approx(np.full(cloud.n_points, 0.75), rel=1e-6)
@@ -205,7 +208,7 @@ def test_an_open_contact_and_its_gap(tmp_path: Path) -> None:
 
 def test_curved_facets_in_the_plane(tmp_path: Path) -> None:
     """Rings pressed by a pressure: on quadratic facets, whose nodes lie on the circle."""
-    rings = geometry.two_rings(10.0, 20.0, 30.0)
+    rings = two_rings(10.0, 20.0, 30.0)
     scene = Scene()
     for name, part in rings.parts.items():
         scene.substructure(name, part, LinearElastic(E=200e3, nu=0.3), degree=2)
@@ -217,7 +220,7 @@ def test_curved_facets_in_the_plane(tmp_path: Path) -> None:
     inner = next(c for c in rings.interfaces if c.kind == "pressure")
     scene.pressure(inner.face1, 10.0)
     result = solve(assemble(scene), active=["joint"])
-    found = pyvista.read(fields.write_interfaces(result, tmp_path / "a.vtm", interfaces="joint"))
+    found = pyvista.read(io.write_interfaces(result, tmp_path / "a.vtm", interfaces="joint"))
     surface, cloud = found["facets"]["joint"], found["points"]["joint"]
     radius = np.linalg.norm(surface.points, axis=1)
     assert np.ptp(radius) < 1e-9 * radius.max()
@@ -237,7 +240,7 @@ def random() -> Any:
 
 
 def test_chaos_of_linear_interfaces(random: Any, tmp_path: Path) -> None:
-    parts, interfaces = fields.write(random, tmp_path, modes=[0, 2])
+    parts, interfaces = io.write(random, tmp_path, modes=[0, 2])
     found = pyvista.read(interfaces)
     assert found["points"].keys() == list(random.plan.active) == ["joint"]
     cloud = found["points"]["joint"]
@@ -267,7 +270,7 @@ def test_chaos_and_samples_of_a_contact(tmp_path: Path) -> None:
     scene.fix("top:z1", (0.0, 0.0, -0.02), components=(2,), name="press")
     problem = assemble(scene)
     samples = quasi_monte_carlo(problem, 64, keep_states=True)
-    cloud = pyvista.read(fields.write(samples, tmp_path)[1])["points"]["joint"]
+    cloud = pyvista.read(io.write(samples, tmp_path)[1])["points"]["joint"]
     mean, std = samples.force_moments("joint")
     size = float(np.abs(mean).max())
     assert cloud["pressure"] == pytest.approx(-mean[:, 0], rel=1e-9)
@@ -285,7 +288,7 @@ def test_chaos_and_samples_of_a_contact(tmp_path: Path) -> None:
     assert cloud["gap std"] == pytest.approx(gap.std(axis=0, ddof=1), rel=1e-6)
     with pytest.warns(UserWarning, match="not proven converged"):
         chaos = solve(problem, chaos=4)
-    cloud = pyvista.read(fields.write_interfaces(chaos, tmp_path / "c.vtm"))["points"]["joint"]
+    cloud = pyvista.read(io.write_interfaces(chaos, tmp_path / "c.vtm"))["points"]["joint"]
     mean, std = chaos.force_moments("joint")
     assert cloud["pressure"] == pytest.approx(-mean[:, 0], rel=1e-9)
     assert cloud["pressure std"] == pytest.approx(std[:, 0], rel=1e-6)
@@ -301,8 +304,8 @@ def test_a_loaded_result_has_the_same_points(history: Any, random: Any, tmp_path
         again = load(tmp_path / f"{number}.h5")
         own, loaded = tmp_path / f"own{number}.vtm", tmp_path / f"loaded{number}.vtm"
         names = list(result.plan.active)
-        fields.write_interfaces(result, own, interfaces=names)
-        fields.write_interfaces(again, loaded, interfaces=names)
+        io.write_interfaces(result, own, interfaces=names)
+        io.write_interfaces(again, loaded, interfaces=names)
         assert pyvista.read(loaded).keys() == ["points"]
         for name in names:
             mine, theirs = (pyvista.read(path)["points"][name] for path in (own, loaded))
@@ -311,11 +314,11 @@ def test_a_loaded_result_has_the_same_points(history: Any, random: Any, tmp_path
             for key in theirs.point_data:
                 size = float(np.abs(mine[key]).max())
                 assert theirs[key] == pytest.approx(mine[key], rel=1e-9, abs=1e-9 * size)
-        cloud = pyvista.read(fields.write_fields(again, tmp_path / f"nodes{number}.vtm"))["low"]
+        cloud = pyvista.read(io.write_fields(again, tmp_path / f"nodes{number}.vtm"))["low"]
         u = result.displacements["low"]
         u = u[-1] if u.ndim == 2 else u
         assert np.array_equal(cloud["displacement"], u.reshape(-1, 3))
-    assert len(series(fields.write(load(tmp_path / "0.h5"), tmp_path / "s")[1])) == 3
+    assert len(series(io.write(load(tmp_path / "0.h5"), tmp_path / "s")[1])) == 3
 
 
 # --- pictures --------------------------------------------------------------------------------------
@@ -326,7 +329,7 @@ def test_every_facet_has_its_own_colour(d: int, space: str, tmp_path: Path, monk
     scene = blocks(Elastic(normal=lambda x: 10.0 + x[:, 0], tangential=1.0), space, nu=0.0, d=d)
     scene.fix(f"top:{'zy'[3 - d]}1", -1.0, components=d - 1, name="press")
     result = solve(assemble(scene))
-    numbers, found = fields.facet_fields(result, "joint")
+    numbers, found = io.facet_fields(result, "joint")
     part = result.problem.substructures["low"].part
     middles = compute_midpoints(part.mesh, d - 1, numbers.astype(np.int32))[:, :d]
     interface, force = result.problem.interfaces["joint"], result.force("joint")[:, 0]
@@ -336,9 +339,9 @@ def test_every_facet_has_its_own_colour(d: int, space: str, tmp_path: Path, monk
     assert p == pytest.approx(-share @ force / share.sum(axis=1), rel=1e-12)
     assert np.corrcoef(p, middles[:, 0])[0, 1] > 0.9
     seen: list[Any] = []
-    monkeypatch.setattr(plotting, "_draw_solid", lambda figure, axes, solid, *rest: seen.append(solid))
-    monkeypatch.setattr(plotting, "_save", lambda figure, path: seen.append(figure))
-    plotting.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
+    monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]))
+    monkeypatch.setattr(interface_figures, "save", lambda figure, path: seen.append(figure))
+    figures.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
     wanted = colormaps["viridis"]((p - p.min()) / np.ptp(p))[:, :3]
     if d == 2:
         lines = seen[0].axes[0].collections[-1]
@@ -358,7 +361,7 @@ def test_picture_of_the_pressure(history: Any, renderer: str, tmp_path: Path) ->
     image = pytest.importorskip("PIL.Image")
     if renderer == "vtk" and shutil.which("xvfb-run") is None:
         pytest.skip("needs xvfb-run")
-    path = plotting.interface_figure(history, "joint", tmp_path / "a.png", renderer=renderer)
+    path = figures.interface_figure(history, "joint", tmp_path / "a.png", renderer=renderer)
     pixels = np.asarray(image.open(path).convert("RGB"), dtype=int)[:, :800]  # without the colour bar
     for colour in ((68, 1, 84), (253, 231, 37)):  # ends of viridis
         near = np.abs(pixels - colour).max(axis=2) < 30
@@ -371,38 +374,38 @@ def test_picture_in_the_plane_and_mistakes(tmp_path: Path) -> None:
     scene = blocks(Contact(gap=0.0), d=2)
     scene.pressure("top:y1", 10.0)
     result = solve(assemble(scene))
-    assert plotting.interface_figure(result, "joint", tmp_path / "a.png").stat().st_size > 5000
+    assert figures.interface_figure(result, "joint", tmp_path / "a.png").stat().st_size > 5000
     with pytest.raises(SceneError, match="pressur"):
-        plotting.interface_figure(result, "joint", tmp_path / "b.png", quantity="presure")
+        figures.interface_figure(result, "joint", tmp_path / "b.png", quantity="presure")
     with pytest.raises(SceneError, match="guide"):
-        plotting.interface_figure(result, "guide", tmp_path / "b.png")
+        figures.interface_figure(result, "guide", tmp_path / "b.png")
     with pytest.raises(SceneError, match=r"hide: unknown part 'tip'.*'low', 'top'"):
-        plotting.interface_figure(result, "joint", tmp_path / "b.png", hide=["tip"])
+        figures.interface_figure(result, "joint", tmp_path / "b.png", hide=["tip"])
 
 
 def test_no_vtk_is_said(history: Any, tmp_path: Path, monkeypatch: Any) -> None:
     (tmp_path / "pyvista.py").write_text("raise ImportError('no pyvista here')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(plotting.RenderError, match=r"no pyvista here.*install pyvista"):
-        plotting.interface_figure(history, "joint", tmp_path / "a.png", renderer="vtk")
+    with pytest.raises(figures.RenderError, match=r"no pyvista here.*install pyvista"):
+        figures.interface_figure(history, "joint", tmp_path / "a.png", renderer="vtk")
 
 
 # --- mistakes --------------------------------------------------------------------------------------
 def test_mistakes(history: Any, random: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"ends in \.vtm, or in \.pvd"):
-        fields.write_interfaces(history, tmp_path / "a.vtu")
+        io.write_interfaces(history, tmp_path / "a.vtu")
     with pytest.raises(ValueError, match="there is no load history"):
-        fields.write_interfaces(random, tmp_path / "a.pvd")
+        io.write_interfaces(random, tmp_path / "a.pvd")
     with pytest.raises(SceneError, match="no step 3, the history has 3"):
-        fields.write_fields(history, tmp_path / "a.vtm", step=3)
+        io.write_fields(history, tmp_path / "a.vtm", step=3)
     with pytest.raises(SceneError, match="guide"):
-        fields.write_interfaces(history, tmp_path / "a.vtm", interfaces="guide")
+        io.write_interfaces(history, tmp_path / "a.vtm", interfaces="guide")
     with pytest.raises(SceneError, match="no mode 4, the chaos has 4"):
-        fields.write_fields(random, tmp_path / "a.vtm", modes=[4])
+        io.write_fields(random, tmp_path / "a.vtm", modes=[4])
     with pytest.raises(SceneError, match="only the result of a chaos"):
-        fields.write_fields(history, tmp_path / "a.vtm", modes=[1])
+        io.write_fields(history, tmp_path / "a.vtm", modes=[1])
     samples = random.quasi_monte_carlo(4)
     with pytest.raises(SceneError, match="keep_states=True"):
-        fields.write_fields(samples, tmp_path / "a.vtm")
-    fields.write_interfaces(samples, tmp_path / "b.vtm")  # needs no states
+        io.write_fields(samples, tmp_path / "a.vtm")
+    io.write_interfaces(samples, tmp_path / "b.vtm")  # needs no states
     assert not (tmp_path / "a.vtm").exists()

@@ -24,7 +24,7 @@ from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.scene.laws import Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from latin_core import InputError, Options, State, _core
 
 PETSc: Any = _PETSc

@@ -17,11 +17,13 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import running
 from dolfinx_frontend.plan.plan import Direction, make_plan
-from dolfinx_frontend.reference.monolithic import energy_error, monolithic
+from dolfinx_frontend.reference.direct import monolithic
+from dolfinx_frontend.reference.energy import energy_error
+from dolfinx_frontend.results.result import phase_seconds
 from dolfinx_frontend.scene.laws import Elastic, Law, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import phase_seconds, solve
+from dolfinx_frontend.solving import solve
 from latin_core import InputError, NumericalError, Options, available_backends
 
 TIGHT = Options(rtol=1e-10)

@@ -21,8 +21,9 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.reference.monolithic import Monolithic, energy_error, monolithic
-from dolfinx_frontend.reference.ssfem import (
+from dolfinx_frontend.reference.direct import Monolithic, monolithic
+from dolfinx_frontend.reference.energy import energy_error
+from dolfinx_frontend.reference.galerkin import (
     SSFEMSolution,
     _System,
     energy_error_modes,
@@ -36,6 +37,8 @@ from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import Gamma, LogNormal, Normal, TruncatedNormal, Uniform
+from parts.rings import two_rings
+from parts.vessel import bolted_vessel
 from tests.python.helpers import block, lame
 
 Array = npt.NDArray[np.float64]
@@ -224,7 +227,7 @@ def test_total_stiffness_is_shared_out(bars: Problem) -> None:
 def test_split_ring_with_a_random_joint() -> None:
     """Pressure and jump at the joint: moments by Gauss quadrature of the closed form."""
     a, c, b, p, kbar, nu = 100.0, 150.0, 200.0, 1.6, 2e3, 0.3
-    rings = geometry.two_rings(a, c, b, divisions=(6, 8))
+    rings = two_rings(a, c, b, divisions=(6, 8))
     scene = Scene()
     for name, part in rings.parts.items():
         scene.substructure(name, part, LinearElastic(E, nu), degree=2)
@@ -378,7 +381,7 @@ def test_lognormal_field_and_correlated_parameters_converge(frame: Problem) -> N
 @pytest.fixture(scope="module")
 def vessel() -> Problem:
     """The paper's scene, coarse."""
-    shape = geometry.bolted_vessel("coarse")
+    shape = bolted_vessel("coarse")
     kinds = {"perfect": Perfect(), "pressure": Pressure(1.6), "elastic": kappa(1.0)}
     scene = Scene()
     for name, part in shape.parts.items():

@@ -12,9 +12,9 @@ import gmsh
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Contact, Elastic, LinearElastic, Perfect, Preload, Scene, assemble, solve
+from dolfinx_frontend import Contact, Elastic, LinearElastic, Perfect, Preload, assemble, read_step, solve
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.parts import gmsh_session
+from dolfinx_frontend.geometry.gmsh import gmsh_session
 from dolfinx_frontend.geometry.step import Cut, StepAssembly
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
@@ -71,7 +71,7 @@ def ready(step: StepAssembly) -> StepAssembly:
 
 
 def test_touching_blocks(blocks: Path) -> None:
-    step = Scene.from_step(blocks)
+    step = read_step(blocks)
     # a colon and a bar would be taken for those of faces and interfaces
     assert list(step.solids) == ["base", "top. 1-2"]
     assert math.isclose(step.solids["base"].volume, 2000.0, rel_tol=EXACT)
@@ -90,7 +90,7 @@ def test_touching_blocks(blocks: Path) -> None:
 @pytest.mark.parametrize("gap", [0.02, 0.3])
 def test_nearly_touching_blocks(tmp_path: Path, gap: float) -> None:
     path = write(tmp_path / "near.step", lambda occ: two_blocks(occ, gap))
-    step = Scene.from_step(path, gap=0.5)
+    step = read_step(path, gap=0.5)
     assert list(step.solids) == ["part 1", "part 2"]  # nobody gave them names
     (touch,) = step.touches.values()
     # the smaller face comes first: the other one covers it
@@ -109,7 +109,7 @@ def test_a_pin_in_a_hole(tmp_path: Path) -> None:
         occ.addCylinder(0, 0, -3, 0, 0, 12, 4.0)
         occ.addBox(30, 0, 0, 1, 1, 1)
 
-    step = Scene.from_step(write(tmp_path / "pin.step", build, ("plate", "pin", "crumb")), gap=0.1)
+    step = read_step(write(tmp_path / "pin.step", build, ("plate", "pin", "crumb")), gap=0.1)
     (touch,) = step.touches.values()
     assert touch.parts == ("plate", "pin") and touch.shape.startswith("cylinder, radius 4.05")
     assert math.isclose(touch.area, 2 * math.pi * 4.05 * 6, rel_tol=CHORDS)
@@ -127,7 +127,7 @@ def test_a_pin_with_a_head(tmp_path: Path) -> None:
         pin = [(3, occ.addCylinder(0, 0, 1, 0, 0, 5, 4.0)), (3, occ.addCylinder(0, 0, 6, 0, 0, 3, 7.0))]
         occ.fuse(pin[:1], pin[1:])
 
-    step = ready(Scene.from_step(write(tmp_path / "pin.step", build, ("plate", "pin")), gap=0.3))
+    step = ready(read_step(write(tmp_path / "pin.step", build, ("plate", "pin")), gap=0.3))
     assert list(step.touches) == ["plate|pin", "pin|plate#2"]
     seat, shank = step.touches.values()
     assert math.isclose(seat.area, math.pi * (7.0**2 - 4.2**2), rel_tol=EXACT)
@@ -152,7 +152,7 @@ def test_faces_of_one_pair_are_grouped(tmp_path: Path) -> None:
         bridge = [(3, occ.addBox(0, 0, 5, 30, 10, 10))]
         occ.cut(bridge, [(3, occ.addBox(10, 0, 5, 10, 10, 4))])
 
-    step = Scene.from_step(write(tmp_path / "feet.step", build, ("base", "bridge")))
+    step = read_step(write(tmp_path / "feet.step", build, ("base", "bridge")))
     assert list(step.touches) == ["base|bridge", "base|bridge#2"]
     feet, side = step.touches.values()
     assert len(feet.surfaces[0]) == 2 and math.isclose(feet.area, 200.0, rel_tol=EXACT)
@@ -164,7 +164,7 @@ def test_faces_of_one_pair_are_grouped(tmp_path: Path) -> None:
 
 def test_the_flange(flange: Path) -> None:
     shape = FlangeShape()
-    step = Scene.from_step(flange, cuts=Cut("stud *", normal=(0, 0, 2)))
+    step = read_step(flange, cuts=Cut("stud *", normal=(0, 0, 2)))
     assert len(step.solids) == 35 and len(step.touches) == 42
     # stud bolts: two halves with the section between them, and the threads
     cut = step.touches["stud 3-|stud 3+"]
@@ -182,7 +182,7 @@ def test_the_flange(flange: Path) -> None:
     assert math.isclose(nut.area, hexagon - math.pi * shape.hole**2, rel_tol=EXACT)
     # nuts of one kind are one row of the table
     assert "upper flange|upper nut *  (8)" in str(step)
-    wide = Scene.from_step(flange, gap=2.0)
+    wide = read_step(flange, gap=2.0)
     hole = wide.touches["lower flange|stud 5"]
     assert math.isclose(hole.gap, shape.hole - shape.bolt, rel_tol=1e-6)
     assert math.isclose(hole.area, 2 * math.pi * shape.hole * shape.thickness, rel_tol=CHORDS)
@@ -200,7 +200,7 @@ def test_a_patch_test_through_a_file(blocks: Path, tmp_path: Path, imprint: bool
         occ.addBox(10, 0, 0, 10, 4, 4)
 
     path = write(tmp_path / "bar.step", build, ("left", "right"))
-    step = Scene.from_step(path, imprint=imprint)
+    step = read_step(path, imprint=imprint)
     assert step.touches["left|right"].kind == ("touching" if imprint else "near")
     step.material("*", LinearElastic(E=200e3, nu=0.0))
     step.size("left", 4.0)
@@ -226,7 +226,7 @@ def test_a_patch_test_through_a_file(blocks: Path, tmp_path: Path, imprint: bool
 def test_a_bolt_that_is_cut_and_tightened(tmp_path: Path) -> None:
     """A stud between two rigid ends: the force that was given, and the shortening that belongs to it."""
     path = write(tmp_path / "bar.step", lambda occ: occ.addBox(0, 0, 0, 3, 3, 40), ("stud",))
-    step = Scene.from_step(path, cuts=[Cut("stud", (0, 0, 1), through=(0, 0, 15.0))])
+    step = read_step(path, cuts=[Cut("stud", (0, 0, 1), through=(0, 0, 15.0))])
     assert list(step.solids) == ["stud-", "stud+"]
     assert np.allclose([s.volume for s in step.solids.values()], [135.0, 225.0], rtol=EXACT)
     step.material("*", LinearElastic(E=200e3, nu=0.0))
@@ -243,7 +243,7 @@ def test_a_bolt_that_is_cut_and_tightened(tmp_path: Path) -> None:
 
 
 def test_sizes_by_part_and_by_interface(blocks: Path) -> None:
-    step = ready(Scene.from_step(blocks))
+    step = ready(read_step(blocks))
     step.join("*", Perfect())
     coarse = {n: p.num_cells for n, p in step.mesh().parts.items()}
     step.size("base", 2.0)
@@ -259,7 +259,7 @@ def test_sizes_by_part_and_by_interface(blocks: Path) -> None:
 
 
 def test_later_patterns_go_before_earlier_ones(flange: Path) -> None:
-    step = Scene.from_step(flange)
+    step = read_step(flange)
     step.material("*", STEEL)
     step.join("*", Perfect())
     step.join("gasket|*", Contact(gap=0.0))
@@ -272,7 +272,7 @@ def test_later_patterns_go_before_earlier_ones(flange: Path) -> None:
 
 def test_named_faces(flange: Path) -> None:
     shape = FlangeShape()
-    step = Scene.from_step(flange)
+    step = read_step(flange)
     holes = step.face("* flange:hole", radius=shape.hole)
     assert holes == ("lower flange:hole", "upper flange:hole")
     assert step.faces("lower flange").count("hole") == 8
@@ -283,7 +283,7 @@ def test_named_faces(flange: Path) -> None:
 
 
 def test_a_mesh_serves_other_laws(blocks: Path) -> None:
-    step = ready(Scene.from_step(blocks))
+    step = ready(read_step(blocks))
     step.join("*", Perfect())
     assembly = step.mesh()
     assert [c.kind for c in assembly.interfaces] == ["perfect"]
@@ -314,18 +314,18 @@ def test_the_page_of_the_documentation() -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="there is no STEP file .*missing.step"):
-        Scene.from_step(tmp_path / "missing.step")
+        read_step(tmp_path / "missing.step")
     text = tmp_path / "text.step"
     text.write_text("a drawing")
     with pytest.raises(SceneError, match="'text.step' cannot be read as STEP: it does not begin with ISO"):
-        Scene.from_step(text)
+        read_step(text)
     broken = tmp_path / "broken.step"
     broken.write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
     with pytest.raises(SceneError, match="'broken.step' cannot be"):
-        Scene.from_step(broken)
+        read_step(broken)
     sheet = write(tmp_path / "sheet.step", lambda occ: occ.addRectangle(0, 0, 0, 1, 1))
     with pytest.raises(SceneError, match="'sheet.step' cannot be modelled: it holds no solid, but 1 faces"):
-        Scene.from_step(sheet)
+        read_step(sheet)
 
 
 @pytest.mark.parametrize("imprint", [True, False])
@@ -337,7 +337,7 @@ def test_solids_that_overlap(tmp_path: Path, imprint: bool) -> None:
     path = write(tmp_path / "overlap.step", build, ("plate", "bolt"))
     wanted = r"solids overlap: 'plate' and 'bolt' by 100 \(25 % of the smaller one\)"
     with pytest.raises(SceneError, match=wanted):
-        Scene.from_step(path, imprint=imprint)
+        read_step(path, imprint=imprint)
 
 
 def test_solids_that_do_not_touch(tmp_path: Path) -> None:
@@ -346,17 +346,17 @@ def test_solids_that_do_not_touch(tmp_path: Path) -> None:
         r"no faces touch or come nearer than gap = 0.00\d+; the nearest parts: 'base' and 'top' are 0.3 apart"
     )
     with pytest.raises(SceneError, match=wanted):
-        Scene.from_step(path)
+        read_step(path)
 
 
 def test_patterns_that_fit_nothing(blocks: Path) -> None:
-    step = ready(Scene.from_step(blocks))
+    step = ready(read_step(blocks))
     for call in (
         lambda: step.material("botl*", STEEL),
         lambda: step.size("botl*", 1.0),
         lambda: step.faces("botl*"),
         lambda: step.face("botl*:end", normal=(0, 0, 1)),
-        lambda: Scene.from_step(blocks, cuts=Cut("botl*", (0, 0, 1))),
+        lambda: read_step(blocks, cuts=Cut("botl*", (0, 0, 1))),
     ):
         with pytest.raises(SceneError, match=r"unknown part 'botl\*'.*known: 'base', 'top. 1-2'"):
             call()
@@ -372,7 +372,7 @@ def test_patterns_that_fit_nothing(blocks: Path) -> None:
 
 
 def test_scenes_that_are_not_complete(blocks: Path) -> None:
-    step = Scene.from_step(blocks)
+    step = read_step(blocks)
     with pytest.raises(SceneError, match="no material for 'base', 'top. 1-2'; give one"):
         step.scene()
     step.material("*", STEEL)
@@ -381,12 +381,12 @@ def test_scenes_that_are_not_complete(blocks: Path) -> None:
 
 
 def test_values_that_make_no_sense(blocks: Path) -> None:
-    step = ready(Scene.from_step(blocks))
+    step = ready(read_step(blocks))
     for size in (0.0, -1.0, math.nan):
         with pytest.raises(SceneError, match="size of 'base': .* must be positive and finite"):
             step.size("base", size)
     with pytest.raises(SceneError, match="gap = -1.0 must be >= 0"):
-        Scene.from_step(blocks, gap=-1.0)
+        read_step(blocks, gap=-1.0)
     with pytest.raises(SceneError, match="join '\\*': 3.0 is not a law"):
         step.join("*", 3.0)  # type: ignore[arg-type]
     with pytest.raises(SceneError, match="face 'base': write 'part:face'"):
@@ -398,7 +398,7 @@ def test_values_that_make_no_sense(blocks: Path) -> None:
     with pytest.raises(SceneError, match="the name is in use on 'base'"):
         step.face("base:top. 1-2", normal=(0, 0, -1))
     with pytest.raises(SceneError, match="leaves 1 pieces, not two; move it"):
-        Scene.from_step(blocks, cuts=Cut("base", (0, 0, 1), through=(0, 0, 50.0)))
+        read_step(blocks, cuts=Cut("base", (0, 0, 1), through=(0, 0, 50.0)))
     with pytest.raises(SceneError, match="order = 3 must be 1"):
         step.mesh(order=3)
     with pytest.raises(SceneError, match="a circle needs three cells"):
@@ -406,7 +406,7 @@ def test_values_that_make_no_sense(blocks: Path) -> None:
 
 
 def test_a_file_that_changed(blocks: Path) -> None:
-    step = ready(Scene.from_step(blocks))
+    step = ready(read_step(blocks))
     step.join("*", Perfect())
     write(blocks, lambda occ: two_blocks(occ, 0.001), ("base", "top: 1|2"))
     with pytest.raises(SceneError, match="'blocks.step' has changed since it was read"):
@@ -415,5 +415,5 @@ def test_a_file_that_changed(blocks: Path) -> None:
 
 def test_nothing_of_gmsh_stays_open(blocks: Path) -> None:
     assert not gmsh.isInitialized()
-    ready(Scene.from_step(blocks)).mesh()
+    ready(read_step(blocks)).mesh()
     assert not gmsh.isInitialized()

@@ -15,13 +15,13 @@ from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.plan import make_plan
-from dolfinx_frontend.reference.monolithic import Monolithic
+from dolfinx_frontend.reference.direct import Monolithic
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.solving import solve
 from latin_core import CheckpointError, Options, snake_order
 
 TIGHT = Options(rtol=1e-10)

@@ -425,7 +425,7 @@ def test_other_files_are_refused(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(saved.chaos_file, "write_tree", full)
+        patch.setattr(saved.hdf5, "write_tree", full)
         with pytest.raises(saved.ResultFileError, match="cannot be written .*No space left.*has room"):
             solve(problem).save(kept)
     assert [each.read_bytes() for each in kept.parent.iterdir()] == [b"before"]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from dolfinx_frontend.figures import plotting
+from parts.front import FrontPanel, _draw_front, front_figure, pareto_front
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -194,8 +194,8 @@ def test_the_cheapest_is_the_best_of_those_that_cost_as_much(bench: ModuleType) 
 
 def test_front() -> None:
     cost, error = [3.0, 1.0, 2.0, 2.0, 4.0], [1e-3, 1e-1, 1e-2, 2e-2, 1e-2]
-    assert plotting.pareto_front(cost, error).tolist() == [1, 2, 0]
-    assert plotting.pareto_front([], []).size == 0
+    assert pareto_front(cost, error).tolist() == [1, 2, 0]
+    assert pareto_front([], []).size == 0
 
 
 def test_page_and_figure(bench: ModuleType, tmp_path: Path) -> None:
@@ -219,14 +219,14 @@ def test_page_and_figure(bench: ModuleType, tmp_path: Path) -> None:
 
 
 def test_empty_panel_is_drawn(tmp_path: Path) -> None:
-    panel = plotting.FrontPanel("none", "cost (units)", "error", {"a": np.empty((0, 2))})
-    assert plotting.front_figure([[panel]], tmp_path / "none.png").exists()
+    panel = FrontPanel("none", "cost (units)", "error", {"a": np.empty((0, 2))})
+    assert front_figure([[panel]], tmp_path / "none.png").exists()
 
 
 def test_what_was_chosen_is_in_the_picture() -> None:
     grid = {"a": np.array([[1.0, 1.0], [2.0, 0.1]])}
-    panel = plotting.FrontPanel("far", "cost (units)", "error", grid, marked=np.array([[50.0, 0.01]]))
+    panel = FrontPanel("far", "cost (units)", "error", grid, marked=np.array([[50.0, 0.01]]))
     axis = Figure().subplots()
-    plotting._draw_front(axis, panel, {"a": {"marker": "o", "color": "black"}}, "chosen", {})
+    _draw_front(axis, panel, {"a": {"marker": "o", "color": "black"}}, "chosen", {})
     low, high = axis.get_xlim()
     assert low <= 1.0 and high >= 50.0

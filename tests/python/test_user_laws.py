@@ -29,8 +29,8 @@ from dolfinx_frontend.scene.laws import Contact, Debonding, Elastic, Law, Preloa
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.sampling import monte_carlo
-from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.reference.monolithic import ReferenceSolution, monolithic
+from dolfinx_frontend.reference.direct import ReferenceSolution, monolithic
+from parts.vessel import BoltedVessel, bolted_vessel
 from tests.verification import scenes
 
 
 @pytest.fixture(scope="session")
-def vessel_shape() -> geometry.BoltedVessel:
+def vessel_shape() -> BoltedVessel:
     """Mesh of the coarse vessel, mm."""
-    return geometry.bolted_vessel("coarse")
+    return bolted_vessel("coarse")
 
 
 @pytest.fixture(scope="session")
-def vessel(vessel_shape: geometry.BoltedVessel) -> Problem:
+def vessel(vessel_shape: BoltedVessel) -> Problem:
     """The coarse vessel in N and mm."""
     return scenes.vessel(vessel_shape)
 

@@ -19,7 +19,7 @@ from latin_core import Options
 from dolfinx_frontend import Result, Scene, assemble, solve
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
-from dolfinx_frontend.scene.scene import Space
+from dolfinx_frontend.scene.specs import Space
 from tests.python.helpers import DIMENSION, block, lame
 
 Array = npt.NDArray[np.float64]

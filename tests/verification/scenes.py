@@ -19,6 +19,9 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.scene.laws import Elastic, Law, Perfect, Pressure, Symmetry
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
+from parts.blocks import block_chain
+from parts.rings import two_rings
+from parts.vessel import BoltedVessel
 
 Array = npt.NDArray[np.float64]
 
@@ -67,7 +70,7 @@ def in_units(parts: dict[str, geometry.Part], units: Units) -> Iterator[None]:
             part.mesh.geometry.x[:] /= units.length
 
 
-def vessel(shape: geometry.BoltedVessel, units: Units = MM) -> Problem:
+def vessel(shape: BoltedVessel, units: Units = MM) -> Problem:
     """The bolted vessel of the paper: six parts, twenty interfaces."""
     steel = LinearElastic(E=units(200e3, -2), nu=0.3)
     screw = units(SCREW, -1)
@@ -94,7 +97,7 @@ def vessel(shape: geometry.BoltedVessel, units: Units = MM) -> Problem:
 
 def chain(parts: int = 5) -> Problem:
     """Blocks end to end, pulled, sheared and preloaded; their joints are in turn perfect and elastic."""
-    blocks = geometry.block_chain(parts, (20.0, 10.0, 10.0), (3, 2, 2))
+    blocks = block_chain(parts, (20.0, 10.0, 10.0), (3, 2, 2))
     scene = Scene()
     for name, part in blocks.parts.items():
         scene.substructure(name, part, LinearElastic(E=200e3, nu=0.3), degree=2)
@@ -136,7 +139,7 @@ class SplitRing:
 
     def problem(self, divisions: tuple[int, int] = (8, 16)) -> Problem:
         """A quarter of the rings."""
-        rings = geometry.two_rings(self.a, self.c, self.b, divisions=divisions)
+        rings = two_rings(self.a, self.c, self.b, divisions=divisions)
         scene = Scene()
         for name, part in rings.parts.items():
             scene.substructure(name, part, LinearElastic(self.E, self.nu), degree=2)

@@ -12,15 +12,15 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.adaptive import Moments, moments
-from dolfinx_frontend.reference.monolithic import energy_error
+from dolfinx_frontend.estimate.errors import Moments, moments
+from dolfinx_frontend.reference.energy import energy_error
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.chaos import ChaosResult
 from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal, Normal

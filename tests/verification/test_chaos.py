@@ -14,7 +14,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.io.chaos_file import load_chaos
 from dolfinx_frontend.plan.plan import Direction
-from dolfinx_frontend.reference.ssfem import energy_error_modes, ssfem
+from dolfinx_frontend.reference.galerkin import energy_error_modes, ssfem
 from dolfinx_frontend.scene.laws import Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
@@ -25,7 +25,7 @@ from dolfinx_frontend.solvers.sampling import (
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
 from dolfinx_frontend.uncertainty.fields import RandomField

@@ -13,15 +13,17 @@ from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.estimate.mesh_error import DiscretisationError, estimate
+from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisation_error as estimate
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Preload
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic, strain
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.sampling import monte_carlo
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
+from parts.rings import two_rings
 from tests.python.helpers import DIMENSION, block, wavy
 from tests.verification import scenes
 
@@ -39,7 +41,7 @@ def believed(estimated: float, true: float) -> None:
 # ---------------------------------------------------------------------------------------------
 def split_ring(n: int, cell: str, degree: int) -> Problem:
     """A quarter of two rings with springs between them, n cells across each."""
-    rings = geometry.two_rings(RING.a, RING.c, RING.b, divisions=(n, 2 * n), cell=cell)
+    rings = two_rings(RING.a, RING.c, RING.b, divisions=(n, 2 * n), cell=cell)
     scene = Scene()
     for name, part in rings.parts.items():
         scene.substructure(name, part, LinearElastic(RING.E, RING.nu), degree=degree)

@@ -17,8 +17,8 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import solve
 from dolfinx_frontend.solvers.sweep import sweep
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import Normal
 
 TIGHT = Options(rtol=1e-11, max_iterations=2000)

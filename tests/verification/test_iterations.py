@@ -10,18 +10,16 @@ import pytest
 from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Scene, assemble, geometry
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.geometry.lap_joint import lap_joint
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction
-from dolfinx_frontend.reference.monolithic import (
-    ReferenceSolution,
-    energy_difference,
-    energy_error,
-    monolithic,
-)
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.reference.direct import ReferenceSolution, monolithic
+from dolfinx_frontend.reference.energy import energy_difference, energy_error
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.solvers.sweep import SweepResult, sweep
+from dolfinx_frontend.solving import solve
 from latin_core import Options
+from parts.lap_joint import lap_joint
+from parts.vessel import bolted_vessel
 from tests.verification import scenes
 
 PAPER = Options.plain(rtol=1e-5, criterion="indicator", stagnation_window=5000)
@@ -171,7 +169,7 @@ def within(problem: Problem, limit: int, **settings: Any) -> None:
 def test_iterations_of_the_vessel_in_true_contact(friction: float | None, limit: int) -> None:
     pressures = np.array([0.0, 1.2, 2.4, 3.6])  # MPa; the last one opens the joint
     times = np.arange(len(pressures), dtype=float)
-    vessel = geometry.bolted_vessel(size="coarse")
+    vessel = bolted_vessel(size="coarse")
     scene = scenes.demo("bolted_vessel").vessel_scene(
         vessel, joint=Contact(friction=friction), pressure=Amplitude(times, pressures) * 1.0
     )

@@ -19,7 +19,7 @@ from dolfinx_frontend import (
     geometry,
     solve,
 )
-from dolfinx_frontend.geometry.lap_joint import LapJoint, lap_joint
+from parts.lap_joint import LapJoint, lap_joint
 from tests.verification import scenes
 
 TIGHT = 1e-6  # tolerance of the iteration; sums over interfaces are held to 100 times that

@@ -11,16 +11,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.plan.plan import make_plan
-from dolfinx_frontend.reference.monolithic import energy_error, monolithic
+from dolfinx_frontend.reference.direct import monolithic
+from dolfinx_frontend.reference.energy import energy_error
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.laws import Contact, Perfect, Pressure
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
+from dolfinx_frontend.solving import solve
 from latin_core import Options
+from parts.blocks import block_chain
 from tests.verification import scenes
 
 SIZE = 20.0
@@ -34,7 +36,7 @@ def blocks(
     traction: tuple[float, float, float] = (10.0, 0.0, -2.0),
 ) -> Problem:
     """Cubes of 20 mm end to end, one end fixed, the other one pulled and bent; every joint is perfect."""
-    chain = geometry.block_chain(parts, (SIZE,) * 3, divisions)
+    chain = block_chain(parts, (SIZE,) * 3, divisions)
     scene = Scene()
     for name, part in chain.parts.items():
         scene.substructure(name, part, LinearElastic(E=200e3, nu=nu), degree=2)
@@ -57,7 +59,7 @@ def rubbing(parts: int) -> Problem:
     The faces of these joints are ground 2 um higher in the middle (so they touch in part), and the blocks
     behind them are softer (so they slide on each other when they widen).
     """
-    chain = geometry.block_chain(parts, (SIZE,) * 3, (2, 2, 2))
+    chain = block_chain(parts, (SIZE,) * 3, (2, 2, 2))
     scene = Scene()
     for k, (name, part) in enumerate(chain.parts.items()):
         modulus = 200e3 if (k // 4) % 2 == 0 else 100e3

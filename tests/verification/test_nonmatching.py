@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dolfinx_frontend.common.errors import SceneWarning
-from dolfinx_frontend.scene.scene import Space
+from dolfinx_frontend.scene.specs import Space
 from tests.verification.nonmatching import Errors, blocks, overlapping, rings
 
 

@@ -26,7 +26,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.chaos import ChaosResult, TruncationWarning
 from dolfinx_frontend.solvers.collocation import MOST_TENSOR, collocation
 from dolfinx_frontend.solvers.sampling import sample
-from dolfinx_frontend.solvers.solve import solve
+from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import FromSamples, LogNormal, Normal, TruncatedNormal, Uniform

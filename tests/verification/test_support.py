@@ -13,12 +13,13 @@ from scipy.optimize import linprog
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solvers.solve import Result, solve
 from dolfinx_frontend.solvers.support import _Grip, _driven
+from dolfinx_frontend.solving import solve
 
 SIDE = 10.0  # mm, cubes of steel
 SHORT = Options(max_iterations=150)

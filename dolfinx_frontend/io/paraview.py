@@ -14,112 +14,31 @@ values of interfaces are at the points where they are computed, beside their mea
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
-import basix
-import basix.ufl
 import numpy as np
-import numpy.typing as npt
-import scipy.sparse as sp
 from dolfinx import fem, plot
 
-from dolfinx_frontend.assembly.averages import means
-from dolfinx_frontend.assembly.facet_map import FacetMap
-from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.estimate.stress import broken_space, stress_of, von_mises
+from dolfinx_frontend.io.facets import AnyResult, InterfaceWriter, times_of, vector_values, with_given_force
 from dolfinx_frontend.io.saved import SavedResult
-from dolfinx_frontend.io.vtk import CELLS, Blocks, Grid, Values, check_target, vertices, write_blocks
-from dolfinx_frontend.results import surfaces
-from dolfinx_frontend.results.tables import with_known_force
+from dolfinx_frontend.io.vtk import Blocks, Grid, Values, check_target, vertices, write_blocks
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solvers.chaos import ChaosResult
 from dolfinx_frontend.solvers.sampling import SampleResult
-from dolfinx_frontend.solvers.solve import Result
 
-__all__ = ["facet_fields", "stress_function", "von_mises", "write", "write_fields", "write_interfaces"]
+__all__ = ["write", "write_fields", "write_interfaces"]
 
 Materials = Mapping[str, Material | Callable[[Any, Any], Any]]
-AnyResult: TypeAlias = Result | SampleResult | SavedResult
 
 _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
 """Components of a symmetric tensor in VTK's order."""
-
-
-def _broken(function: fem.Function, shape: tuple[int, ...], degree: int) -> fem.FunctionSpace:
-    """Discontinuous Lagrange space with equispaced nodes, which are those of VTK's cells."""
-    mesh = function.function_space.mesh
-    element = basix.ufl.element(
-        "Lagrange",
-        mesh.topology.cell_name(),
-        degree,
-        lagrange_variant=basix.LagrangeVariant.equispaced,
-        discontinuous=True,
-        shape=shape,
-    )
-    return fem.functionspace(mesh, element)
-
-
-def stress_function(
-    displacement: fem.Function, material: Material, degree: int | None = None
-) -> fem.Function:
-    """Stress of a displacement, force / area, interpolated cell by cell.
-
-    Parameters
-    ----------
-    displacement
-        Vector-valued Lagrange function.
-    material
-        With a method ``stress(u)``, as the materials of this package have.
-    degree
-        Of the discontinuous Lagrange space; None: the displacement's.
-
-    Returns
-    -------
-    dolfinx.fem.Function
-        (d, d), symmetric; in 2D the components in the plane.
-
-    Raises
-    ------
-    SceneError
-        The material gives a bilinear form only.
-    """
-    if getattr(material, "stress", None) is None:
-        raise SceneError(
-            f"material {material!r} gives no stress: it needs a method stress(u) that returns a "
-            "UFL expression of shape (d, d)"
-        )
-    if degree is None:
-        degree = int(displacement.function_space.element.basix_element.degree)
-    return _stress_of(displacement, material, degree)()
-
-
-def _stress_of(
-    displacement: fem.Function, material: Material, degree: int
-) -> Callable[[], fem.Function]:
-    """The stress of what a function holds when it is called: compiled once."""
-    d = int(displacement.function_space.mesh.geometry.dim)
-    function = fem.Function(_broken(displacement, (d, d), degree), name="stress")
-    points = function.function_space.element.basix_element.points
-    expression = fem.Expression(material.stress(displacement), points)  # type: ignore[attr-defined]
-
-    def stress() -> fem.Function:
-        function.interpolate(expression)
-        return function
-
-    return stress
-
-
-def von_mises(stress: Array) -> Array:
-    """Von Mises stress (points,) of stresses (points, 3, 3)."""
-    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
-    equivalent: Array = np.sqrt(1.5 * np.einsum("pij,pij->p", deviator, deviator))
-    return equivalent
 
 
 def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
@@ -137,13 +56,9 @@ def write(result: AnyResult, folder: str | Path, modes: Sequence[int] = ()) -> t
     tuple
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
-    ending = "vtm" if _times(result) is None else "pvd"
+    ending = "vtm" if times_of(result) is None else "pvd"
     parts = write_fields(result, Path(folder) / f"parts.{ending}", modes=modes)
     return parts, write_interfaces(result, Path(folder) / f"interfaces.{ending}")
-
-
-def _times(result: AnyResult) -> Array | None:
-    return result.times if isinstance(result, SavedResult) else result.plan.times
 
 
 # --- parts -----------------------------------------------------------------------------------------
@@ -193,7 +108,7 @@ def write_fields(
     SceneError
         No such step or mode; samples whose states were not kept.
     """
-    times = None if isinstance(fields, Mapping) else _times(fields)
+    times = None if isinstance(fields, Mapping) else times_of(fields)
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_fields")
     if isinstance(materials, Scene):
@@ -257,14 +172,7 @@ def _part_grids(
 
 
 def _cloud(nodes: Array, displacement: Array, step: int) -> Grid:
-    return vertices(nodes, {"displacement": _vector(displacement[step])})
-
-
-def _vector(values: Array) -> Values:
-    """Vectors (m, d) with three components."""
-    out = np.zeros((len(values), 3))
-    out[:, : values.shape[1]] = values
-    return out, "XYZ"
+    return vertices(nodes, {"displacement": vector_values(displacement[step])})
 
 
 class _PartWriter:
@@ -274,13 +182,13 @@ class _PartWriter:
         self._u = fem.Function(space)
         self._d = int(space.mesh.geometry.dim)
         degree = int(space.element.basix_element.degree)
-        self._nodal = fem.Function(_broken(self._u, (self._d,), degree))
+        self._nodal = fem.Function(broken_space(self._u, (self._d,), degree))
         topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
         self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
         self._type = int(types[0])
         self._stress: Callable[[], fem.Function] | None = None
         if hasattr(material, "stress"):
-            self._stress = _stress_of(self._u, material, degree)
+            self._stress = stress_of(self._u, material, degree)
 
     def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
         """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
@@ -304,9 +212,9 @@ class _PartWriter:
             Deviations (T, n) from the mean, whose squares add up to the variance.
         """
         u, stress = self._at(mean[step])
-        data: dict[str, Values] = {"displacement": _vector(u)}
+        data: dict[str, Values] = {"displacement": vector_values(u)}
         for name, values in extra.items():
-            data[f"displacement {name}"] = _vector(self._at(values[step])[0])
+            data[f"displacement {name}"] = vector_values(self._at(values[step])[0])
         square, stress_square = np.zeros_like(u), 0.0 if stress is None else np.zeros_like(stress)
         for away in spread:
             moved, strained = self._at(away[step])
@@ -314,7 +222,7 @@ class _PartWriter:
             if strained is not None:
                 stress_square += strained**2
         if spread:
-            data["displacement std"] = _vector(np.sqrt(square))
+            data["displacement std"] = vector_values(np.sqrt(square))
         if stress is not None:
             data["stress"] = self._symmetric(stress)
             if self._d == 3:
@@ -386,20 +294,20 @@ def write_interfaces(
     SceneError
         An interface that is unknown or whose force is not known, no such step.
     """
-    times = _times(result)
+    times = times_of(result)
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_interfaces")
-    chosen = _with_known_force(result, interfaces, "write_interfaces")
+    chosen = with_given_force(result, interfaces, "write_interfaces")
     if not chosen:
         raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
     rank = 0
-    writers: dict[str, _InterfaceWriter] = {}
+    writers: dict[str, InterfaceWriter] = {}
     if isinstance(result, SavedResult):
-        writers = {name: _InterfaceWriter.of_saved(result, name) for name in chosen}
+        writers = {name: InterfaceWriter.of_saved(result, name) for name in chosen}
     else:
         rank = result.problem.rank
         own = [name for name in chosen if result.problem.speaks_for(name)]
-        writers = {name: _InterfaceWriter.of(result, name) for name in own}
+        writers = {name: InterfaceWriter.of(result, name) for name in own}
     groups = ["points"] if isinstance(result, SavedResult) else ["facets", "points"]
 
     def blocks(at: int) -> Blocks:
@@ -412,174 +320,3 @@ def write_interfaces(
         }
 
     return write_blocks(target, times, step, blocks, rank)
-
-
-def facet_fields(
-    result: Result | SampleResult, interface: str, step: int = -1
-) -> tuple[npt.NDArray[np.int64], dict[str, Array]]:
-    """What :func:`write_interfaces` writes on the facets of an interface, as arrays.
-
-    Returns
-    -------
-    facets
-        (k,), facets of the mesh of side 1, ascending.
-    fields
-        Name -> (k,) or (k, 3).
-
-    Raises
-    ------
-    SceneError
-        An interface that is unknown or whose force is not known, no such step.
-    """
-    _with_known_force(result, interface, "facet_fields")
-    at = check_step(_times(result), step, "facet_fields")
-    side = result.problem.here(interface).sides[0]
-    part = result.problem.substructures[side.substructure].part
-    data = _InterfaceWriter.of(result, interface).facets(at).cell_data
-    numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
-    covered = np.unique(result.problem.interfaces[interface].facets)
-    return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
-
-
-def _with_known_force(
-    result: AnyResult, wanted: Sequence[str] | str | None, where: str
-) -> list[str]:
-    """The wanted interfaces (None: all), whose force is known."""
-    if isinstance(result, SavedResult):
-        known = [name for name, each in result.interfaces.items() if each.force is not None]
-    else:
-        known = with_known_force(result)
-    if wanted is None:
-        return known
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
-    for name in chosen:
-        if name not in known:
-            raise unknown_name("interface with a known force", name, known, where)
-    return chosen
-
-
-class _Surface(NamedTuple):
-    """The covered facets of side 1 of an interface, which are the same at all steps."""
-
-    x: Array  # (nodes, 3), facet by facet
-    cells: npt.NDArray[np.int64]  # (facets, nodes a facet)
-    type: int  # of VTK
-    trace: sp.csr_matrix  # (nodes, unknowns of a component of the displacement)
-    mean: sp.csr_matrix  # (facets, points), by area
-    area: Array  # (facets,)
-
-
-class _InterfaceWriter:
-    """Grids of an interface from its fields, (T, m) or (T, m, d) each."""
-
-    def __init__(
-        self,
-        points: Array,
-        weights: Array,
-        fields: Mapping[str, Array],
-        side: tuple[Substructure, Interface] | None = None,
-        displacement: Array | None = None,
-    ) -> None:
-        self._points, self._weights, self._fields = points, weights, fields
-        self._side, self._displacement = side, displacement
-
-    @classmethod
-    def of(cls, result: Result | SampleResult, name: str) -> _InterfaceWriter:
-        interface = result.problem.interfaces[name]
-        part = result.problem.substructures[interface.sides[0].substructure]
-        displacement: Array | None
-        if isinstance(result, ChaosResult):
-            fields = surfaces.of_chaos(result, name)
-            displacement = result.field_moments(part.name)[0]
-        elif isinstance(result, SampleResult):
-            fields = surfaces.of_samples(result, name)
-            kept = result.points.states is not None
-            displacement = result.field_moments(part.name)[0] if kept else None
-        else:
-            fields = surfaces.of_result(result, name)
-            displacement = result.displacements[part.name]
-        if displacement is not None:
-            displacement = np.atleast_2d(displacement)
-        return cls(interface.points, interface.weights, fields, (part, interface), displacement)
-
-    @classmethod
-    def of_saved(cls, result: SavedResult, name: str) -> _InterfaceWriter:
-        each = result.interfaces[name]
-        return cls(each.points, each.weights, surfaces.of_saved(result, name))
-
-    def _data(self, step: int) -> dict[str, Values]:
-        out: dict[str, Values] = {"area": (self._weights, "")}
-        for name, values in self._fields.items():
-            now = values[step]
-            if name == "state":
-                out[name] = (now.astype(np.int64), "")
-            else:
-                out[name] = (now, "") if now.ndim == 1 else _vector(now)
-        return out
-
-    def points(self, step: int) -> Grid:
-        """The cloud of points."""
-        data = self._data(step)
-        if self._side is not None and self._displacement is not None:
-            part, interface = self._side
-            nodal = self._displacement[step].reshape(-1, part.dim)
-            data["displacement"] = _vector(interface.sides[0].shape @ nodal)
-        return vertices(self._points, data)
-
-    @cached_property
-    def _surface(self) -> _Surface:
-        assert self._side is not None  # a loaded result has no surfaces
-        part, interface = self._side
-        face = FacetMap(part.part, interface.sides[0].face, f"interface {interface.name!r}")
-        covered, row = np.unique(interface.facets, return_inverse=True)
-        cell, order = face.facet_cell.name, min(face.order, 2)
-        nodes = _facet_nodes(cell, order)
-        index, s = np.repeat(covered, len(nodes)), np.tile(nodes, (len(covered), 1))
-        x = np.zeros((len(index), 3))
-        x[:, : part.dim] = face.push_forward(index, s)[0]
-        cells = np.arange(len(index), dtype=np.int64).reshape(-1, len(nodes))
-        trace = face.trace(part.space, index, s, len(part.dof_coordinates))
-        mean = means(row, self._weights, len(covered))
-        area: Array = np.bincount(row, self._weights).astype(np.float64)
-        return _Surface(x, cells, CELLS[cell, order], trace, mean, area)
-
-    def facets(self, step: int) -> Grid:
-        """The surface of side 1."""
-        surface = self._surface
-        point_data: dict[str, Values] = {}
-        if self._side is not None and self._displacement is not None:
-            nodal = self._displacement[step].reshape(-1, self._side[0].dim)
-            point_data["displacement"] = _vector(surface.trace @ nodal)
-        return Grid(surface.x, surface.cells, surface.type, point_data, self._on_facets(step))
-
-    def _on_facets(self, step: int) -> dict[str, Values]:
-        """Values of the facets: the means of their points; of one point what is there."""
-        mean = self._surface.mean
-        single = mean.shape[0] == mean.shape[1]
-        out: dict[str, Values] = {"area": (self._surface.area, "")}
-        for name, (values, labels) in self._data(step).items():
-            if name == "state" and not single:
-                out["open share"] = (mean @ (values == surfaces.OPEN), "")
-                out["slip share"] = (mean @ (values == surfaces.SLIPS), "")
-            elif name == "state":
-                out[name] = ((mean @ values).astype(np.int64), "")
-            elif name != "area":
-                out[name] = (mean @ values, labels)
-        return out
-
-
-def _facet_nodes(cell: str, order: int) -> Array:
-    """Nodes of a facet in its reference coordinates, in VTK's order, (k, d - 1)."""
-    corners = {
-        "interval": [[0.0], [1.0]],
-        "triangle": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
-        "quadrilateral": [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]],
-    }[cell]
-    nodes = np.array(corners)
-    if order == 1:
-        return nodes
-    middles = 0.5 * (nodes + np.roll(nodes, -1, axis=0))
-    if cell == "interval":
-        return np.concatenate([nodes, middles[:1]])
-    centre = nodes.mean(axis=0, keepdims=True)
-    return np.concatenate([nodes, middles, centre] if cell == "quadrilateral" else [nodes, middles])

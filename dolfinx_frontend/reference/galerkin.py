@@ -39,7 +39,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_operator
-from dolfinx_frontend.reference.monolithic import Cholesky
+from dolfinx_frontend.reference.cholesky import Cholesky
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Law, Perfect, Pressure, Traction
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField

@@ -15,15 +15,8 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.geometry.parts import (
-    FREE,
-    Assembly,
-    Connection,
-    Part,
-    from_gmsh,
-    gmsh_session,
-    refine_around,
-)
+from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, refine_around
+from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 
 __all__ = ["LapJoint", "LapShape", "lap_joint"]
 

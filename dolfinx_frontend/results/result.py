@@ -1,44 +1,35 @@
-"""Solve one planned problem and read its answer."""
+"""The answer of one solve, and of a load history."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from latin_core import Problem as Kernel, State, Summary
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.values import stiffnesses
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.io import saved
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.running import iterate
 from dolfinx_frontend.plan.cost import shown
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results import tables
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law
-from dolfinx_frontend.solvers.support import check_support
-from latin_core import Iteration, Options, State, Summary
-from latin_core import Problem as Kernel
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.estimate.adaptive import Errors
+    from dolfinx_frontend.estimate.errors import Errors
     from dolfinx_frontend.results.resultant import Resultant
-    from dolfinx_frontend.solvers.chaos import ChaosResult
-    from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["HistoryResult", "Result", "phase_seconds", "solve"]
+__all__ = ["HistoryResult", "Result", "phase_seconds"]
 
-_log = logging.getLogger(__name__)
 _OF_RANDOM = ("field_moments", "force_moments", "quantity", "sobol", "truncation")
 """What only random answers have."""
 
@@ -135,7 +126,7 @@ class Result:
             A :class:`Resultant`, the name of an interface (its normal force), ``"energy"``; None: what was
             asked for, or the energy norm.
         """
-        from dolfinx_frontend.estimate.adaptive import errors  # which builds on this module
+        from dolfinx_frontend.estimate.errors import errors  # which builds on this module
 
         return errors(self, quantity)
 
@@ -187,6 +178,8 @@ side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_m
         ResultFileError
             The file cannot be written.
         """
+        from dolfinx_frontend.io import saved
+
         saved.save_result(path, self, tables.read(self), fields)
 
     @contextmanager
@@ -335,215 +328,6 @@ class HistoryResult(Result):
             for k, t in enumerate(self.times)
         ]
         return np.array([f for f, _ in pairs]), np.array([j for _, j in pairs])
-
-
-@overload
-def solve(
-    problem: Problem,
-    method: Method = "auto",
-    *,
-    accuracy: float,
-    quantity: Resultant | str | None = None,
-    meshes: bool = True,
-    times: npt.ArrayLike | None = None,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-) -> Any: ...
-
-
-@overload
-def solve(
-    problem: Problem,
-    method: Method = "auto",
-    *,
-    chaos: None = None,
-    times: None = None,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-    plan: Plan | None = None,
-    start: Result | State | None = None,
-    callback: Callable[[Iteration], None] | None = None,
-) -> Result: ...
-
-
-@overload
-def solve(
-    problem: Problem,
-    method: Method = "auto",
-    *,
-    chaos: None = None,
-    times: npt.ArrayLike,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-    plan: Plan | None = None,
-    start: Result | State | None = None,
-    callback: Callable[[Iteration], None] | None = None,
-) -> HistoryResult: ...
-
-
-@overload
-def solve(
-    problem: Problem,
-    method: Method = "auto",
-    *,
-    chaos: Chaos | int,
-    times: npt.ArrayLike | None = None,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-    plan: Plan | None = None,
-    start: Result | State | None = None,
-    indefinite: Literal["refuse", "prove"] = "refuse",
-    callback: Callable[[Iteration], None] | None = None,
-) -> ChaosResult: ...
-
-
-def solve(
-    problem: Problem,
-    method: Method = "auto",
-    *,
-    chaos: Chaos | int | None = None,
-    times: npt.ArrayLike | None = None,
-    active: Sequence[str] | Literal["all"] | None = None,
-    direction: Direction | float | None = None,
-    options: Options | None = None,
-    plan: Plan | None = None,
-    start: Result | State | None = None,
-    indefinite: Literal["refuse", "prove"] = "refuse",
-    callback: Callable[[Iteration], None] | None = None,
-    accuracy: float | None = None,
-    quantity: Resultant | str | None = None,
-    meshes: bool = True,
-) -> Any:
-    """Solve a problem.
-
-    Parameters
-    ----------
-    problem
-        From :func:`dolfinx_frontend.assemble`.
-    method, active, direction, options
-        As :func:`dolfinx_frontend.make_plan` takes them; or
-    chaos
-        Expand the answer in polynomial chaos: order and index set, or the order of a total-degree set.
-        None: random parameters are taken at their mean, and the plan says so.
-    times
-        Times (T,) of a load history; values of laws that change in time (:class:`Amplitude`) are taken there.
-        The state before the first time is unloaded and unslipped.
-    plan
-        a plan made before.
-    start
-        Start from the interface state of an earlier result of the same plan.
-    indefinite
-        With chaos: ``"refuse"`` a random stiffness whose Galerkin matrix is indefinite, or ``"prove"``
-        first that the structure as a whole is definite and go on.
-    callback
-        Called after every iteration; it may raise StopIteration to end the run with what is done so far, as
-        Ctrl-C does (see :mod:`dolfinx_frontend.kernel.running`), or anything else to end it without a result.
-    accuracy
-        Instead of a tolerance and an order: the relative error that the answer may have, 1e-10 to 0.5.
-        Tolerance, order and modes follow; ``result.errors()`` says what was reached and what dominates.
-        Where something is random the answer is a :class:`ChaosResult`, or, where its chaos does not
-        converge, a :class:`SampleResult`.
-    quantity
-        Of which: a :class:`Resultant` (if random, of its mean and of its standard deviation), the name of an
-        interface (its normal force), or ``"energy"`` (None).
-    meshes
-        With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
-
-    Returns
-    -------
-    Result
-        Its ``status`` says whether the tolerance was reached; nothing is raised if it was not. With
-        times a :class:`HistoryResult`, with chaos a :class:`ChaosResult`.
-
-    Raises
-    ------
-    SceneError
-        A plan that cannot be carried out, or loads that no forces of the interfaces can balance.
-    IndefiniteError
-        A Galerkin stiffness is indefinite.
-    KeyboardInterrupt
-        At a second Ctrl-C, or during the factorisation. The first one ends the iteration within one step,
-        with the status ``"interrupted"`` and a warning in the log.
-
-    Warns
-    -----
-    SceneWarning
-        Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
-    """
-    if accuracy is not None:
-        from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
-
-        set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
-        for name, value in set_elsewhere.items():
-            if value is not None:
-                raise SceneError(
-                    f"accuracy = {accuracy:g} decides on the chaos and the plan: leave {name} out"
-                )
-        return solve_to_accuracy(
-            problem,
-            accuracy,
-            quantity,
-            method,
-            times=times,
-            active=active,
-            direction=direction,
-            options=options,
-            meshes=meshes,
-        )
-    if quantity is not None:
-        raise SceneError("a quantity goes with an accuracy: solve(problem, accuracy=1e-3, quantity=...)")
-    if chaos is not None:
-        from dolfinx_frontend.solvers.chaos import solve_chaos  # which builds on this module
-
-        return solve_chaos(
-            problem,
-            chaos,
-            method,
-            times=times,
-            active=active,
-            direction=direction,
-            options=options,
-            plan=plan,
-            start=start,
-            indefinite=indefinite,
-            callback=callback,
-        )
-    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
-    began = perf_counter()
-    core = bridge.build(problem, plan)
-    built = perf_counter()
-    summary, state = iterate(problem, plan, core, plan.amplitudes, start_states(start), callback)
-    seconds = {"setup": built - began, "solve": perf_counter() - built}
-    cuts = fields_of_cuts(problem, core, state)
-    kind = Result if plan.times is None else HistoryResult
-    result = kind(problem, plan, summary, state, seconds, core, _cuts=cuts)
-    if not result.converged:
-        # logged as for the points of a sweep: the answer is there, with its estimated error
-        _log.warning(
-            "the iteration ended as %s after %d iterations (estimated error %.1e)",
-            summary.status,
-            summary.iterations,
-            result.error,
-        )
-    if result.status != "interrupted":  # which is returned, whatever it is
-        check_support(result)
-    return result
-
-
-def fields_of_cuts(problem: Problem, core: Kernel, state: State) -> dict[str, tuple[Array, Array]]:
-    """Fields of the interfaces between this rank and others, which both work out together: collective."""
-    return {n: core.local_fields(n, state) for n in problem.cuts if n in problem.own.interfaces}
-
-
-def start_states(start: Result | State | None) -> list[State]:
-    """Start states for the kernel."""
-    if start is None:
-        return []
-    return [start.state if isinstance(start, Result) else start]
 
 
 def phase_seconds(result: Result) -> dict[str, Any]:

@@ -1,0 +1,513 @@
+"""Errors of an answer: of the iteration, the chaos and the meshes."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, isfinite, log
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.estimate.mesh_error import discretisation_error
+from dolfinx_frontend.kernel.running import iterate
+from dolfinx_frontend.plan.cost import shown
+from dolfinx_frontend.results import surfaces
+from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on
+from dolfinx_frontend.solvers.sampling import SampleResult
+from dolfinx_frontend.uncertainty.chaos import Chaos
+
+if TYPE_CHECKING:
+    from dolfinx_frontend.assembly.problem import Problem
+
+__all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments"]
+
+_log = logging.getLogger(__name__)
+
+Index = tuple[int, ...]
+
+Interest = Resultant | str | None
+
+DIGIT = 0.1
+"""By so much the tolerance is tightened to see how far the iteration was."""
+
+FINEST = 1e-12
+"""Tightest tolerance of an iteration."""
+
+DROPPED = 0.02
+"""Variance of modes that may be left out, as predicted, as a share of the accuracy of the moments: these
+change with the square of such modes, and predictions are right within a factor of three, squared."""
+
+UNKNOWN = 0.3
+"""Fall from one degree to the next where nothing is known of it."""
+
+REPLICATES = 4
+
+
+class Moments(NamedTuple):
+    """Mean and standard deviation of a quantity of interest; None: not random."""
+
+    mean: float
+    std: float | None
+
+
+@dataclass(frozen=True)
+class ErrorShare:
+    """One error of an answer.
+
+    Attributes
+    ----------
+    energy
+        Relative, in the energy norm; NaN: not known.
+    quantity
+        Of the quantity of interest (of its mean, if random), absolute, in its unit; None: none was named.
+    std
+        Of its standard deviation, absolute; None: not random.
+    how
+        How it was measured.
+    """
+
+    energy: float
+    quantity: float | None = None
+    std: float | None = None
+    how: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Errors:
+    """Errors of an answer by their source.
+
+    Attributes
+    ----------
+    algebraic, truncation, discretisation
+        Of the iteration, of the chaos or the samples (None: nothing is random), of the meshes (None: not
+        estimated).
+    quantity, moments
+        What they are measured in (None: the energy norm), and its value.
+    whole
+        What an error of the standard deviation is relative to: the deviation, or the mean where it is noise.
+    asked
+        The accuracy that was asked for, or None.
+    next_halving
+        What would halve the dominating error, and its predicted cost.
+    notes
+        What a reader must know: sources that could not be reduced as asked.
+    """
+
+    algebraic: ErrorShare
+    truncation: ErrorShare | None
+    discretisation: ErrorShare | None
+    quantity: Resultant | None
+    moments: Moments | None
+    whole: float | None = None
+    asked: float | None = None
+    next_halving: str = ""
+    notes: tuple[str, ...] = ()
+
+    def relative(self, source: Literal["algebraic", "truncation", "discretisation"]) -> float:
+        """One error as a share: of mean and standard deviation the larger, or of the energy norm; else 0."""
+        share: ErrorShare | None = getattr(self, source)
+        if share is None:
+            return 0.0
+        if self.quantity is None or self.moments is None or share.quantity is None:
+            return share.energy
+        parts = [share_of(share.quantity, self.moments.mean)]
+        if share.std is not None and self.whole is not None:
+            parts.append(share_of(share.std, self.whole))
+        return max(parts)
+
+    @property
+    def dominating(self) -> Literal["algebraic", "truncation", "discretisation"]:
+        """The largest source."""
+        sources: tuple[Literal["algebraic", "truncation", "discretisation"], ...] = (
+            "algebraic",
+            "truncation",
+            "discretisation",
+        )
+        return max(sources, key=lambda s: np.nan_to_num(self.relative(s)))
+
+    @property
+    def total(self) -> float:
+        """Relative error of the answer on its meshes: algebraic and truncation together."""
+        return self.relative("algebraic") + self.relative("truncation")
+
+    @property
+    def reached(self) -> bool:
+        """Whether the accuracy that was asked for is reached; the meshes count as far as they are known."""
+        return self.asked is None or max(self.total, self.relative("discretisation")) <= self.asked
+
+    def __repr__(self) -> str:
+        of = "the energy norm" if self.quantity is None else str(self.quantity)
+        return f"Errors(of {of}: {self.total:.1e} in all, most of it {self.dominating})"
+
+    def __str__(self) -> str:
+        where = "energy norm" if self.quantity is None else str(self.quantity)
+        lines = [f"errors in the {where}" + (f", asked {self.asked:g}" if self.asked else "")]
+        if self.moments is not None:
+            spread = "" if self.moments.std is None else f", standard deviation {self.moments.std:.6g}"
+            lines[0] += f" (value {self.moments.mean:.6g}{spread})"
+        for source in ("algebraic", "truncation", "discretisation"):
+            share: ErrorShare | None = getattr(self, source)
+            if share is not None:
+                mark = "  <- dominates" if source == self.dominating else ""
+                relative = self.relative(source)
+                lines.append(f"  {source:<15}{relative:9.1e}  ({share.how}){mark}")
+        if self.next_halving:
+            lines.append(f"  half of it: {self.next_halving}")
+        return "\n".join(lines + [f"  {note}" for note in self.notes])
+
+
+def share_of(error: float, whole: float) -> float:
+    if whole == 0.0:
+        return 0.0 if error == 0.0 else np.inf
+    return abs(error / whole)
+
+
+# --- quantities -------------------------------------------------------------------------------------
+def interest_of(problem: Problem, quantity: Interest) -> Resultant | None:
+    """The quantity that is meant; None: the energy norm."""
+    if quantity is None or quantity == "energy":
+        return None
+    if isinstance(quantity, str):
+        quantity = Resultant(quantity)
+    if quantity.interface not in problem.interfaces:
+        raise unknown_name("interface", quantity.interface, problem.interfaces, "quantity of interest")
+    return quantity
+
+
+def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
+    """Chaos coefficients (P + 1,) of a quantity, of a history at its end."""
+    weights = result.problem.interfaces[quantity.interface].weights
+    read = result.force_coefficients if quantity.of == "force" else result.jump_coefficients
+    values = quantity.total(np.moveaxis(read(quantity.interface), -1, 0), weights)
+    return values if result.times is None else values[..., -1]
+
+
+def _samples(result: Any, fields: Any, quantity: Resultant) -> Array:
+    """A quantity (N,) in samples of the fields, of a history at its end."""
+    weights = result.problem.interfaces[quantity.interface].weights
+    values = quantity.total(quantity.field(fields), weights)
+    return values if result.plan.times is None else values[..., -1]
+
+
+def moments(result: Result | SampleResult, quantity: Resultant) -> Moments:
+    """The quantity in a result, of a history at its end: mean and standard deviation if it is random."""
+    if isinstance(result, SampleResult):
+        values = _samples(result, result, quantity)
+        sums = surfaces.Moments()
+        sums.add({"": values}, result.weights)
+        mean, std = sums.found()[""]
+        return Moments(float(mean), float(std))
+    if not isinstance(result, ChaosResult):
+        return Moments(float(np.ravel(quantity.value(result))[-1]), None)
+    if quantity.interface in result.collocations:
+        germs = result.moment_germs()
+        parts = [
+            _samples(result, result.at(germs[i : i + 512]), quantity) for i in range(0, len(germs), 512)
+        ]
+        values = np.concatenate(parts)
+        return Moments(float(values.mean()), float(values.std()))
+    values = _coefficients(result, quantity)
+    return Moments(float(values[0]), float(np.sqrt(np.sum(values[1:] ** 2))))
+
+
+def whole_of(value: Moments, rtol: float) -> float | None:
+    """What an error of the standard deviation is relative to."""
+    if value.std is None:
+        return None
+    noise = value.std <= NOISE * rtol * abs(value.mean)
+    return abs(value.mean) if noise else value.std
+
+
+def change_of(one: Moments, other: Moments, rtol: float) -> float:
+    """Relative change of mean and standard deviation, the larger."""
+    change = share_of(one.mean - other.mean, other.mean)
+    whole = whole_of(other, rtol)
+    if one.std is not None and other.std is not None and whole is not None:
+        change = max(change, share_of(one.std - other.std, whole))
+    return change
+
+
+def distance_of(one: Result, other: Result) -> float:
+    """Relative difference of two results with the same kernel in the energy norm, over all columns.
+
+    The first may have modes that the second has not.
+    """
+    core = one.core
+    data, traces = one.state.data.copy(), one.state.traces.copy()
+    places = np.arange(data.shape[1])
+    if isinstance(one, ChaosResult) and isinstance(other, ChaosResult):
+        steps = one._steps
+        found = [one.basis.indices.find([int(i) for i in row]) for row in other.basis.indices.table]
+        places = np.concatenate([np.arange(p * steps, (p + 1) * steps) for p in found if p is not None])
+    data[:, places] -= other.state.data
+    traces[:, places] -= other.state.traces
+    forces = data - core.directions[:, None] * traces
+    square = float(np.sum(traces * core.weights[:, None] * forces))
+    return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
+
+
+# --- more of the same -------------------------------------------------------------------------------
+def tightened(result: Result, rtol: float) -> Result:
+    """The run carried on to another tolerance."""
+    if isinstance(result, ChaosResult):
+        return carry_on(result, result.chaos, rtol)
+    options = result.plan.options.with_(rtol=rtol)
+    plan = replace(result.plan, options=options)
+    summary, state = iterate(
+        result.problem, plan, result.core, plan.amplitudes, [result.state], None
+    )
+    changes: dict[str, Any] = {"_all": None} if isinstance(result, HistoryResult) else {}
+    return replace(
+        result,
+        plan=plan,
+        summary=summary,
+        state=state,
+        _displacements=None,
+        _errors=None,
+        **changes,
+    )
+
+
+def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
+    """Indices outside of a set whose every backward neighbour is in it."""
+    inside = {tuple(int(i) for i in row) for row in table}
+    found: dict[Index, None] = {}
+    for index in inside:
+        for germ in range(len(index)):
+            new = (*index[:germ], index[germ] + 1, *index[germ + 1 :])
+            if new in inside or new[germ] > caps[germ]:
+                continue
+            back = ((*new[:g], d - 1, *new[g + 1 :]) for g, d in enumerate(new) if d > 0)
+            if all(b in inside for b in back):
+                found[new] = None
+    return sorted(found)
+
+
+def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Array]:
+    """(P + 1,) how much each mode matters in the quantity and in the whole field, relative to the mean."""
+    steps = result._steps
+    metric = (result.core.weights / result.core.directions)[:, None]
+    square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
+    of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
+    if quantity is None or quantity.interface in result.collocations:
+        return of_field, of_field
+    values = np.abs(_coefficients(result, quantity))
+    mean = values[0] if values[0] > 0.0 else max(float(values.max()), 1e-300)
+    return values / mean, of_field
+
+
+def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.0) -> Chaos:
+    """The chaos with the modes of the margin that are predicted to matter to an accuracy; 0: all of them."""
+    table = result.basis.indices.table
+    caps = [germ.capacity - 1 if germ.capacity is not None else 2**30 for germ in result.space.germs]
+    names: list[Index] = [tuple(int(i) for i in row) for row in table]
+    of_quantity, whole = sizes_of(result, quantity)
+    sizes = {name: float(size) for name, size in zip(names, of_quantity, strict=True)}
+    of_field = {name: float(size) for name, size in zip(names, whole, strict=True)}
+    margin = _margin(table, caps)
+
+    def predicted(index: Index) -> float:
+        """By the decay along each germ, the largest."""
+        guesses = []
+        for germ, degree in enumerate(index):
+            if degree == 0:
+                continue
+            back = (*index[:germ], degree - 1, *index[germ + 1 :])
+            fall = UNKNOWN  # along a germ of degree 1
+            if degree > 1:
+                before = (*index[:germ], degree - 2, *index[germ + 1 :])
+                if any(before):
+                    fall = min(sizes[back] / max(sizes[before], 1e-300), 1.0)
+            guesses.append(sizes[back] * fall)
+            # a germ may move a symmetric quantity in the second order only
+            alone = tuple(int(g == germ) for g in range(len(index)))
+            guesses.append(of_field[back] * of_field[alone])
+        return max(guesses)
+
+    ranked = sorted(((predicted(index), index) for index in margin), reverse=True)
+    squares = np.array([size**2 for size, _ in ranked])
+    variance = sum(size**2 for index, size in sizes.items() if any(index))
+    # in the energy norm an error is the size of the modes that are left out, in moments its square
+    allowed = variance * (DROPPED * target if quantity is not None else DROPPED * target**2)
+    after = squares.sum() - np.cumsum(squares)  # what is dropped behind each
+    count = min(int(np.searchsorted(-after, -allowed)) + 1, len(ranked)) if target else len(ranked)
+    chosen = [index for _, index in ranked[:count]]
+    indices = (*sizes, *chosen)
+    order = max(sum(index) for index in indices)
+    return replace(result.chaos, order=order, indices=indices)
+
+
+# --- errors of a result -----------------------------------------------------------------------------
+def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
+    """Estimate the errors of a result by their sources.
+
+    Parameters
+    ----------
+    result
+        Of :func:`dolfinx_frontend.solve`, or samples.
+    quantity
+        A :class:`Resultant`, the name of an interface (its normal force), or ``"energy"``; None: what
+        ``solve(accuracy=..., quantity=...)`` was asked for, or the energy norm.
+
+    The iteration is carried on for one digit, and a chaos is solved again with its next modes, both started
+    from the answer: about half the cost of the run without its factorisation.
+    """
+    if quantity is None and result._errors is not None:
+        return result._errors
+    what = interest_of(result.problem, quantity)
+    if isinstance(result, SampleResult):
+        return errors_of_samples(result, what)
+    value = None if what is None else moments(result, what)
+    rtol = result.plan.options.rtol
+    whole = None if value is None else whole_of(value, rtol)
+    truncation = None
+    if not result.plan.active:
+        exact = ErrorShare(FINEST, None if value is None else FINEST * abs(value.mean), how="direct solve")
+        made = Errors(exact, None, None, what, value)
+    else:
+        tight = tightened(result, max(DIGIT * min(rtol, result.error), FINEST))
+        algebraic = ErrorShare(result.error, how="the iteration carried on for one digit")
+        after = None
+        if what is not None and value is not None:
+            after = moments(tight, what)
+            algebraic = replace(
+                algebraic, quantity=abs(after.mean - value.mean), std=_difference(after.std, value.std)
+            )
+        if isinstance(tight, ChaosResult):
+            truncation = _truncation(tight, what, after)
+        if isinstance(result, ChaosResult):
+            result.resume()
+        made = Errors(algebraic, truncation, None, what, value, whole)
+    made = replace(made, discretisation=share_of_meshes(result, what))
+    return replace(made, next_halving=next_step(result, made))
+
+
+def _difference(one: float | None, other: float | None) -> float | None:
+    return None if one is None or other is None else abs(one - other)
+
+
+def _truncation(
+    result: ChaosResult, quantity: Resultant | None, value: Moments | None
+) -> ErrorShare:
+    """The error of a chaos, on its own kernel."""
+    if result.collocations:
+        return checked(result, quantity)
+    try:
+        wider = carry_on(result, enlarged(result, quantity), result.plan.options.rtol)
+    except IndefiniteError as error:
+        return ErrorShare(np.nan, how=f"not known: {str(error).splitlines()[0]}")
+    share = ErrorShare(distance_of(wider, result), how=f"the next {wider.modes - result.modes} modes")
+    if quantity is None or value is None:
+        return share
+    after = moments(wider, quantity)
+    return replace(share, quantity=abs(after.mean - value.mean), std=_difference(after.std, value.std))
+
+
+def checked(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
+    """The error of a chaos of a law that is not linear, by deterministic solves.
+
+    The chaos is their control variate: moments are corrected by mean and variance of the difference, and two
+    standard errors are added.
+    """
+    count = max(result.chaos.check_points, 32)
+    result.resume()
+    truth = result.sample(result.space.sample(count, 1))
+    names = result.plan.active if quantity is None else (quantity.interface,)
+    error = max(result.compared(name, [truth]).error for name in names)
+    how = f"{count} deterministic solves"
+    if quantity is None:
+        return ErrorShare(error, how=how)
+    value = moments(result, quantity)
+    exact, own = (_samples(result, fields, quantity) for fields in (truth, result.at(truth.germs)))
+    shift = exact - own
+    margin = 2.0 * shift.std(ddof=1) / np.sqrt(count)
+    better = value.mean + shift.mean()
+    spread = (exact - better) ** 2 - (own - value.mean) ** 2
+    more = 2.0 * spread.std(ddof=1) / np.sqrt(count)
+    assert value.std is not None  # of a chaos
+    ends = [np.sqrt(max(value.std**2 + spread.mean() + s * more, 0.0)) for s in (-1.0, 0.0, 1.0)]
+    away = max(abs(end - value.std) for end in ends)
+    return ErrorShare(error, float(abs(shift.mean()) + margin), float(away), how)
+
+
+def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
+    """By the spread of parts of the sample, one after the other."""
+    error = float(np.nanmax(result.error))
+    if quantity is None:
+        raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
+    if result.weights is not None:
+        raise SceneError(
+            "one quadrature does not tell its error: compare it with one of more points, or let "
+            "solve(accuracy=...) do so"
+        )
+    values = _samples(result, result, quantity)
+    value = moments(result, quantity)
+    spread = np.array(
+        [[p.mean(), p.std()] for p in np.array_split(values, REPLICATES)]
+    ).std(axis=0, ddof=1)
+    mean, std = 2.0 * spread / np.sqrt(REPLICATES)
+    rtol = result.plan.options.rtol
+    truncation = ErrorShare(np.nan, float(mean), float(std), f"{REPLICATES} parts of {len(values)} samples")
+    algebraic = ErrorShare(error, error * abs(value.mean), error * (value.std or 0.0), "its estimate")
+    made = Errors(algebraic, truncation, None, quantity, value, whole_of(value, rtol))
+    seconds = sum(result.seconds.values())
+    return replace(
+        made, next_halving=f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
+    )
+
+
+def share_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
+    """The error of the meshes, where it can be estimated."""
+    try:
+        found = discretisation_error(result, quantity)
+    except SceneError as error:
+        _log.info("no estimate of the discretisation error: %s", error)
+        return None
+    return ErrorShare(found.energy, found.quantity, None, "recovered stresses")
+
+
+def next_step(result: Result, made: Errors) -> str:
+    """What would halve the dominating error, and its cost by the model of the plan."""
+    cost = result.plan.cost
+    spent = max(result.summary.global_s + result.summary.local_s + result.summary.other_s, 1e-6)
+    flops = cost.iteration_flops if cost is not None else 0.0
+    a_pass = spent / max(result.iterations, 1)
+    if made.dominating == "algebraic":
+        count = _iterations_for(result, 0.5)
+        return (
+            f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "
+            f"{shown(count * flops, 'Flop')}, {count * a_pass:.2g} s"
+        )
+    if made.dominating == "truncation" and isinstance(result, ChaosResult):
+        wider = enlarged(result, made.quantity, made.asked or 0.0)
+        assert wider.indices is not None
+        count = ceil(0.5 * result.iterations)
+        factor = len(wider.indices) / result.modes
+        return (
+            f"{len(wider.indices)} instead of {result.modes} modes: about {count} iterations, "
+            f"{shown(count * factor * flops, 'Flop')}, {count * factor * a_pass:.2g} s"
+        )
+    degree = min(part.V.ufl_element().degree for part in result.problem.substructures.values())
+    finer = 2.0 ** (-1.0 / degree)
+    factor = finer ** (-2.0 * result.problem.dim)
+    more = factor * (cost.factor_flops if cost is not None else 0.0)
+    return (
+        f"cells of {finer:.2g} times the size: {finer ** -result.problem.dim:.1f} times the unknowns, "
+        f"{shown(more, 'Flop')} to factorise, about {factor * sum(result.seconds.values()):.2g} s"
+    )
+
+
+def _iterations_for(result: Result, fall: float) -> int:
+    """Iterations until the error has fallen so much, by the rate of the run."""
+    record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
+    if len(record) < 2 or record[-1][1] >= record[0][1]:
+        return 1
+    rate = log(record[0][1] / record[-1][1]) / max(record[-1][0] - record[0][0], 1)
+    return max(1, ceil(-log(fall) / rate))

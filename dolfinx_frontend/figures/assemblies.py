@@ -1,0 +1,228 @@
+"""Assemblies, apart and deformed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
+from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of, vertex_nodes
+
+if TYPE_CHECKING:
+    from dolfinx import fem
+    from dolfinx_frontend.geometry.parts import Assembly
+
+__all__ = ["KIND_COLOURS", "assembly_figure", "deformed_figure"]
+
+
+KIND_COLOURS = {
+    "perfect": "#2166ac",
+    "elastic": "#35c4b5",
+    "contact": "#d6604d",
+    "preload": "#7b3294",
+    "pressure": "#f48fb1",
+    "symmetry": "#ffffff",
+    "support": "#e08a00",
+    "free": "#8b9199",
+}
+"""Colour of a face by the kind of its interface: those of the paper, and three more."""
+
+
+def _stacked(heights: Mapping[str, tuple[float, float]], gap: float) -> dict[str, float]:
+    """Shifts along z that lift parts (name -> lowest, highest z) clear of each other."""
+    shifts: dict[str, float] = {}
+    top = -np.inf
+    for name in sorted(heights, key=lambda n: sum(heights[n])):
+        low, high = heights[name]
+        shifts[name] = 0.0 if top == -np.inf else max(0.0, top + gap - low)
+        top = high + shifts[name]
+    return shifts
+
+
+def assembly_figure(
+    assembly: Assembly,
+    path: str | Path,
+    *,
+    explode: float = 0.08,
+    lift: Mapping[str, float] | None = None,
+    title: str | None = None,
+    renderer: str = "auto",
+) -> Path:
+    """The parts, their meshes, and their faces coloured by the kind of their interface.
+
+    Parameters
+    ----------
+    assembly
+        With interfaces that name faces and kinds.
+    path
+        PNG file to write.
+    explode
+        Gap between the parts, which are lifted apart along z, as a fraction of the height of the
+        assembly; 0 leaves them in place.
+    lift
+        Part -> shift along z, instead of `explode`; parts that are not named stay in place.
+    title
+        Above the figure.
+    renderer
+        ``"vtk"``, ``"matplotlib"`` or ``"auto"``: VTK where it works.
+
+    Raises
+    ------
+    RenderError
+        ``renderer="vtk"`` and VTK is missing or has no display.
+    """
+    kind_of = {c.face1: c.kind for c in assembly.interfaces}
+    kind_of |= {c.face2: c.kind for c in assembly.interfaces if c.face2}
+    if next(iter(assembly.parts.values())).mesh.geometry.dim == 2:
+        return _plane_assembly(assembly, kind_of, path, title)
+    bounds = {
+        name: (float(p.mesh.geometry.x[:, 2].min()), float(p.mesh.geometry.x[:, 2].max()))
+        for name, p in assembly.parts.items()
+    }
+    height = max(b for _, b in bounds.values()) - min(a for a, _ in bounds.values())
+    shifts = dict.fromkeys(bounds, 0.0)
+    if lift is not None:
+        if not set(lift) <= set(bounds):
+            raise ValueError(f"lift names parts that are not there: {sorted(set(lift) - set(bounds))}")
+        shifts |= lift
+    elif explode:
+        shifts = _stacked(bounds, explode * height)
+    solids = []
+    for name, part in assembly.parts.items():
+        tags = {int(f): int(t) for f, t in zip(part.facet_tags.indices, part.facet_tags.values)}
+        skin, facets = skin_of(part.mesh, tags)
+        colour = {t: rgb(_face_colour(kind_of, f"{name}:{face}")) for face, t in part.names.items()}
+        by_patch = np.stack([colour[tags[int(f)]] for f in facets])
+        solids.append(skin.solid(skin.points + [0.0, 0.0, shifts[name]], by_patch[skin.patch]))
+    figure = sheet(7.5, 6.5)
+    axes = figure.subplots(1, 2)
+    if title:
+        figure.suptitle(title)
+    draw_solid(figure, axes, joined(solids), [(-0.45, -1.0, 0.45), (-0.7, 0.8, -0.4)], renderer)
+    for axis, label in zip(axes, ("from above", "other side, from below")):
+        axis.set_title(label, fontsize=10)
+    _kind_legend(figure, assembly, kind_of)
+    return save(figure, path)
+
+
+def _face_colour(kind_of: Mapping[str, str], face: str) -> str:
+    return KIND_COLOURS.get(kind_of.get(face, "free"), "#888888")
+
+
+def _kind_legend(figure: Any, assembly: Assembly, kind_of: Mapping[str, str]) -> None:
+    from matplotlib.patches import Patch
+
+    kinds = {kind_of.get(f"{n}:{face}", "free") for n, part in assembly.parts.items() for face in part.names}
+    handles = [
+        Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=kind)
+        for kind, colour in KIND_COLOURS.items()
+        if kind in kinds
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncol=len(handles), frameon=False)
+
+
+def _plane_assembly(
+    assembly: Assembly, kind_of: Mapping[str, str], path: str | Path, title: str | None
+) -> Path:
+    from matplotlib.collections import LineCollection
+
+    figure = sheet(6.5, 6.0)
+    axis = figure.add_subplot()
+    for name, part in assembly.parts.items():
+        skin, _ = skin_of(part.mesh)
+        flat = skin.points[:, :2]
+        axis.tripcolor(flat[:, 0], flat[:, 1], skin.triangles, np.zeros(len(flat)), cmap="Greys")
+        axis.add_collection(LineCollection(list(flat[skin.segments]), colors="#999999", lw=0.4))
+        part.mesh.topology.create_connectivity(1, 0)
+        for face in part.names:
+            colour = _face_colour(kind_of, f"{name}:{face}")
+            vertices = [part.mesh.topology.connectivity(1, 0).links(f) for f in part.facets(face)]
+            ends = part.mesh.geometry.x[vertex_nodes(part)[np.asarray(vertices)], :2]
+            axis.add_collection(LineCollection(list(ends), colors="black", lw=3.6))
+            axis.add_collection(LineCollection(list(ends), colors=colour, lw=2.4))
+    plane_axes(axis)
+    if title:
+        axis.set_title(title)
+    _kind_legend(figure, assembly, kind_of)
+    return save(figure, path)
+
+
+def deformed_figure(
+    displacements: Mapping[str, fem.Function] | Sequence[fem.Function],
+    path: str | Path,
+    *,
+    scale: float | None = None,
+    label: str = "|u| (mm)",
+    quantity: Callable[[Array], Array] | None = None,
+    view: Sequence[float] = (-0.45, -1.0, 0.45),
+    lift: Mapping[str, float] | None = None,
+    title: str | None = None,
+    renderer: str = "auto",
+) -> Path:
+    """The deformed assembly, coloured by a function of the displacement.
+
+    Parameters
+    ----------
+    displacements
+        One vector-valued Lagrange function per part.
+    path
+        PNG file to write.
+    scale
+        Magnification of the displacements; chosen if not given so that the largest is 6 % of the
+        size of the assembly.
+    label
+        Of the colour bar, with the unit.
+    quantity
+        Maps displacements (points, d) to the values shown (points,); the magnitude if not given.
+    view
+        Direction towards the viewer, for solids.
+    lift
+        Part -> shift along the last axis before it is drawn: parts on elastic interfaces overlap
+        where magnified displacements close them. Needs displacements by name.
+    title, renderer
+        As in :func:`assembly_figure`.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    given = displacements.values() if isinstance(displacements, Mapping) else displacements
+    functions = list(given)
+    names = list(displacements) if isinstance(displacements, Mapping) else [""] * len(functions)
+    if lift is not None and not set(lift) <= set(names):
+        raise ValueError(f"lift names parts that are not drawn: {sorted(set(lift) - set(names))}")
+    skins = [skin_of(u.function_space.mesh, None, u)[0] for u in functions]
+    values = [s.values for s in skins if s.values is not None]
+    moved = np.concatenate([np.linalg.norm(v, axis=1) for v in values])
+    everything = np.concatenate([s.points for s in skins])
+    size = float(np.ptp(everything, axis=0).max())
+    if scale is None:
+        scale = round_down(0.06 * size / float(moved.max())) if moved.max() > 0 else 1.0
+    shown = quantity or (lambda v: np.asarray(np.linalg.norm(v, axis=1)))
+    colour_of = [np.asarray(shown(v), dtype=float) for v in values]
+    norm = Normalize(min(c.min() for c in colour_of), max(c.max() for c in colour_of))
+    colours = colormaps["viridis"]
+    heading = f"{title + ', ' if title else ''}displacements × {scale:g}"
+    figure = sheet(6.5, 5.0)
+    axis = figure.add_subplot()
+    axis.set_title(heading, fontsize=11)
+    solids = []
+    for name, skin, u, field in zip(names, skins, values, colour_of):
+        points = skin.points.copy()
+        points[:, : u.shape[1]] += scale * u
+        points[:, u.shape[1] - 1] += (lift or {}).get(name, 0.0)
+        if functions[0].function_space.mesh.geometry.dim == 2:
+            axis.tripcolor(
+                points[:, 0], points[:, 1], skin.triangles, field, norm=norm, shading="gouraud"
+            )
+            outline(axis, skin, points)
+        else:
+            solids.append(skin.solid(points, colours(norm(field))[:, :3]))
+    if solids:
+        draw_solid(figure, [axis], joined(solids), [view], renderer)
+    figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
+    return save(figure, path)

@@ -1,0 +1,63 @@
+"""Sheets, colours and lines of flat figures."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array
+
+
+LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
+
+DASHES = ("-", "--", "-.", ":")
+
+_DPI = 150
+
+
+def sheet(width: float, height: float) -> Any:
+    """A figure that belongs to nobody: no window, no global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Any, path: str | Path) -> Path:
+    from PIL import Image
+
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
+    # a palette makes the file three times smaller
+    picture = Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    picture.save(target, format="png", optimize=True, dpi=(_DPI, _DPI))
+    return target
+
+
+def rgb(colour: str) -> Array:
+    from matplotlib.colors import to_rgb
+
+    return np.asarray(to_rgb(colour))
+
+
+def plane_axes(axis: Any) -> None:
+    axis.set_aspect("equal")
+    axis.set_xlabel("x")
+    axis.set_ylabel("y")
+
+
+def round_down(value: float) -> float:
+    """The next lower number of the form 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(m for m in (1, 2, 5) if m * power <= value * (1 + 1e-12)) * power)
+
+
+def colours_of(count: int) -> list[str]:
+    return [LINES[i % len(LINES)] for i in range(count)]

@@ -1,0 +1,275 @@
+"""Fields of interfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.figures.assemblies import KIND_COLOURS
+from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
+from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
+
+if TYPE_CHECKING:
+    from dolfinx import fem
+    from dolfinx_frontend.results.result import Result
+    from dolfinx_frontend.solvers.sampling import SampleResult
+
+__all__ = ["interface_figure", "interface_map"]
+
+
+def interface_figure(
+    result: Result | SampleResult,
+    interface: str,
+    path: str | Path,
+    *,
+    quantity: str = "pressure",
+    label: str | None = None,
+    step: int = -1,
+    scale: float | None = None,
+    hide: Sequence[str] | None = None,
+    view: Sequence[float] | None = None,
+    title: str | None = None,
+    renderer: str = "auto",
+) -> Path:
+    """The deformed assembly with what acts on an interface, facet by facet, on its first side.
+
+    Parameters
+    ----------
+    result
+        Of a solve or a sampling (with ``keep_states=True``): of a random answer the mean displacement.
+    interface
+        Its name.
+    path
+        PNG file to write.
+    quantity
+        A field of :func:`dolfinx_frontend.io.fields.write_interfaces`: ``"pressure"``, ``"gap"``,
+        ``"pressure std"``, ``"slip probability"``, ...; of vectors the size is drawn.
+    label
+        Of the colour bar, with the unit; None: the quantity.
+    step
+        Of a load history.
+    scale
+        Magnification of the displacements; chosen if not given so that the largest is 3 % of the size of the
+        parts that are drawn.
+    hide
+        Parts that are not drawn; None: in 3D those that would cover it, side 2 and what lies beyond.
+    view
+        Direction towards the viewer, for solids; None: obliquely onto the interface.
+    title, renderer
+        As in :func:`assembly_figure`.
+
+    Raises
+    ------
+    SceneError
+        An interface, quantity or part to hide that there is not.
+    RenderError
+        ``renderer="vtk"`` and VTK is missing or has no display.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    from dolfinx_frontend.common.errors import unknown_name
+    from dolfinx_frontend.io.facets import facet_fields
+
+    numbers, found = facet_fields(result, interface, step)
+    if quantity not in found:
+        raise unknown_name("quantity", quantity, found, f"interface {interface!r}")
+    values = found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
+    problem = result.problem
+    described = problem.interfaces[interface]
+    side = described.sides[0]
+    normal = np.zeros(3)
+    normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
+    own = problem.substructures[side.substructure]
+    for name in hide or ():
+        if name not in problem.substructures:
+            raise unknown_name("part", name, problem.substructures, "hide")
+    if hide is None and own.dim == 2:
+        hide = ()  # nothing covers anything
+    elif hide is None:
+        # of a part beyond the face nothing is behind it
+        plane = float(normal[: own.dim] @ described.points.mean(axis=0))
+        beyond = {
+            name: float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane
+            for name, s in problem.substructures.items()
+        }
+        hide = [name for name in problem.substructures if beyond[name] and name != own.name]
+    names = [name for name in problem.substructures if name not in hide or name == own.name]
+    functions = {name: _displaced(result, name, step) for name in names}
+    skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
+    everything = np.concatenate([skin.points for skin, _ in skins.values()])
+    moves = [np.abs(skin.values).max() for skin, _ in skins.values() if skin.values is not None]
+    size, most = float(np.ptp(everything, axis=0).max()), float(max(moves))
+    if scale is None:
+        scale = round_down(0.03 * size / most) if most > 0.0 else 1.0
+    low, high = float(values.min()), float(values.max())
+    norm = Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-6)
+    colours = colormaps["viridis"]
+    figure = sheet(6.5, 5.0)
+    axis = figure.add_subplot()
+    axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
+    solids = []
+    for name, (skin, facets) in skins.items():
+        points = skin.points.copy()
+        if skin.values is not None:
+            points[:, : skin.values.shape[1]] += scale * skin.values
+        if described.dim == 2:
+            flat = np.ones(len(points))
+            axis.tripcolor(*points[:, :2].T, skin.triangles, flat, cmap="Greys", vmin=0.0, vmax=5.0)
+            outline(axis, skin, points)
+            continue
+        tint = np.tile(rgb(KIND_COLOURS["free"]), (len(facets), 1)) * 0.5 + 0.5
+        if name == own.name:
+            _, mine, at = np.intersect1d(facets, numbers, return_indices=True)
+            tint[mine] = colours(norm(values[at]))[:, :3]
+        solids.append(skin.solid(points, tint[skin.patch]))
+    if solids:
+        draw_solid(figure, [axis], joined(solids), [_onto(normal) if view is None else view], renderer)
+    else:
+        _facet_lines(axis, own, side.face, numbers, values, functions[own.name], scale, norm, colours)
+    figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
+    return save(figure, path)
+
+
+def _displaced(result: Any, name: str, step: int) -> Any:
+    """Displacement of a part, of a random answer its mean."""
+    if hasattr(result, "mean"):
+        return result.mean(name, step)
+    if result.plan.times is not None:
+        return result.displacement(name, step)
+    return result.displacement(name)
+
+
+def _onto(normal: Array) -> list[float]:
+    """A direction from which a face with this normal is seen obliquely, never along the vertical."""
+    aside = np.array([-0.45, -1.0, 0.45])
+    aside = aside / np.linalg.norm(aside)
+    return [float(x) for x in normal + (0.8 if normal @ aside > -0.3 else -0.8) * aside]
+
+
+def _facet_lines(
+    axis: Any,
+    part: Any,
+    face: str,
+    numbers: Ints,
+    values: Array,
+    displacement: fem.Function,
+    scale: float,
+    norm: Any,
+    colours: Any,
+) -> None:
+    """Facets of a face in the plane, displaced and coloured."""
+    from matplotlib.collections import LineCollection
+
+    from dolfinx_frontend.assembly.facet_map import FacetMap
+
+    facets = FacetMap(part.part, face, part.name)
+    row = np.searchsorted(np.sort(part.part.facet_tags.find(part.part.names[face])), numbers)
+    along = np.linspace(0.0, 1.0, 5)[:, None]
+    index, s = np.repeat(row, len(along)), np.tile(along, (len(row), 1))
+    x, _ = facets.push_forward(index, s)
+    nodal = displacement.x.array.reshape(-1, part.dim)
+    u = facets.trace(part.space, index, s, len(nodal)) @ nodal
+    lines = (x + scale * u).reshape(len(row), len(along), 2)
+    axis.add_collection(LineCollection(list(lines), colors=colours(norm(values)), lw=5.0, capstyle="butt"))
+
+
+def interface_map(
+    points: npt.ArrayLike,
+    values: npt.ArrayLike,
+    path: str | Path,
+    label: str,
+    *,
+    mirror: float | None = None,
+    axes_labels: tuple[str, str] = ("x (mm)", "y (mm)"),
+    title: str | None = None,
+    extremes: bool = True,
+) -> Path:
+    """Colour map of a scalar field on a plane interface, seen from above.
+
+    Parameters
+    ----------
+    points
+        Interface points, (m, 2) or (m, 3); the first two coordinates are drawn.
+    values
+        The field at the points, (m,).
+    path
+        PNG file to write.
+    label
+        Of the colour bar, with the unit.
+    mirror
+        Opening in radians of the symmetric sector 0 <= theta <= mirror that the points lie in;
+        the whole circle is then drawn.
+    axes_labels, title
+        Texts.
+    extremes
+        Mark where the field is largest and smallest.
+    """
+    from matplotlib.ticker import MaxNLocator
+    from matplotlib.tri import Triangulation
+
+    x = np.asarray(points, dtype=float)[:, :2]
+    f = np.asarray(values, dtype=float).reshape(-1)
+    if f.size != len(x):
+        raise ValueError(f"{f.size} values for {len(x)} points")
+    places: Array = x
+    field: Array = f
+    if mirror is not None:
+        copies = round(np.pi / mirror)
+        if abs(copies * mirror - np.pi) > 1e-9:
+            raise ValueError(f"mirror = {mirror} must be pi divided by a whole number")
+        both = np.concatenate([x, x * [1.0, -1.0]])
+        turns = 2 * mirror * np.arange(copies)
+        places = np.concatenate(
+            [both @ np.array([[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]]) for t in turns]
+        )
+        # points on the symmetry planes come twice
+        spacing = 1e-9 * float(np.abs(x).max())
+        _, first = np.unique(np.round(places / spacing).astype(np.int64), axis=0, return_index=True)
+        places, field = places[first], np.tile(f, 2 * copies)[first]
+    mesh = Triangulation(*places.T)
+    corners = places[mesh.triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    # triangles across a bore or outside a curved border have edges far longer than their peers
+    mesh.set_mask(longest > 3.0 * np.median(longest))
+    figure = sheet(6.2, 5.0)
+    axis = figure.add_subplot()
+    lowest, highest = float(field.min()), float(field.max())
+    if highest - lowest <= 1e-12 * max(abs(highest), abs(lowest), 1e-300):
+        highest = lowest + max(abs(lowest), 1.0) * 1e-6
+    crosses = lowest < 0 < highest
+    limit = max(-lowest, highest)
+    ends = (-limit, limit) if crosses else (lowest, highest)
+    levels = MaxNLocator(30, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
+    filled = axis.tricontourf(mesh, field, levels=levels, cmap="RdBu_r" if crosses else "viridis")
+    if crosses:
+        axis.tricontour(mesh, field, levels=[0.0], colors="black", linewidths=1.2)
+    figure.colorbar(filled, ax=axis, label=label, shrink=0.9)
+    if extremes:
+        for which, marker, name in ((f.argmax(), "^", "max"), (f.argmin(), "v", "min")):
+            axis.plot(
+                *x[which],
+                marker,
+                color="white",
+                markeredgecolor="black",
+                markersize=8,
+                label=f"{name} {f[which]:.3g}".replace("-", "\N{MINUS SIGN}"),
+                linestyle="none",
+                clip_on=False,
+            )
+        if mirror is not None:  # inside the bore
+            axis.legend(loc="center", framealpha=0.9)
+        else:
+            figure.legend(loc="outside lower center", ncol=2, frameon=False)
+    axis.set_aspect("equal")
+    axis.set_xlabel(axes_labels[0])
+    axis.set_ylabel(axes_labels[1])
+    if title:
+        axis.set_title(title)
+    return save(figure, path)

@@ -1,0 +1,66 @@
+"""Meshes that need no mesh generator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.parts import Marker, Part, cell_type, check_divisions, check_positive, located
+
+__all__ = ["box"]
+
+
+def box(
+    lengths: Sequence[float],
+    divisions: Sequence[int],
+    origin: Sequence[float] | None = None,
+    cell: str | None = None,
+) -> Part:
+    """A block with faces ``x0``, ``x1``, ``y0``, ``y1`` and, in three dimensions, ``z0``, ``z1``.
+
+    Parameters
+    ----------
+    lengths
+        Two or three edge lengths.
+    divisions
+        Cells along each edge.
+    origin
+        The corner with the lowest coordinates; the origin if not given.
+    cell
+        ``"triangle"`` or ``"quadrilateral"``, ``"tetrahedron"`` or ``"hexahedron"``; the
+        quadrilateral and the hexahedron if not given.
+
+    Raises
+    ------
+    SceneError
+        A length that is not positive, a cell of another dimension, divisions that do not fit.
+    """
+    dim = len(lengths)
+    if dim not in (2, 3):
+        raise SceneError(f"lengths = {tuple(lengths)} must hold 2 or 3 edge lengths")
+    check_positive(**{f"lengths[{i}]": float(v) for i, v in enumerate(lengths)})
+    numbers = check_divisions(divisions, dim)
+    low = np.zeros(dim) if origin is None else np.asarray(origin, dtype=np.float64)
+    if low.shape != (dim,):
+        raise SceneError(f"origin = {origin} must have {dim} coordinates, like the lengths")
+    high = low + np.asarray(lengths, dtype=np.float64)
+    kind = cell_type(cell or ("quadrilateral", "hexahedron")[dim - 2], dim)
+    build = dmesh.create_rectangle if dim == 2 else dmesh.create_box
+    mesh = build(MPI.COMM_SELF, [low, high], numbers, cell_type=kind)
+
+    def plane(axis: int, value: float) -> Marker:
+        tolerance = 1e-3 * float(lengths[axis]) / numbers[axis]
+        return lambda x: np.abs(x[axis] - value) < tolerance
+
+    return located(
+        mesh,
+        {
+            f"{'xyz'[axis]}{end}": plane(axis, float((low, high)[end][axis]))
+            for axis in range(dim)
+            for end in (0, 1)
+        },
+    )

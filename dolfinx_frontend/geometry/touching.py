@@ -1,0 +1,408 @@
+"""Which faces of solids touch, or nearly do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.clipping import clip
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.solids import (
+    ROUNDING,
+    Loaded,
+    Solid,
+    Surface,
+    near_pairs,
+    nearest,
+    outward,
+    parameters_of,
+    tidy,
+)
+
+__all__ = ["Kind", "Touch", "touching"]
+
+Kind = Literal["touching", "near", "cut"]
+
+_OPPOSED = -0.5
+"""Two faces face each other where the product of their outward normals is below this."""
+
+_SLIVER = 1e-6
+"""Share of a face below which a pair of faces is not worth an interface."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Faces of two parts that touch or nearly do.
+
+    Attributes
+    ----------
+    name
+        ``"first|second"``; ``"first|second#2"`` for a second group of faces of the same two parts.
+    parts
+        The two parts; the normal points out of the first.
+    kind
+        ``"touching"``, ``"near"``, or ``"cut"`` for the two halves of a solid.
+    surfaces
+        Numbers of the faces of each.
+    area
+        Area on which they face each other.
+    gap, widest
+        Mean and largest distance there, length.
+    normal
+        Mean unit normal; zero if the face closes on itself.
+    shape
+        Kind of face, in words.
+    """
+
+    name: str
+    parts: tuple[str, str]
+    kind: Kind
+    surfaces: tuple[tuple[int, ...], tuple[int, ...]]
+    area: float
+    gap: float
+    widest: float
+    normal: Array = field(repr=False)
+    shape: str = ""
+
+
+def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float) -> list[Touch]:
+    """Groups of faces of two parts that touch, or come nearer than `gap`.
+
+    Raises
+    ------
+    SceneError
+        Several parts, and none touches another one.
+    """
+    model = gmsh.model
+    names = list(solids)
+    pairs: dict[tuple[str, str], list[Touch]] = {}
+    where: dict[int, list[Surface]] = {}
+    for solid in solids.values():
+        for surface in solid.surfaces:
+            where.setdefault(surface.tag, []).append(surface)
+    shared: dict[tuple[str, str], list[Surface]] = {}
+    for both in where.values():
+        if len(both) == 2:
+            shared.setdefault((both[0].part, both[1].part), []).append(both[0])
+    for (a, b), surfaces in shared.items():
+        kind: Kind = "cut" if (a, b) in loaded.halves else "touching"
+        for group in _groups(model, surfaces):
+            pairs.setdefault((a, b), []).append(_shared_touch(model, loaded, a, b, kind, group))
+    for touch in _near(gmsh, loaded, solids, where, gap):
+        key = touch.parts if touch.parts in pairs else touch.parts[::-1]
+        pairs.setdefault(key, []).append(touch)
+    if not pairs and len(solids) > 1:
+        raise SceneError(
+            f"no faces touch or come nearer than gap = {gap:.3g}; the nearest parts: "
+            f"{'; '.join(nearest(model, loaded, solids, names))}; raise gap, or mend the geometry"
+        )
+    out = []
+    for touches in pairs.values():
+        ordered = sorted(touches, key=lambda t: (t.kind == "near", -t.area))
+        for number, touch in enumerate(ordered, start=1):
+            name = f"{touch.name}#{number}" if number > 1 else touch.name
+            out.append(Touch(**{**vars(touch), "name": name}))
+    place = {name: i for i, name in enumerate(names)}
+    return sorted(out, key=lambda t: (place[t.parts[0]], place[t.parts[1]], t.name))
+
+
+class _Union:
+    """Disjoint sets."""
+
+    def __init__(self, keys: Iterable[Any]) -> None:
+        self._parent = {key: key for key in keys}
+
+    def find(self, key: Any) -> Any:
+        while self._parent[key] != key:
+            key = self._parent[key]
+        return key
+
+    def join(self, a: Any, b: Any) -> None:
+        self._parent[self.find(a)] = self.find(b)
+
+
+def _continue(model: Any, a: Surface, b: Surface, edges: Mapping[int, set[int]]) -> bool:
+    """Whether two faces of a part are one face to an engineer."""
+    if a.kind != b.kind:
+        return False
+    if a.kind == "plane":
+        size = math.sqrt(a.area + b.area)
+        offset = float(np.dot(a.centre - b.centre, a.normal))
+        return float(np.dot(a.normal, b.normal)) > 1.0 - 1e-9 and abs(offset) < 1e-6 * size
+    if a.kind == "cylinder" and abs((a.radius or 0.0) - (b.radius or 0.0)) > 1e-6 * (a.radius or 1.0):
+        return False
+    return bool(edges[a.tag] & edges[b.tag])
+
+
+def _groups(model: Any, surfaces: Sequence[Surface]) -> list[list[Surface]]:
+    """Faces of one part, grouped into those that continue each other."""
+    edges = {
+        s.tag: {abs(t) for _, t in model.getBoundary([(2, s.tag)], oriented=False)} for s in surfaces
+    }
+    union = _Union(s.tag for s in surfaces)
+    for i, a in enumerate(surfaces):
+        for b in surfaces[i + 1 :]:
+            if _continue(model, a, b, edges):
+                union.join(a.tag, b.tag)
+    found: dict[int, list[Surface]] = {}
+    for s in surfaces:
+        found.setdefault(union.find(s.tag), []).append(s)
+    return list(found.values())
+
+
+def _shared_touch(
+    model: Any, loaded: Loaded, a: str, b: str, kind: Kind, group: Sequence[Surface]
+) -> Touch:
+    area = sum(s.area for s in group)
+    mean = np.asarray(sum(s.area * s.normal for s in group)) / area
+    length = float(np.linalg.norm(mean))
+    normal = tidy(mean) if length > 0.1 else np.zeros(3)
+    tags = tuple(s.tag for s in group)
+    return Touch(f"{a}|{b}", (a, b), kind, (tags, tags), area, 0.0, 0.0, normal, group[0].shape)
+
+
+@dataclass(frozen=True)
+class _Facing:
+    """What two faces have in common."""
+
+    area: float
+    gap: float
+    widest: float
+    normal: Array
+
+
+def _near(
+    gmsh: Any,
+    loaded: Loaded,
+    solids: Mapping[str, Solid],
+    where: Mapping[int, Sequence[Surface]],
+    gap: float,
+) -> list[Touch]:
+    """Pairs of parts with faces that are not the same, but nearer than `gap`."""
+    model = gmsh.model
+    listed = list(solids.values())
+    candidates: dict[tuple[str, str], list[tuple[Surface, Surface]]] = {}
+    for i, j in near_pairs([(s.low, s.high) for s in listed], gap):
+        a, b = listed[i], listed[j]
+        # faces that a third part has already been found on are taken
+        own = [s for s in a.surfaces if len(where[s.tag]) == 1]
+        other = [s for s in b.surfaces if len(where[s.tag]) == 1]
+        boxes = [(s.low, s.high) for s in own + other]
+        for k, m in near_pairs(boxes, gap) if own and other else ():
+            if k < len(own) <= m:
+                first, second = own[k], other[m - len(own)]
+                if not _may_face(first, second, gap):
+                    continue
+                if model.occ.getDistance(2, first.tag, 2, second.tag)[0] > gap + ROUNDING * first.area**0.5:
+                    continue
+                candidates.setdefault((a.name, b.name), []).append((first, second))
+    if not candidates:
+        return []
+    tags = sorted({s.tag for pairs in candidates.values() for pair in pairs for s in pair})
+    triangles = _triangulate(gmsh, solids, tags)
+    found = []
+    for names, pairs in candidates.items():
+        facing = {}
+        for first, second in pairs:
+            each = _facing(model, loaded, first, second, triangles, gap)
+            if each is not None:
+                facing[first.tag, second.tag] = each
+        found += _near_touches(
+            model,
+            solids,
+            names,
+            facing,
+            lambda first, second: _facing(model, loaded, first, second, triangles, gap),
+        )
+    return found
+
+
+def _may_face(first: Surface, second: Surface, gap: float) -> bool:
+    """False if two faces cannot face each other nearer than the gap: a cheap test of planes and cylinders."""
+    kinds = (first.kind, second.kind)
+    small = 1e-9 * (1.0 + float(np.abs(first.centre).max()))
+    if kinds == ("plane", "plane"):
+        opposed = float(first.normal @ second.normal) < _OPPOSED
+        return opposed and _within(first, second, gap)
+    if kinds == ("cylinder", "cylinder"):
+        assert first.radius is not None and second.radius is not None
+        if np.linalg.norm(np.cross(first.axis, second.axis)) > 1e-9:
+            return True
+        offset = second.centre - first.centre
+        # centres of whole cylinders are on the axis, those of sectors are not
+        apart = float(np.linalg.norm(offset - (offset @ first.axis) * first.axis))
+        if apart > 1e-6 * first.radius:
+            return True
+        return abs(first.radius - second.radius) <= gap + small
+    if set(kinds) == {"plane", "cylinder"}:
+        plane, round_ = (first, second) if first.kind == "plane" else (second, first)
+        along = float(plane.normal @ round_.axis)
+        # normals of a cylinder are across its axis
+        return math.sqrt(max(0.0, 1.0 - along**2)) > -_OPPOSED and _within(plane, round_, gap)
+    return True
+
+
+def _within(first: Surface, second: Surface, gap: float) -> bool:
+    """Whether some corner of the box of a plane face is within the gap of the plane of the other."""
+    corners = np.array(np.meshgrid(*zip(second.low, second.high, strict=True))).reshape(3, -1).T
+    distance = (corners - first.centre) @ first.normal
+    return bool(distance.min() <= 1.1 * gap + 1e-9 and distance.max() >= -1.1 * gap - 1e-9)
+
+
+def _triangulate(gmsh: Any, solids: Mapping[str, Solid], tags: Sequence[int]) -> dict[int, Array]:
+    """Face -> triangles (k, 3, 3), fine enough for areas."""
+    model = gmsh.model
+    low = np.min([s.low for s in solids.values()], axis=0)
+    high = np.max([s.high for s in solids.values()], axis=0)
+    options = {
+        "Mesh.MeshOnlyVisible": 1.0,
+        "Mesh.MeshSizeFromCurvature": 32.0,
+        "Mesh.MeshSizeMax": float(np.linalg.norm(high - low)) / 30.0,
+    }
+    before = {key: gmsh.option.getNumber(key) for key in options}
+    try:
+        for key, value in options.items():
+            gmsh.option.setNumber(key, value)
+        model.setVisibility(model.getEntities(), 0)
+        model.setVisibility([(2, tag) for tag in tags], 1, recursive=True)
+        model.mesh.generate(2)
+        out = {}
+        for tag in tags:
+            nodes, x, _ = model.mesh.getNodes(2, tag, True, False)
+            row = dict(zip(nodes.tolist(), range(len(nodes)), strict=True))
+            _, corners = model.mesh.getElementsByType(2, tag)
+            at = np.array([row[t] for t in corners.tolist()], dtype=int)
+            out[tag] = x.reshape(-1, 3)[at].reshape(-1, 3, 3)
+    finally:
+        model.mesh.clear()
+        model.setVisibility(model.getEntities(), 1)
+        for key, value in before.items():
+            gmsh.option.setNumber(key, value)
+    return out
+
+
+def _facing(
+    model: Any,
+    loaded: Loaded,
+    first: Surface,
+    second: Surface,
+    triangles: Mapping[int, Array],
+    gap: float,
+) -> _Facing | None:
+    """Common area and distance of two faces; None if they have none."""
+    one, two = triangles[first.tag], triangles[second.tag]
+    if not len(one) or not len(two):
+        return None
+    c1, c2 = one.mean(axis=1), two.mean(axis=1)
+    r1, r2 = (
+        np.linalg.norm(t - c[:, None], axis=2).max(axis=1) for t, c in ((one, c1), (two, c2))
+    )
+    near = cKDTree(c2).query_ball_point(c1, r1 + r2.max() + gap)
+    i = np.repeat(np.arange(len(one)), [len(n) for n in near])
+    if not i.size:
+        return None
+    j = np.concatenate([np.asarray(n, dtype=np.int64) for n in near if len(n)])
+    cross = np.cross(one[i, 1] - one[i, 0], one[i, 2] - one[i, 0])
+    plane = cross / np.linalg.norm(cross, axis=1)[:, None]
+    e1 = one[i, 1] - one[i, 0]
+    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    e2 = np.cross(plane, e1)
+    axes = np.stack([e1, e2], axis=1)
+    origin = one[i, 0][:, None]
+    window, subject = (np.einsum("kab,kvb->kva", axes, t - origin) for t in (one[i], two[j]))
+    common = clip(subject, window)
+    ahead = np.roll(common, -1, axis=1)
+    parts = common[..., 0] * ahead[..., 1] - common[..., 1] * ahead[..., 0]
+    area = 0.5 * parts.sum(axis=1)
+    keep = np.abs(area) > 1e-12 * first.area
+    if not keep.any():
+        return None
+    flat = ((common + ahead) * parts[..., None]).sum(axis=1)[keep] / (6.0 * area[keep])[:, None]
+    x = one[i[keep], 0] + np.einsum("kab,ka->kb", axes[keep], flat)
+    size = np.abs(area[keep]) * first.area / np.linalg.norm(
+        np.cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0]), axis=1
+    ).sum() * 2.0
+    x1, n1 = _on(model, loaded, first, x)
+    x2, n2 = _on(model, loaded, second, x1)
+    offset = x2 - x1
+    distance = np.einsum("ki,ki->k", offset, n1)
+    good = (np.einsum("ki,ki->k", n1, n2) < _OPPOSED) & (np.linalg.norm(offset, axis=1) <= gap)
+    if size[good].sum() <= _SLIVER * min(first.area, second.area):
+        return None
+    weights = size[good]
+    mean = (weights[:, None] * n1[good]).sum(axis=0) / weights.sum()
+    return _Facing(
+        float(weights.sum()),
+        float(weights @ distance[good] / weights.sum()),
+        float(np.abs(distance[good]).max()),
+        mean,
+    )
+
+
+def _on(model: Any, loaded: Loaded, surface: Surface, x: Array) -> tuple[Array, Array]:
+    """Closest points (k, 3) of a face and the normals out of its part there."""
+    closest, _ = model.getClosestPoint(2, surface.tag, x.ravel().tolist())
+    # the parameters that come with the points are zero in gmsh 4.13
+    at = model.getParametrization(2, surface.tag, closest)
+    normals = np.asarray(model.getNormal(surface.tag, at)).reshape(-1, 3)
+    volumes = loaded.volumes[surface.part]
+    sign = outward(model, volumes, surface.tag, parameters_of(model, surface.tag))
+    return np.asarray(closest).reshape(-1, 3), sign * normals
+
+
+def _near_touches(
+    model: Any,
+    solids: Mapping[str, Solid],
+    names: tuple[str, str],
+    facing: Mapping[tuple[int, int], _Facing],
+    measure: Callable[[Surface, Surface], _Facing | None],
+) -> list[Touch]:
+    """Face pairs of two parts, grouped; `measure` says what a face has in common with another one."""
+    if not facing:
+        return []
+    by_tag = [{s.tag: s for s in solids[name].surfaces} for name in names]
+    sides = [[by_tag[k][t] for t in dict.fromkeys(pair[k] for pair in facing)] for k in (0, 1)]
+    union = _Union([(k, s.tag) for k in (0, 1) for s in sides[k]])
+    for k in (0, 1):
+        for group in _groups(model, sides[k]):
+            for s in group[1:]:
+                union.join((k, group[0].tag), (k, s.tag))
+    for one, two in facing:
+        union.join((0, one), (1, two))
+    groups: dict[Any, list[tuple[int, int]]] = {}
+    for pair in facing:
+        groups.setdefault(union.find((0, pair[0])), []).append(pair)
+    out = []
+    for pairs in groups.values():
+        tags = [tuple(dict.fromkeys(p[k] for p in pairs)) for k in (0, 1)]
+        # the first side is the one that the other covers better
+        own = [sum(by_tag[k][t].area for t in tags[k]) for k in (0, 1)]
+        order = (0, 1) if own[0] <= own[1] * (1.0 + 1e-9) else (1, 0)
+        each = [facing[p] for p in pairs]
+        if order == (1, 0):
+            turned = (measure(by_tag[1][two], by_tag[0][one]) for one, two in pairs)
+            each = [f for f in turned if f is not None]
+        area = sum(f.area for f in each)
+        mean = np.asarray(sum(f.area * f.normal for f in each)) / area
+        normal = tidy(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)
+        parts = (names[order[0]], names[order[1]])
+        out.append(
+            Touch(
+                f"{parts[0]}|{parts[1]}",
+                parts,
+                "near",
+                (tags[order[0]], tags[order[1]]),
+                area,
+                sum(f.area * f.gap for f in each) / area,
+                max(f.widest for f in each),
+                normal,
+                by_tag[order[0]][tags[order[0]][0]].shape,
+            )
+        )
+    return out

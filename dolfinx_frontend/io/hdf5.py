@@ -1,0 +1,167 @@
+"""Trees of values in HDF5 files, sealed by a checksum, and files that are replaced in one step."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+from urllib.parse import unquote
+
+import numpy as np
+
+__all__ = ["ChaosFileError"]
+
+Tree: TypeAlias = dict[str, Any]
+
+# what a damaged file may raise while it is read, whatever is damaged
+DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+
+_USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
+
+
+class ChaosFileError(ValueError):
+    """A file that is no chaos file, is damaged or of another version, or cannot be written."""
+
+
+def h5py_module() -> Any:
+    try:
+        return importlib.import_module("h5py")
+    except ImportError as error:
+        raise ChaosFileError(
+            "HDF5 files need h5py, which is not installed: install it, or use a .json file"
+        ) from error
+
+
+def _key(name: str) -> str:
+    """A name as a link of HDF5, which knows no slash and no "."; :func:`unquote` is the inverse."""
+    name = name.replace("%", "%25").replace("/", "%2F")
+    return name.replace(".", "%2E") if name.strip(".") == "" else name
+
+
+def _digest(path: Path, form: str) -> bytes:
+    """What the user block of an HDF5 file says: the SHA-256 of everything after it."""
+    with path.open("rb") as file:
+        file.seek(_USER_BLOCK)
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    return f"{form} sha256 {found}\n".encode()
+
+
+def seal(path: Path, form: str) -> None:
+    line = _digest(path, form)
+    with path.open("r+b") as file:
+        file.write(line)
+
+
+def _check_seal(path: Path, form: str) -> None:
+    """Before the HDF5 library sees the file: on some damaged ones it never returns."""
+    wanted = _digest(path, form)
+    with path.open("rb") as file:
+        found = file.read(len(wanted))
+    if found != wanted:
+        raise ValueError("its first line is not the checksum of the rest")
+
+
+def write_tree(path: Path, head: Tree, tree: Tree) -> None:
+    """Write nested dicts, sealed: texts and integers as attributes, arrays and lists of texts as datasets.
+
+    Parameters
+    ----------
+    head
+        The attributes of the file; ``format`` names its kind.
+    """
+    h5py = h5py_module()
+
+    def put(group: Any, node: Tree) -> None:
+        for key, value in node.items():
+            if isinstance(value, dict):
+                put(group.create_group(_key(key), track_order=True), value)
+            elif isinstance(value, np.ndarray):
+                group.create_dataset(_key(key), data=value)
+            elif isinstance(value, list):
+                group.create_dataset(_key(key), data=value, dtype=h5py.string_dtype())
+            else:
+                group.attrs[key] = value
+
+    # the layout of HDF5 1.8 has room for long attributes
+    layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
+    with h5py.File(path, "w", track_order=True, **layout) as file:
+        file.attrs.update(head)
+        put(file, tree)
+    seal(path, head["format"])
+
+
+def read_tree(path: Path, form: str) -> Tree:
+    """What :func:`write_tree` wrote.
+
+    Raises
+    ------
+    ValueError
+        The file is of another kind, was damaged, or holds what does not belong there.
+    """
+    h5py = h5py_module()
+    plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
+
+    def text(value: Any) -> Any:
+        return value.decode() if isinstance(value, bytes) else value
+
+    def get(group: Any, depth: int = 0) -> Tree:
+        node: Tree = {key: text(value) for key, value in group.attrs.items()}
+        for key in group:
+            name = unquote(key)
+            if depth > 3 or not isinstance(group.get(key, getlink=True), h5py.HardLink):
+                raise ValueError(f"a link that does not belong there: {key!r}")
+            child = group[key]
+            if isinstance(child, h5py.Group):
+                node[name] = get(child, depth + 1)
+            elif child.id.get_create_plist().get_layout() not in plain or child.external:
+                raise ValueError(f"{key!r} is not stored in one piece in this file")
+            elif child.nbytes > path.stat().st_size:
+                raise ValueError(f"{key!r} is larger than the file")
+            elif h5py.check_string_dtype(child.dtype) is not None:
+                node[name] = child.asstr()[()].tolist()
+            else:
+                node[name] = child[()]
+        return node
+
+    _check_seal(path, form)
+    with h5py.File(path, "r") as file:
+        return get(file)
+
+
+@contextmanager
+def replaced(target: Path) -> Iterator[Path]:
+    """A new file beside the target, which takes its place when the context ends without an error.
+
+    All or nothing: an existing file stays until the new one is complete on the disk.
+
+    Raises
+    ------
+    ChaosFileError
+        It cannot be written.
+    """
+    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise ChaosFileError(
+            f"{target} cannot be written ({error}): choose a folder that exists, is writable and has room"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,158 @@
+"""What a scene consists of: parts, faces and interfaces as they are written."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, cast
+
+from dolfinx import mesh as dmesh
+
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.scene.amplitudes import Varying
+from dolfinx_frontend.scene.laws import Law, Parameter, is_plain
+from dolfinx_frontend.scene.materials import Material
+
+__all__ = ["CELLS", "Face", "InterfaceSpec", "Overlap", "PartLike", "Space", "SubstructureSpec", "check_face"]
+
+Overlap = Literal["full", "partial"]
+"""Whether the second face covers the first one."""
+
+Space = Literal["points", "facets"]
+"""Where the law of an interface holds."""
+
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+"""Cells that a part may have."""
+
+
+class PartLike(Protocol):
+    """One mesh with named faces (geometry.Part, or anything alike)."""
+
+    @property
+    def mesh(self) -> dmesh.Mesh:
+        """Cells of this part only, on one process."""
+
+    @property
+    def facet_tags(self) -> Any:
+        """Tags of the exterior facets (dolfinx MeshTags)."""
+
+    @property
+    def names(self) -> dict[str, int]:
+        """Face name -> tag."""
+
+
+@dataclass(frozen=True)
+class SubstructureSpec:
+    """A part with its material; see :meth:`Scene.substructure`."""
+
+    name: str
+    source: PartLike | Callable[[], PartLike]
+    material: Material | Callable[[Any, Any], Any]
+    degree: int
+    body_force: Any
+    rank: int | None = None
+
+    @property
+    def lazy(self) -> bool:
+        """Whether the part is still to be made."""
+        return callable(self.source)
+
+    @property
+    def part(self) -> PartLike:
+        """The part, once it is made."""
+        assert not self.lazy
+        return cast(PartLike, self.source)
+
+    @property
+    def dim(self) -> int:
+        """Space dimension."""
+        return int(self.part.mesh.geometry.dim)
+
+    @property
+    def cell(self) -> str:
+        """Cell name."""
+        return str(self.part.mesh.topology.cell_name())
+
+    def made(self) -> SubstructureSpec:
+        """The same with its part made, and checked.
+
+        Raises
+        ------
+        SceneError
+            What is no part, or does not fit the material.
+        """
+        spec = replace(self, source=self.source()) if callable(self.source) else self
+        where, part = f"substructure {self.name!r}", spec.source
+        for attribute in ("mesh", "facet_tags", "names"):
+            if not hasattr(part, attribute):
+                raise SceneError(
+                    f"{where}: {type(part).__name__} is not a part (it has no {attribute!r}); pass "
+                    "one of the parts that a geometry function returns"
+                )
+        if spec.cell not in CELLS:
+            raise SceneError(
+                f"{where}: cells of type {spec.cell!r} are not supported; use {', '.join(CELLS)}"
+            )
+        if int(spec.part.mesh.topology.dim) != spec.dim:
+            raise SceneError(
+                f"{where}: {spec.cell} cells in {spec.dim} dimensions (a shell); use solid cells"
+            )
+        if spec.part.mesh.comm.size != 1:
+            raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        check = getattr(spec.material, "check", None)
+        if check is not None:
+            try:
+                check(spec.dim)
+            except SceneError as err:
+                raise SceneError(f"{where}: {err}") from None
+        locks = getattr(spec.material, "locks", None)
+        if spec.degree == 1 and locks is not None and locks(spec.dim):
+            warnings.warn(
+                f"{where}: nu = {getattr(spec.material, 'nu', None):g} with degree=1: linear elements lock "
+                "near nu = 1/2 (too stiff by any factor unless the stress is uniform); give degree=2",
+                SceneWarning,
+                stacklevel=3,
+            )
+        varies = isinstance(spec.body_force, Varying)
+        for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:
+            if isinstance(force, Parameter) and not is_plain(force):
+                raise SceneError(
+                    f"{where}: body_force = {force!r} is random; a part has no random values: give "
+                    "numbers, or a random pressure, traction or stiffness of a law"
+                )
+            if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
+                if not hasattr(force, "__len__") or len(force) != spec.dim:
+                    raise SceneError(f"{where}: body_force = {force!r}; give {spec.dim} numbers")
+        return spec
+
+
+@dataclass(frozen=True)
+class Face:
+    """A named face of a substructure, written ``"substructure:face"``."""
+
+    substructure: str
+    face: str
+
+    def __str__(self) -> str:
+        return f"{self.substructure}:{self.face}"
+
+
+@dataclass(frozen=True)
+class InterfaceSpec:
+    """One or two faces with a law; see :meth:`Scene.interface`."""
+
+    name: str
+    faces: tuple[Face, ...]
+    law: Law
+    quadrature_degree: int | None
+    max_distance: float | None
+    space: Space = "points"
+    overlap: Overlap = "full"
+
+
+def check_face(spec: SubstructureSpec, face: Face, where: str) -> None:
+    """Raise SceneError unless the part has the face."""
+    names = spec.part.names
+    if face.face not in names:
+        raise unknown_name("face", face.face, names, f"{where}, substructure {spec.name!r}")
