@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -212,3 +213,15 @@ def test_types_are_shipped() -> None:
     for package in (dolfinx_frontend, latin_core):
         assert Path(package.__file__ or "").with_name("py.typed").is_file(), package.__name__
     assert Path(latin_core.__file__).with_name("_core.pyi").is_file()
+
+
+def test_version_is_that_of_the_project() -> None:
+    with (DOCS.parent / "pyproject.toml").open("rb") as file:
+        version = tomllib.load(file)["project"]["version"]
+    assert latin_core.__version__ == dolfinx_frontend.__version__ == version
+
+
+def test_import_star_gives_the_public_names() -> None:
+    names: dict[str, object] = {}
+    exec("from dolfinx_frontend import *", names)
+    assert set(names) - {"__builtins__"} == set(dolfinx_frontend.__all__)

@@ -1,9 +1,10 @@
 """LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks.
 
 The package knows PETSc matrices and NumPy arrays, and nothing of how they were made:
-``dolfinx_frontend`` assembles scenes into them.
+``dolfinx_frontend`` assembles scenes into them. ``latin_core.__version__`` is the installed version.
 """
 
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,11 @@ from latin_core._core import (
 from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
+
+try:
+    __version__ = version("latin-core")
+except PackageNotFoundError:  # imported from a build folder that was never installed
+    __version__ = "unknown"
 
 _petsc: Any = PETSc  # its stubs know no members
 if not np.issubdtype(_petsc.ScalarType, np.floating):
