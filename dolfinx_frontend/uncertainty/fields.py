@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -236,6 +236,7 @@ class RandomField:
 
     name: str
     mean: float
+    _: KW_ONLY
     cov: float | None = None
     std: float | None = None
     covariance: str | Correlation = "exponential"

@@ -234,7 +234,7 @@ class _NormalParameter(_Affine):
         return self.to_germ(value)
 
 
-def Normal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> RandomParameter:
+def Normal(name: str, mean: float, *, cov: Any = None, std: Any = None) -> RandomParameter:
     """Normal (Gaussian) parameter, mean (1 + cov xi) as in the paper's equation 13.
 
     It takes negative values: as a stiffness it is only usable at orders for which cov is below the
@@ -271,11 +271,11 @@ def Normal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> Rando
 def TruncatedNormal(
     name: str,
     mean: float,
+    *,
     cov: Any = None,
+    std: Any = None,
     lower: Any = None,
     upper: Any = None,
-    *,
-    std: Any = None,
     within: Any = None,
 ) -> RandomParameter:
     """Normal law that is cut at bounds and scaled back to the probability 1.
@@ -351,7 +351,7 @@ class _LogNormalParameter(_Gaussian):
         return np.asarray(self.mean * np.exp(powers))
 
 
-def LogNormal(name: str, mean: float, cov: Any = None, *, std: Any = None) -> RandomParameter:
+def LogNormal(name: str, mean: float, *, cov: Any = None, std: Any = None) -> RandomParameter:
     """Lognormal parameter: the logarithm is normal.  Positive, chaos exact at any degree.
 
     ``mean`` > 0, ``cov`` and ``std`` are those of the parameter, not of its logarithm.
@@ -393,7 +393,7 @@ def Uniform(
     )
 
 
-def Gamma(name: str, mean: float, cov: Any = None, *, std: Any = None) -> RandomParameter:
+def Gamma(name: str, mean: float, *, cov: Any = None, std: Any = None) -> RandomParameter:
     """Gamma parameter on (0, inf) with ``mean`` > 0 and ``cov`` or ``std``; shape = 1 / cov^2."""
     m = checked_number("Gamma", name, "mean", mean, positive=True)
     s = deviation("Gamma", name, m, cov, std)

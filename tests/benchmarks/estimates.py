@@ -118,28 +118,28 @@ def lap(bolt: Any, name: str) -> Case:
 
 CASES: dict[str, Callable[[], Case]] = {
     "vessel, normal": lambda: vessel(
-        Normal("screw", 2.5e4, 0.1), Normal("joint", 100.0, 0.2), "vessel, normal"
+        Normal("screw", 2.5e4, cov=0.1), Normal("joint", 100.0, cov=0.2), "vessel, normal"
     ),
     "vessel, lognormal": lambda: vessel(
-        LogNormal("screw", 2.5e4, 0.2), LogNormal("joint", 100.0, 0.4), "vessel, lognormal"
+        LogNormal("screw", 2.5e4, cov=0.2), LogNormal("joint", 100.0, cov=0.4), "vessel, lognormal"
     ),
     "vessel, uniform": lambda: vessel(
-        Uniform("screw", mean=2.5e4, cov=0.1), Gamma("joint", 100.0, 0.3), "vessel, uniform and gamma"
+        Uniform("screw", mean=2.5e4, cov=0.1), Gamma("joint", 100.0, cov=0.3), "vessel, uniform and gamma"
     ),
     "blocks, field": lambda: blocks(0.3, 10.0, 0.7, "blocks, short field"),
-    "lap joint, bolts": lambda: lap(LogNormal("bolt", 2e5, 0.2), "lap joint, bolts lognormal"),
+    "lap joint, bolts": lambda: lap(LogNormal("bolt", 2e5, cov=0.2), "lap joint, bolts lognormal"),
     "blocks, long field": lambda: blocks(0.5, 60.0, 0.7, "blocks, long field"),
 }
 
 HELD_OUT: dict[str, Callable[[], Case]] = {
     "vessel, two lognormal": lambda: vessel(
-        LogNormal("screw", 2.5e4, 0.1), LogNormal("joint", 100.0, 0.25), "vessel, other lognormal"
+        LogNormal("screw", 2.5e4, cov=0.1), LogNormal("joint", 100.0, cov=0.25), "vessel, other lognormal"
     ),
     "vessel, gamma": lambda: vessel(
-        Gamma("screw", 2.5e4, 0.25), Uniform("joint", mean=100.0, cov=0.2), "vessel, gamma and uniform"
+        Gamma("screw", 2.5e4, cov=0.25), Uniform("joint", mean=100.0, cov=0.2), "vessel, gamma and uniform"
     ),
     "vessel, wide": lambda: vessel(
-        Normal("screw", 2.5e4, 0.15), Gamma("joint", 100.0, 0.45), "vessel, normal and wide gamma"
+        Normal("screw", 2.5e4, cov=0.15), Gamma("joint", 100.0, cov=0.45), "vessel, normal and wide gamma"
     ),
     "blocks, 15": lambda: blocks(0.4, 15.0, 0.7, "blocks, medium field"),
     "blocks, 40": lambda: blocks(0.2, 40.0, 0.7, "blocks, smooth field"),

@@ -134,7 +134,7 @@ def test_folder_instead_of_a_checkpoint(tmp_path: Path) -> None:
 # Chaos files
 # ---------------------------------------------------------------------------------------------
 def chaos(path: Path) -> ChaosFile:
-    space = RandomSpace([LogNormal("k", 100.0, 0.2), Uniform("K", 1.0, 2.0)])
+    space = RandomSpace([LogNormal("k", 100.0, cov=0.2), Uniform("K", 1.0, 2.0)])
     basis = space.basis(Chaos(order=3))
     save_chaos(path, space, basis, {"w": Field(np.random.default_rng(1).normal(size=(4, len(basis))), "mm")})
     return load_chaos(path)

@@ -169,7 +169,7 @@ def test_chaos_settings(data: st.DataObject) -> None:
     values.setdefault("order", 2)
     chaos = attempt(lambda: api.Chaos(**values), *(None if v is None else v for v in values.values()))
     if chaos is not None and chaos.order <= 5:
-        space = api.random.RandomSpace([api.Uniform("u", 1.0, 2.0), api.LogNormal("l", 1.0, 0.2)])
+        space = api.random.RandomSpace([api.Uniform("u", 1.0, 2.0), api.LogNormal("l", 1.0, cov=0.2)])
         attempt(lambda: space.basis(chaos), *values.values())
 
 
@@ -225,7 +225,7 @@ def joined() -> Any:
 @pytest.fixture(scope="module")
 def uncertain() -> Any:
     """Two blocks with random springs."""
-    return cases.stack([api.Elastic(normal=api.LogNormal("k", cases.E, 0.2))])
+    return cases.stack([api.Elastic(normal=api.LogNormal("k", cases.E, cov=0.2))])
 
 
 SETTINGS = tuple(Options.__dataclass_fields__)

@@ -57,18 +57,18 @@ def random_field(distribution, name="f"):
 def everything():
     """One of each kind of source, with names that no file format likes."""
     pair = Correlated(
-        [LogNormal("K/1", 5.0, 0.3), Normal("k%", 100.0, 0.2), Gamma("g", 1.0, 0.4)],
+        [LogNormal("K/1", 5.0, cov=0.3), Normal("k%", 100.0, cov=0.2), Gamma("g", 1.0, cov=0.4)],
         [[1.0, 0.5, 0.2], [0.5, 1.0, -0.3], [0.2, -0.3, 1.0]],
     )
     sources = [
         Uniform("u", 1.0, 3.0),
         *pair,
         random_field("normal"),
-        LogNormal("jälki", 7.0, 0.1),
+        LogNormal("jälki", 7.0, cov=0.1),
         random_field("lognormal", "h"),
-        Gamma("..", 2.0, 0.5),
+        Gamma("..", 2.0, cov=0.5),
         Beta("b", 2.5, 1.5, -1.0, 4.0),
-        TruncatedNormal("t", 1.0, 0.3, within=2.0),
+        TruncatedNormal("t", 1.0, cov=0.3, within=2.0),
         FromSamples("s", [1.0, 1.5, 4.0]),
         FromDistribution("w", stats.weibull_min(2.0), germ="normal"),
     ]
@@ -90,7 +90,7 @@ def fields_of(basis, seed=0):
 
 def small(path, order=3):
     """A file with two germs; its space, basis and field."""
-    space = RandomSpace([Normal("k", 100.0, 0.2), Uniform("K", 1.0, 2.0)])
+    space = RandomSpace([Normal("k", 100.0, cov=0.2), Uniform("K", 1.0, 2.0)])
     basis = space.basis(Chaos(order=order))
     field = Field(np.random.default_rng(1).normal(size=(4, len(basis))), "mm")
     save_chaos(path, space, basis, {"w": field})
@@ -180,7 +180,7 @@ def test_both_formats_have_one_content(tmp_path):
 
 def test_high_order(tmp_path):
     """The recurrence stays accurate where monomials would not."""
-    space = RandomSpace([Normal("k", 1.0, 0.1), Gamma("g", 1.0, 0.3)])
+    space = RandomSpace([Normal("k", 1.0, cov=0.1), Gamma("g", 1.0, cov=0.3)])
     basis = space.basis(Chaos(order=25, index_set="hyperbolic", q=0.5))
     line = np.random.default_rng(3).normal(size=(2, len(basis)))
     save_chaos(tmp_path / "a.json", space, basis, {"y": Field(line)})
@@ -274,7 +274,7 @@ def test_what_cannot_be_written(tmp_path):
     for name, fields, note, message in cases:
         with pytest.raises(ChaosFileError, match=message):
             save_chaos(tmp_path / name, space, basis, fields, note)
-    other = RandomSpace([Normal("k", 1.0, 0.1)])
+    other = RandomSpace([Normal("k", 1.0, cov=0.1)])
     with pytest.raises(ChaosFileError, match="the basis has 2 germs, the random space has 1"):
         save_chaos(tmp_path / "b.json", other, basis, {"w": field})
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
@@ -482,7 +482,7 @@ def test_openturns_of_linear_maps_and_sampling():
     """Affine laws: no Python in the metamodel; its random vector has our mean and deviation."""
     import openturns as ot
 
-    space = RandomSpace([Normal("k", 100.0, 0.2), Beta("b", 2.0, 3.0), Gamma("g", 1.0, 0.5)])
+    space = RandomSpace([Normal("k", 100.0, cov=0.2), Beta("b", 2.0, 3.0), Gamma("g", 1.0, cov=0.5)])
     basis = space.basis(Chaos(order=3))
     block = np.random.default_rng(8).normal(size=(2, len(basis)))
     result = to_openturns(space, basis, block)
@@ -499,7 +499,7 @@ def test_openturns_of_linear_maps_and_sampling():
 
 
 def test_openturns_refuses(monkeypatch):
-    space = RandomSpace([Normal("k", 100.0, 0.2)])
+    space = RandomSpace([Normal("k", 100.0, cov=0.2)])
     basis = space.basis(Chaos(order=2))
     monkeypatch.setitem(__import__("sys").modules, "openturns", None)
     with pytest.raises(SceneError, match="needs OpenTURNS.*pip install openturns"):

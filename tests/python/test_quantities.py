@@ -264,11 +264,11 @@ def test_sobol_of_ishigami():
 
 def test_sobol_of_groups_equals_that_of_coefficients():
     """A polynomial chaos with a correlated pair, a field and a gamma parameter."""
-    pair = Correlated([Normal("k", 100.0, 0.2), LogNormal("K", 5.0, 0.3)], [[1, 0.5], [0.5, 1]])
+    pair = Correlated([Normal("k", 100.0, cov=0.2), LogNormal("K", 5.0, cov=0.3)], [[1, 0.5], [0.5, 1]])
     field = RandomField("f", 1.0, cov=0.1, length=0.5, modes=3).on(
         np.linspace(0.0, 1.0, 20)[:, None], np.full(20, 0.05)
     )
-    space = RandomSpace([*pair, field, Gamma("g", 2.0, 0.5)])
+    space = RandomSpace([*pair, field, Gamma("g", 2.0, cov=0.5)])
     basis = space.basis(Chaos(order=2))
     line = np.random.default_rng(8).normal(size=(1, len(basis)))
     truth = {
@@ -285,10 +285,10 @@ def test_sobol_of_groups_equals_that_of_coefficients():
 
 
 def test_sobol_of_special_cases():
-    pair = RandomSpace([Normal("a", 1.0, 0.1), FromSamples("b", [1.0, 2.0, 4.0])])
+    pair = RandomSpace([Normal("a", 1.0, cov=0.1), FromSamples("b", [1.0, 2.0, 4.0])])
     for index in sobol_of(lambda x: np.full(len(x), 3.0), pair)["a"]:
         assert math.isnan(index.value)
-    lone = RandomSpace([Normal("a", 1.0, 0.1)])
+    lone = RandomSpace([Normal("a", 1.0, cov=0.1)])
     assert sobol_of(lambda x: x[:, 0] ** 3, lone)["a"].first.value == 1.0
     found = sobol_of(lambda x: x[:, 0] + x[:, 1], pair, 2**10)
     assert found["b"].total.value == pytest.approx(0.5, abs=0.05)

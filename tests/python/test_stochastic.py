@@ -38,11 +38,11 @@ def everything() -> list[RandomParameter]:
     """One parameter of each kind, all with a finite variance."""
     samples = np.random.default_rng(5).gamma(25.0, 4.0, size=300)
     return [
-        Normal("x", 100.0, 0.2),
-        TruncatedNormal("x", 100.0, 0.5, lower=0.0),
-        LogNormal("x", 100.0, 0.2),
+        Normal("x", 100.0, cov=0.2),
+        TruncatedNormal("x", 100.0, cov=0.5, lower=0.0),
+        LogNormal("x", 100.0, cov=0.2),
         Uniform("x", 60.0, 150.0),
-        Gamma("x", 100.0, 0.2),
+        Gamma("x", 100.0, cov=0.2),
         Beta("x", 2.0, 5.0, 10.0, 20.0),
         FromSamples("x", samples),
         FromDistribution("x", stats.weibull_min(2.0, scale=100.0)),
@@ -148,10 +148,10 @@ def test_defaults_and_shapes_of_the_face() -> None:
 
 # --- closed forms -----------------------------------------------------------------------------
 CLOSED = [
-    (LogNormal("k", 100.0, 0.2), 1.0 + 0.2**2),
-    (Gamma("k", 100.0, 0.2), 1.0 / (1.0 - 0.2**2)),
+    (LogNormal("k", 100.0, cov=0.2), 1.0 + 0.2**2),
+    (Gamma("k", 100.0, cov=0.2), 1.0 / (1.0 - 0.2**2)),
     (Uniform("k", mean=100.0, cov=0.2), 1.04315242),
-    (TruncatedNormal("k", 100.0, 0.2, within=3.0), 1.04414285),
+    (TruncatedNormal("k", 100.0, cov=0.2, within=3.0), 1.04414285),
 ]
 
 
@@ -167,12 +167,12 @@ def test_random_spring_converges_to_the_closed_form(
 
 @pytest.mark.parametrize("order, expected", [(2, 1.04545455), (3, 1.04602510), (4, 1.04615385)])
 def test_normal_spring_gives_the_gauss_value(order: int, expected: float) -> None:
-    assert inverse_mean(Normal("k", 100.0, 0.2), order) == pytest.approx(expected, abs=1e-8)
+    assert inverse_mean(Normal("k", 100.0, cov=0.2), order) == pytest.approx(expected, abs=1e-8)
 
 
 def test_definiteness_of_a_normal_stiffness_ends_at_order_ten() -> None:
     """cov 0.2 passes at order 9 and fails at 10; positive laws never fail."""
-    stiffness = Normal("k", 100.0, 0.2)
+    stiffness = Normal("k", 100.0, cov=0.2)
     space = RandomSpace([stiffness])
     smallest = [
         core.smallest_eigenvalue(space.galerkin_matrix(stiffness, space.basis(Chaos(p))))
@@ -181,14 +181,14 @@ def test_definiteness_of_a_normal_stiffness_ends_at_order_ten() -> None:
     assert smallest[0] > 0.0 > smallest[1]
     assert core.critical_cov(HERMITE, 9) > 0.2 > core.critical_cov(HERMITE, 10)
     assert round(core.critical_cov(HERMITE, 3), 5) == 0.42837
-    for parameter in (LogNormal("k", 1.0, 0.8), Gamma("k", 1.0, 0.8), CLOSED[3][0]):
+    for parameter in (LogNormal("k", 1.0, cov=0.8), Gamma("k", 1.0, cov=0.8), CLOSED[3][0]):
         space = RandomSpace([parameter])
         matrix = space.galerkin_matrix(parameter, space.basis(Chaos(14)))
         assert core.smallest_eigenvalue(matrix) > 0.0, parameter
 
 
 def test_lognormal_coefficients_in_closed_form() -> None:
-    parameter = LogNormal("k", 100.0, 0.3)
+    parameter = LogNormal("k", 100.0, cov=0.3)
     s = math.sqrt(math.log(1.09))
     k = np.arange(9)
     expected = 100.0 * s**k / np.sqrt(special.factorial(k))
@@ -259,10 +259,10 @@ def test_numerical_polynomials_equal_the_classical_ones(
 
 def test_truncated_normal_reports_its_own_moments() -> None:
     law = stats.truncnorm(-2.0, math.inf, loc=100.0, scale=50.0)
-    parameter = TruncatedNormal("x", 100.0, 0.5, lower=0.0)
+    parameter = TruncatedNormal("x", 100.0, cov=0.5, lower=0.0)
     assert parameter.mean == pytest.approx(law.mean(), rel=1e-12)
     assert parameter.std == pytest.approx(law.std(), rel=1e-10)
-    both = TruncatedNormal("x", 100.0, 0.2, within=3.0)
+    both = TruncatedNormal("x", 100.0, cov=0.2, within=3.0)
     assert both.bounds == pytest.approx((40.0, 160.0))
     assert both.mean == pytest.approx(100.0, rel=1e-13) and both.std < 20.0
 
@@ -296,21 +296,21 @@ def test_new_scipy_variables_are_understood() -> None:
 
 # --- bad input --------------------------------------------------------------------------------
 BAD = [
-    (lambda: Normal("", 1.0, 0.1), "give a random parameter a name"),
+    (lambda: Normal("", 1.0, cov=0.1), "give a random parameter a name"),
     (lambda: Normal("k", 1.0), "give either cov"),
-    (lambda: Normal("k", 1.0, 0.1, std=0.1), "not both"),
-    (lambda: Normal("k", 0.0, 0.1), "mean 0"),
-    (lambda: Normal("k", 1.0, 0.0), "positive"),
-    (lambda: Normal("k", math.nan, 0.1), "finite"),
-    (lambda: LogNormal("k", -1.0, 0.1), "mean = -1; it must be a positive"),
-    (lambda: Gamma("k", 1.0, -0.1), "cov = -0.1; it must be a positive"),
+    (lambda: Normal("k", 1.0, cov=0.1, std=0.1), "not both"),
+    (lambda: Normal("k", 0.0, cov=0.1), "mean 0"),
+    (lambda: Normal("k", 1.0, cov=0.0), "positive"),
+    (lambda: Normal("k", math.nan, cov=0.1), "finite"),
+    (lambda: LogNormal("k", -1.0, cov=0.1), "mean = -1; it must be a positive"),
+    (lambda: Gamma("k", 1.0, cov=-0.1), "cov = -0.1; it must be a positive"),
     (lambda: Beta("k", 0.0, 1.0), "a = 0; it must be a positive"),
     (lambda: Uniform("k", 2.0, 1.0), "lower = 2 must be less than upper = 1"),
     (lambda: Uniform("k", 1.0), "give lower and upper, or mean and cov"),
     (lambda: Uniform("k", 1.0, 2.0, cov=0.1), "already say the std"),
-    (lambda: TruncatedNormal("k", 1.0, 0.1), "lower and/or upper, or within"),
-    (lambda: TruncatedNormal("k", 1.0, 0.1, lower=3.0, upper=2.0), "must be less"),
-    (lambda: TruncatedNormal("k", 1.0, 0.1, lower=5.0), "tail"),
+    (lambda: TruncatedNormal("k", 1.0, cov=0.1), "lower and/or upper, or within"),
+    (lambda: TruncatedNormal("k", 1.0, cov=0.1, lower=3.0, upper=2.0), "must be less"),
+    (lambda: TruncatedNormal("k", 1.0, cov=0.1, lower=5.0), "tail"),
     (lambda: FromSamples("k", [1.0, 1.0]), "all 2 values equal 1"),
     (lambda: FromSamples("k", [1.0, math.inf]), "finite numbers"),
     (lambda: FromSamples("k", ["a"]), "not numbers"),
@@ -323,28 +323,28 @@ BAD = [
     (lambda: Chaos(2, q=1.5), "q = 1.5"),
     (lambda: Chaos(2, max_interaction=0), "max_interaction = 0"),
     (lambda: Chaos(2, weights=[1.0, -1.0]), "weight = -1"),
-    (lambda: RandomField("f", 1.0, 0.1, covariance="expo"), "unknown covariance 'expo'"),
-    (lambda: RandomField("f", 1.0, 0.1, covariance="matern"), "needs its smoothness"),
-    (lambda: RandomField("f", 1.0, 0.1, distribution="weibull"), "unknown distribution"),
-    (lambda: RandomField("f", 1.0, 0.1, length=-1.0), "length = -1"),
-    (lambda: RandomField("f", 1.0, 0.1, variance_captured=1.5), "1.5 must be in"),
-    (lambda: RandomField("f", 1.0, 0.1, modes=0), "modes = 0"),
-    (lambda: RandomField("f", 1.0, 0.1, modes=2, variance_captured=0.9), "not both"),
-    (lambda: RandomField("f", -1.0, 0.1, distribution="lognormal"), "mean = -1"),
-    (lambda: RandomField("f", 1.0, 0.1).on(np.zeros((3, 2)), np.ones(2)), "wanted"),
-    (lambda: RandomField("f", 1.0, 0.1).on(np.zeros((2, 2)), np.zeros(2)), "weights positive"),
+    (lambda: RandomField("f", 1.0, cov=0.1, covariance="expo"), "unknown covariance 'expo'"),
+    (lambda: RandomField("f", 1.0, cov=0.1, covariance="matern"), "needs its smoothness"),
+    (lambda: RandomField("f", 1.0, cov=0.1, distribution="weibull"), "unknown distribution"),
+    (lambda: RandomField("f", 1.0, cov=0.1, length=-1.0), "length = -1"),
+    (lambda: RandomField("f", 1.0, cov=0.1, variance_captured=1.5), "1.5 must be in"),
+    (lambda: RandomField("f", 1.0, cov=0.1, modes=0), "modes = 0"),
+    (lambda: RandomField("f", 1.0, cov=0.1, modes=2, variance_captured=0.9), "not both"),
+    (lambda: RandomField("f", -1.0, cov=0.1, distribution="lognormal"), "mean = -1"),
+    (lambda: RandomField("f", 1.0, cov=0.1).on(np.zeros((3, 2)), np.ones(2)), "wanted"),
+    (lambda: RandomField("f", 1.0, cov=0.1).on(np.zeros((2, 2)), np.zeros(2)), "weights positive"),
     (
-        lambda: RandomField("f", 1.0, 0.1, length=0.01, variance_captured=0.99).on(
+        lambda: RandomField("f", 1.0, cov=0.1, length=0.01, variance_captured=0.99).on(
             *segment(10)
         ),
         "30 points resolve only .* refine the mesh",
     ),
     (
-        lambda: RandomField("f", 1.0, 0.1, length=(1.0, 2.0)).on(np.eye(3), np.ones(3)),
+        lambda: RandomField("f", 1.0, cov=0.1, length=(1.0, 2.0)).on(np.eye(3), np.ones(3)),
         "2 lengths",
     ),
-    (lambda: Correlated([Normal("a", 1, 0.1)] * 2, np.eye(2)), "different names"),
-    (lambda: RandomSpace([RandomField("f", 1.0, 0.1)]), "put on its points first"),
+    (lambda: Correlated([Normal("a", 1, cov=0.1)] * 2, np.eye(2)), "different names"),
+    (lambda: RandomSpace([RandomField("f", 1.0, cov=0.1)]), "put on its points first"),
 ]
 
 
@@ -356,17 +356,17 @@ def test_bad_input_is_refused_with_its_name_and_value(make: object, message: str
 
 
 def test_one_name_is_one_variable() -> None:
-    first, same, other = Normal("k", 1.0, 0.1), Normal("k", 1.0, std=0.1), Normal("k", 1.0, 0.2)
+    first, same, other = Normal("k", 1.0, cov=0.1), Normal("k", 1.0, std=0.1), Normal("k", 1.0, cov=0.2)
     assert first == same and hash(first) == hash(same) and first != other
     assert RandomSpace([first, same, first]).germ_names == ("k",)
     with pytest.raises(SceneError, match="'k' has two definitions"):
         RandomSpace([first, other])
     with pytest.raises(SceneError, match="two definitions"):
-        RandomSpace([first, LogNormal("k", 1.0, 0.1)])
+        RandomSpace([first, LogNormal("k", 1.0, cov=0.1)])
 
 
 def test_a_basis_beyond_memory_says_how_much_it_needs() -> None:
-    space = RandomSpace([Normal(f"k{i}", 1.0, 0.1) for i in range(20)])
+    space = RandomSpace([Normal(f"k{i}", 1.0, cov=0.1) for i in range(20)])
     with pytest.raises(SceneError, match=r"4\.71292e\+13 modes or more and needs 3\.77e\+06 GB"):
         space.basis(Chaos(30), memory_limit=24e9)
     with pytest.raises(SceneError, match="limit of 24 GB"):
@@ -376,13 +376,13 @@ def test_a_basis_beyond_memory_says_how_much_it_needs() -> None:
 
 
 def test_a_sample_of_few_values_has_few_polynomials() -> None:
-    space = RandomSpace([FromSamples("a", [1.0, 2.0, 4.0]), Normal("b", 1.0, 0.1)])
+    space = RandomSpace([FromSamples("a", [1.0, 2.0, 4.0]), Normal("b", 1.0, cov=0.1)])
     basis = space.basis(Chaos(4))
     assert basis.indices.table.max(axis=0).tolist() == [2, 4]
 
 
 def test_weights_by_name_make_the_basis_anisotropic() -> None:
-    space = RandomSpace([Normal("a", 1.0, 0.1), Normal("b", 1.0, 0.1)])
+    space = RandomSpace([Normal("a", 1.0, cov=0.1), Normal("b", 1.0, cov=0.1)])
     table = space.basis(Chaos(4, weights={"b": 2.0})).indices.table
     assert table.max(axis=0).tolist() == [4, 2]
     with pytest.raises(SceneError, match="unknown random parameter 'c'"):
@@ -393,7 +393,7 @@ def test_weights_by_name_make_the_basis_anisotropic() -> None:
 
 # --- several parameters -----------------------------------------------------------------------
 def test_order_of_germs_points_and_maps() -> None:
-    a, b, c = Normal("a", 1.0, 0.1), Gamma("b", 2.0, 0.2), Uniform("c", 1.0, 3.0)
+    a, b, c = Normal("a", 1.0, cov=0.1), Gamma("b", 2.0, cov=0.2), Uniform("c", 1.0, 3.0)
     space = RandomSpace([b, a, b, c])
     assert space.names == ("b", "a", "c") and space.groups == {"b": (0,), "a": (1,), "c": (2,)}
     points = space.germ_points({"a": [1.1, 1.2], "c": 2.5})
@@ -407,7 +407,7 @@ def test_order_of_germs_points_and_maps() -> None:
     with pytest.raises(SceneError, match="different lengths"):
         space.germ_points({"a": [1.0, 1.0], "b": [1.0, 1.0, 1.0]})
     with pytest.raises(SceneError, match="not part of"):
-        space.values(Normal("z", 1.0, 0.1), points)
+        space.values(Normal("z", 1.0, cov=0.1), points)
     with pytest.raises(SceneError, match="1000 Sobol points.*1024"):
         space.sample_sobol(1000)
     monte_carlo = space.sample(2000, rng=7)
@@ -418,7 +418,7 @@ def test_order_of_germs_points_and_maps() -> None:
 
 
 def test_coefficients_of_independent_parameters_reproduce_them() -> None:
-    a, b = LogNormal("a", 1.0, 0.3), Gamma("b", 2.0, 0.2)
+    a, b = LogNormal("a", 1.0, cov=0.3), Gamma("b", 2.0, cov=0.2)
     space = RandomSpace([a, b])
     basis = space.basis(Chaos(9))
     points = space.sample(50, rng=3)
@@ -428,8 +428,8 @@ def test_coefficients_of_independent_parameters_reproduce_them() -> None:
 
 
 def test_correlated_parameters_keep_laws_and_correlation() -> None:
-    k, K = Correlated([LogNormal("k", 100.0, 0.5), Gamma("K", 5e4, 0.3)], [[1.0, 0.6], [0.6, 1.0]])
-    z = Normal("z", 1.0, 0.1)
+    k, K = Correlated([LogNormal("k", 100.0, cov=0.5), Gamma("K", 5e4, cov=0.3)], [[1.0, 0.6], [0.6, 1.0]])
+    z = Normal("z", 1.0, cov=0.1)
     space = RandomSpace([K, z, k])
     assert space.groups == {"k+K": (0, 1), "z": (2,)}
     points = space.sample_sobol(2**15, rng=2)
@@ -461,7 +461,7 @@ def test_correlated_parameters_keep_laws_and_correlation() -> None:
 
 def test_only_the_members_in_use_take_part() -> None:
     group = Correlated(
-        [Normal(n, 1.0, 0.1) for n in "abc"], [[1, 0.5, 0.2], [0.5, 1, 0.3], [0.2, 0.3, 1]]
+        [Normal(n, 1.0, cov=0.1) for n in "abc"], [[1, 0.5, 0.2], [0.5, 1, 0.3], [0.2, 0.3, 1]]
     )
     space = RandomSpace([group["c"], group["a"]])
     assert space.dimension == 2 and space.names == ("c", "a")
@@ -474,17 +474,17 @@ def test_only_the_members_in_use_take_part() -> None:
 
 def test_normal_space_correlation_is_taken_as_it_is() -> None:
     matrix = [[1.0, 0.6], [0.6, 1.0]]
-    pair = [LogNormal("k", 1.0, 1.0), LogNormal("K", 1.0, 1.0)]
+    pair = [LogNormal("k", 1.0, cov=1.0), LogNormal("K", 1.0, cov=1.0)]
     assert np.array_equal(Correlated(pair, matrix, space="normal").normal_correlation, matrix)
     # lognormal pair in closed form: rho = (exp(s^2 r) - 1) / (exp(s^2) - 1)
     physical = Correlated(pair, matrix).normal_correlation[0, 1]
     assert physical == pytest.approx(math.log1p(0.6) / math.log(2.0), rel=1e-9)
-    normals = Correlated([Normal("a", 1, 0.1), Normal("b", 1, 0.1)], matrix)
+    normals = Correlated([Normal("a", 1, cov=0.1), Normal("b", 1, cov=0.1)], matrix)
     assert np.array_equal(normals.normal_correlation, matrix)
 
 
 def test_impossible_correlations_are_refused() -> None:
-    three = [Normal(n, 1.0, 0.1) for n in "abc"]
+    three = [Normal(n, 1.0, cov=0.1) for n in "abc"]
     bad = [[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]]
     with pytest.raises(SceneError, match=r"not positive definite: .* eigenvalue is -0\.8"):
         Correlated(three, bad)
@@ -496,7 +496,7 @@ def test_impossible_correlations_are_refused() -> None:
         Correlated(three, np.eye(2))
     with pytest.raises(SceneError, match="unknown space 'Normal'"):
         Correlated(three, np.eye(3), space="Normal")  # type: ignore[arg-type]
-    skewed = [LogNormal("a", 1.0, 1.0), LogNormal("b", 1.0, 1.0)]
+    skewed = [LogNormal("a", 1.0, cov=1.0), LogNormal("b", 1.0, cov=1.0)]
     with pytest.raises(SceneError, match="cannot have the correlation -0.8; .* between -0.5 and 1"):
         Correlated(skewed, [[1.0, -0.8], [-0.8, 1.0]])
 
@@ -546,7 +546,7 @@ def test_exponential_eigenvalues_solve_the_integral_equation() -> None:
 
 def test_karhunen_loeve_reaches_the_closed_form() -> None:
     exact = exponential_1d_eigenvalues(0.5, 1.0, 10)
-    field = RandomField("k", 100.0, 0.2, length=0.5, modes=10)
+    field = RandomField("k", 100.0, cov=0.2, length=0.5, modes=10)
     coarse, fine = (field.on(*segment(n)).eigenvalues for n in (100, 200))
     assert np.abs(fine[:4] / exact[:4] - 1.0).max() < 2e-6
     assert np.abs((4.0 * fine - coarse) / 3.0 / exact - 1.0).max() < 1e-6
@@ -554,7 +554,7 @@ def test_karhunen_loeve_reaches_the_closed_form() -> None:
     many = field.on(*segment(667))
     assert np.abs(many.eigenvalues / exact - 1.0).max() < 1e-6
     # lengths scale
-    scaled = RandomField("k", 1.0, 0.2, length=500.0, modes=10).on(*segment(100, size=1000.0))
+    scaled = RandomField("k", 1.0, cov=0.2, length=500.0, modes=10).on(*segment(100, size=1000.0))
     assert np.allclose(scaled.eigenvalues, 1000.0 * coarse, rtol=1e-10)
 
 
@@ -564,7 +564,7 @@ def test_karhunen_loeve_reaches_the_closed_form() -> None:
 def test_modes_are_orthonormal_and_rebuild_the_covariance(covariance: str, nu: float) -> None:
     x, w = segment(60)
     field = RandomField(
-        "k", 10.0, 0.1, covariance=covariance, nu=nu, length=0.4, variance_captured=0.99
+        "k", 10.0, cov=0.1, covariance=covariance, nu=nu, length=0.4, variance_captured=0.99
     ).on(x, w)
     gram = field.functions.T @ (w[:, None] * field.functions)
     assert np.abs(gram - np.eye(len(field.eigenvalues))).max() < 1e-12
@@ -587,8 +587,8 @@ def test_modes_are_orthonormal_and_rebuild_the_covariance(covariance: str, nu: f
 
 def test_matern_one_half_is_the_exponential() -> None:
     x, w = segment(50)
-    half = RandomField("k", 1.0, 0.1, covariance="matern", nu=0.5, length=0.3, modes=6).on(x, w)
-    exponential = RandomField("k", 1.0, 0.1, length=0.3, modes=6).on(x, w)
+    half = RandomField("k", 1.0, cov=0.1, covariance="matern", nu=0.5, length=0.3, modes=6).on(x, w)
+    exponential = RandomField("k", 1.0, cov=0.1, length=0.3, modes=6).on(x, w)
     assert np.allclose(half.eigenvalues, exponential.eigenvalues, rtol=1e-9)
 
 
@@ -598,7 +598,7 @@ def test_dense_and_lanczos_agree_on_a_surface() -> None:
     points = np.column_stack([grid, np.zeros(len(grid))])
     weights = np.full(len(grid), 1.0 / len(grid))
     field = RandomField(
-        "k", 1.0, 0.1, covariance="gaussian", length=(0.5, 0.3, 1.0), variance_captured=0.95
+        "k", 1.0, cov=0.1, covariance="gaussian", length=(0.5, 0.3, 1.0), variance_captured=0.95
     )
     lanczos = field.on(points, weights)  # 1600 points
     # the Gaussian correlation is a product: eigenvalues from two lines
@@ -616,9 +616,9 @@ def test_dense_and_lanczos_agree_on_a_surface() -> None:
 def test_chaos_of_a_field_reproduces_the_field(distribution: str) -> None:
     x, w = segment(10)
     field = RandomField(
-        "k", 100.0, 0.3, covariance="gaussian", length=0.5, modes=3, distribution=distribution
+        "k", 100.0, cov=0.3, covariance="gaussian", length=0.5, modes=3, distribution=distribution
     ).on(x, w)
-    space = RandomSpace([field, Normal("z", 1.0, 0.1)])
+    space = RandomSpace([field, Normal("z", 1.0, cov=0.1)])
     basis = space.basis(Chaos(8))
     points = space.sample(40, rng=0)
     coefficients = space.coefficients(field, basis)
@@ -641,3 +641,10 @@ def test_chaos_of_a_field_reproduces_the_field(distribution: str) -> None:
             space.expansion(field, basis, memory_limit=1.0)
         else:
             space.expansion(field, basis, memory_limit=1e4)
+
+
+@pytest.mark.parametrize("kind", [Normal, LogNormal, Gamma, TruncatedNormal, RandomField])
+def test_a_third_number_must_say_what_it_is(kind: Any) -> None:
+    """OpenTURNS' Normal(50.0, 5.0) has a deviation of 5; here it could be read as a cov of 5."""
+    with pytest.raises(TypeError, match="positional argument"):
+        kind("k", 50.0, 5.0)

@@ -117,9 +117,9 @@ def test_chaos_on_all_interfaces_kept(two_blocks: Problem) -> None:
 
 def test_independent_normal_and_tangential_and_jump(vessel: Problem) -> None:
     laws = {
-        "joint": Elastic(normal=Gamma("kn", mean=100.0, cov=0.2), tangential=LogNormal("kt", 60.0, 0.3)),
+        "joint": Elastic(normal=Gamma("kn", mean=100.0, cov=0.2), tangential=LogNormal("kt", 60.0, cov=0.3)),
         "screw": Elastic(
-            normal=Normal("K", 2.5e4, 0.1), tangential=2e4, total=True, jump=Normal("D", -0.2, 0.05)
+            normal=Normal("K", 2.5e4, cov=0.1), tangential=2e4, total=True, jump=Normal("D", -0.2, cov=0.05)
         ),
     }
     problem = vessel.with_laws(laws)
@@ -128,7 +128,7 @@ def test_independent_normal_and_tangential_and_jump(vessel: Problem) -> None:
 
 def test_correlated_parameters_equal_ssfem(vessel: Problem) -> None:
     screw, joint = Correlated(
-        [Normal("screw", 2.5e4, 0.1), LogNormal("joint", 100.0, 0.2)], [[1.0, 0.6], [0.6, 1.0]]
+        [Normal("screw", 2.5e4, cov=0.1), LogNormal("joint", 100.0, cov=0.2)], [[1.0, 0.6], [0.6, 1.0]]
     )
     assert difference(random_vessel(vessel, screw, joint), Chaos(2)) < 1e-8
 
@@ -161,8 +161,8 @@ def test_mean_opening_of_a_normal_stiffness(two_blocks: Problem, order: int, mea
 @pytest.mark.parametrize(
     ("law", "mean", "second"),
     [
-        (LogNormal("k", 50.0, 0.2), 1.0 + 0.2**2, (1.0 + 0.2**2) ** 3),
-        (Gamma("k", 50.0, 0.2), 1.0 / (1.0 - 0.2**2), 1.0 / ((1 - 0.2**2) * (1 - 2 * 0.2**2))),
+        (LogNormal("k", 50.0, cov=0.2), 1.0 + 0.2**2, (1.0 + 0.2**2) ** 3),
+        (Gamma("k", 50.0, cov=0.2), 1.0 / (1.0 - 0.2**2), 1.0 / ((1 - 0.2**2) * (1 - 2 * 0.2**2))),
         (
             Uniform("k", mean=50.0, cov=0.2),
             np.log((1 + 0.2 * 3**0.5) / (1 - 0.2 * 3**0.5)) / (2 * 0.2 * 3**0.5),
@@ -284,7 +284,7 @@ def test_the_papers_joint_passes_at_order_9_and_is_refused_at_10(two_blocks: Pro
 
 
 def test_positive_laws_pass_at_every_order(two_blocks: Problem) -> None:
-    for k in (LogNormal("k", 50.0, 0.5), Gamma("k", 50.0, 0.5)):
+    for k in (LogNormal("k", 50.0, cov=0.5), Gamma("k", 50.0, cov=0.5)):
         problem = two_blocks.with_laws({"layer": Elastic(normal=k, tangential=k)})
         assert solve_chaos(problem, 8).converged
 
@@ -322,7 +322,7 @@ def test_mistakes_are_named(paper: Problem, two_blocks: Problem) -> None:
 
 
 def test_random_parameters_without_effect_are_dropped_and_said(two_blocks: Problem) -> None:
-    law = Elastic(normal=LogNormal("k", 50.0, 0.2), tangential=50.0, jump=0.0)
+    law = Elastic(normal=LogNormal("k", 50.0, cov=0.2), tangential=50.0, jump=0.0)
     problem = two_blocks.with_laws({"layer": law})
     result = solve_chaos(problem, 2)
     assert result.space.germ_names == ("k",)
