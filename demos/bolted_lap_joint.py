@@ -116,7 +116,7 @@ def build_scene(
     Parameters
     ----------
     joint
-        From :func:`dolfinx_frontend.geometry.lap_joint.lap_joint`.
+        From :func:`parts.lap_joint.lap_joint`.
     moved
         Displacement of the gripped end, a vector or one that changes in time.
     friction, bolt, shortening

@@ -137,7 +137,7 @@ def vessel_scene(
     Parameters
     ----------
     vessel
-        From :func:`dolfinx_frontend.geometry.parts.bolted_vessel`.
+        From :func:`parts.vessel.bolted_vessel`.
     half_screw
         Stiffness of the half screw in the sector, N/mm: a number or a random parameter.
     joint
@@ -169,7 +169,7 @@ def vessel_scene(
 
 
 def build_scene(size: str | float = "paper") -> tuple[BoltedVessel, Scene]:
-    """Geometry and scene; `size` as in :func:`dolfinx_frontend.geometry.parts.bolted_vessel`."""
+    """Geometry and scene; `size` as in :func:`parts.vessel.bolted_vessel`."""
     vessel = bolted_vessel(size=size)
     return vessel, vessel_scene(vessel)
 

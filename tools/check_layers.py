@@ -232,7 +232,8 @@ def check_frontend(root: Path) -> Iterator[Offence]:
                 continue
             arrows.setdefault(module, {}).setdefault(used, (path, line))
             if there >= place:
-                yield Offence(path, line, f"{module} must not import {used}, which stands above it")
+                above = used or "dolfinx_frontend"
+                yield Offence(path, line, f"{module} must not import {above}, which stands above it")
     for module, used in sorted(PENDING - pending):
         path = frontend.joinpath(*module.split(".")).with_suffix(".py")
         if path.is_file():

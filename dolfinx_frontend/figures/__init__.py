@@ -1,4 +1,11 @@
-"""Pictures of parts, interfaces and results."""
+"""Figures of assemblies, interface fields, convergence, responses and densities, as PNG files.
+
+Every function takes plain arrays, parts or dolfinx functions, writes one file and returns its path;
+labels carry the units.  Flat figures are drawn by matplotlib.  Solids are drawn by VTK through
+pyvista in a process of its own, because VTK ends the process that has no display; a virtual one
+(``xvfb-run``) is used where there is none.  With ``renderer="auto"`` matplotlib draws solids too
+where VTK cannot, more coarsely.
+"""
 
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS, assembly_figure, deformed_figure
 from dolfinx_frontend.figures.curves import convergence_figure, density_figure, response_surface

@@ -47,7 +47,7 @@ def interface_figure(
     path
         PNG file to write.
     quantity
-        A field of :func:`dolfinx_frontend.io.fields.write_interfaces`: ``"pressure"``, ``"gap"``,
+        A field of :func:`dolfinx_frontend.io.write_interfaces`: ``"pressure"``, ``"gap"``,
         ``"pressure std"``, ``"slip probability"``, ...; of vectors the size is drawn.
     label
         Of the colour bar, with the unit; None: the quantity.

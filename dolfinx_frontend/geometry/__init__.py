@@ -1,4 +1,18 @@
-"""Meshes and faces of parts: boxes, gmsh, STEP files."""
+"""Meshes of the parts of an assembly, with named faces.
+
+Every part is a mesh of its own on ``MPI.COMM_SELF``, because a substructure belongs to one process.
+Parts that touch have coinciding nodes on the faces they share (unless asked otherwise), but share
+no degree of freedom: what connects them is an interface of the scene.
+
+=====================  ===========================================================================
+:func:`box`            one block in two or three dimensions
+:func:`from_gmsh`      any gmsh model with physical groups
+:func:`read_msh`       the same from a file
+:func:`read_step`      the solids of a STEP file, and where they touch
+=====================  ===========================================================================
+
+Lengths are in the unit of the coordinates.
+"""
 
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, read_msh
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part

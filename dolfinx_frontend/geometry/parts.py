@@ -18,7 +18,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
-__all__ = ["Assembly", "Connection", "FREE", "Part"]
+__all__ = ["FREE", "Assembly", "Connection", "Part"]
 
 Marker = Callable[[Array], npt.NDArray[np.bool_]]
 

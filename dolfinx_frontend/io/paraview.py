@@ -6,9 +6,9 @@ cells of a part are Lagrange cells of the displacement's degree, so curved parts
 kept as they are, and every cell has nodes of its own, so stresses may jump between cells, as they do;
 values of interfaces are at the points where they are computed, beside their means over the facets.
 
->>> fields.write(result, "out")                      # out/parts.vtm, out/interfaces.vtm; .pvd of a history
->>> fields.write_fields(result, "out/parts.pvd")     # or one of the two, by name
->>> fields.write_interfaces(result, "out/joint.vtm", interfaces="joint", step=3)
+>>> io.write(result, "out")                      # out/parts.vtm, out/interfaces.vtm; .pvd of a history
+>>> io.write_fields(result, "out/parts.pvd")     # or one of the two, by name
+>>> io.write_interfaces(result, "out/joint.vtm", interfaces="joint", step=3)
 """
 
 from __future__ import annotations

@@ -323,7 +323,7 @@ def load(path: str | Path) -> SavedResult:
     with source.open("rb") as file:
         first = file.read(len(chaos_file.FORMAT))
     if first == chaos_file.FORMAT.encode():
-        raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
+        raise ResultFileError(f"{source} is a chaos file: read it with io.load_chaos")
     try:
         tree = hdf5.read_tree(source, FORMAT)
         version = int(tree["version"])

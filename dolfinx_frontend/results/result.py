@@ -141,11 +141,12 @@ class Result:
         about: npt.ArrayLike | None = None,
     ) -> tables.Table:
         """Resultants, pressures and areas of the interfaces: ``print`` it, ``to_csv``, ``to_pandas``.
- Columns (see :mod:`dolfinx_frontend.results.tables` for signs): area; ``force_x`` ..., ``moment_x`` ... on
-side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``, ``_mean``, ``_max``;
-``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its limit) of
-        contacts. Of interfaces that were eliminated as supports or glue, the reactions; their points carry
-        no pressure that is known. Collective on several ranks.
+
+        Columns (see :mod:`dolfinx_frontend.results.tables` for signs): area; ``force_x`` ..., ``moment_x``
+        ... on side 1, global axes; ``normal`` (tension > 0) and ``shear``, total; ``pressure_min``,
+        ``_mean``, ``_max``; ``shear_max``; ``open_area`` (no pressure) and ``slip_area`` (friction at its
+        limit) of contacts. Of interfaces that were eliminated as supports or glue, the reactions; their
+        points carry no pressure that is known. Collective on several ranks.
 
         Parameters
         ----------

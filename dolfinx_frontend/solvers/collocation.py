@@ -25,7 +25,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["Collocation", "MOST_TENSOR", "collocation"]
+__all__ = ["MOST_TENSOR", "Collocation", "collocation"]
 
 
 MOST_TENSOR = 4096

@@ -19,6 +19,8 @@ from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.support import check_support
 
 
+__all__ = ["fields_of_cuts", "solve_deterministic", "start_states"]
+
 _log = logging.getLogger(__name__)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from dolfinx_frontend.scene.laws import Contact, Perfect
 from dolfinx_frontend.solving import solve
 from latin_core import Options
-from tests.python import test_facets as patch
+from tests.assembly import test_averages as patch
 from tests.verification import nonmatching
 
 SIZES = {2: {"blocks": (4, 8, 16, 32), "rings": (2, 4, 8, 16)}, 3: {"blocks": (2, 4, 6), "rings": (2, 4, 6)}}

@@ -20,7 +20,7 @@ from dolfinx_frontend import Result, Scene, assemble, solve
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.specs import Space
-from tests.python.helpers import DIMENSION, block, lame
+from tests.helpers import DIMENSION, block, lame
 
 Array = npt.NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
 from latin_core import Options
 from parts.rings import annulus
-from tests.python.helpers import DIMENSION, block, wavy
+from tests.helpers import DIMENSION, block, wavy
 from tests.verification import scenes
 
 TIGHT = Options(rtol=1e-10, max_iterations=3000, stagnation_window=1000)

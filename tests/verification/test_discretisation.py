@@ -24,7 +24,7 @@ from dolfinx_frontend.solvers.sampling import monte_carlo
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 from parts.rings import two_rings
-from tests.python.helpers import DIMENSION, block, wavy
+from tests.helpers import DIMENSION, block, wavy
 from tests.verification import scenes
 
 RING = scenes.SplitRing()

@@ -26,7 +26,7 @@ from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
 from latin_core import Options
-from tests.python.helpers import DIMENSION, block, face_mass, polynomial, wavy
+from tests.helpers import DIMENSION, block, face_mass, polynomial, wavy
 
 CELLS = list(DIMENSION)
 TIGHT = Options(rtol=1e-12)

@@ -98,7 +98,7 @@ def test_newer_release_warns(monkeypatch: pytest.MonkeyPatch, version: str) -> N
 def imported_with(version: str) -> subprocess.CompletedProcess[str]:
     """Import the frontend twice under a dolfinx that says it is `version`."""
     script = f"import dolfinx; dolfinx.__version__ = {version!r}\n"
-    script += "import dolfinx_frontend, dolfinx_frontend.solvers.solve\nfrom dolfinx_frontend import *"
+    script += "import dolfinx_frontend, dolfinx_frontend.solving\nfrom dolfinx_frontend import *"
     return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
 
 

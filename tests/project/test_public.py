@@ -154,7 +154,7 @@ def test_representations_help(things: list[Any]) -> None:
         assert len(text) <= LONGEST and text.count("\n") <= LINES, text
         own = type(thing).__name__
         words = {"Table": "interface", "Quantity": "samples", "Varying": "Amplitude"}
-        parameter = type(thing).__module__ == "dolfinx_frontend.uncertainty.random"
+        parameter = type(thing).__module__.startswith("dolfinx_frontend.uncertainty.")
         assert words.get(own, own) in text or parameter, text
 
 

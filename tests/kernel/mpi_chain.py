@@ -9,10 +9,10 @@ import re
 import sys
 import tempfile
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from helpers import block
 from mpi4py import MPI
 
 from dolfinx_frontend import (
@@ -35,6 +35,10 @@ from dolfinx_frontend import (
 )
 from dolfinx_frontend.reference.direct import monolithic
 from dolfinx_frontend.solvers.sampling import sample
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.helpers import block  # noqa: E402
 
 PARTS = 5
 WORLD = MPI.COMM_WORLD

@@ -19,7 +19,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Space
 from dolfinx_frontend.solving import solve
 from latin_core import Options
-from tests.python.helpers import DIMENSION, block
+from tests.helpers import DIMENSION, block
 
 CELLS = list(DIMENSION)
 ONE = Options(max_iterations=1)

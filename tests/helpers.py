@@ -10,8 +10,12 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
+from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.compat import create_mesh
 from dolfinx_frontend.geometry.parts import Part
+from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
@@ -112,3 +116,22 @@ def face_mass(space: fem.FunctionSpace, part: Part, face: str, degree: int) -> A
     matrix.assemble()
     matrix.convert("dense")
     return matrix.getDenseArray().copy()
+
+
+def small_assembly(**laws):
+    """Two glued plates: fixed side, oblique symmetry, prescribed end."""
+    scene = Scene()
+    c, s = np.cos(0.3), np.sin(0.3)
+
+    def turned(x):
+        return x @ np.array([[c, s], [-s, c]])
+
+    lower = block("quadrilateral", [2, 2], mapping=turned)
+    upper = block("quadrilateral", [2, 1], (0, 1), (1, 2), mapping=turned, seed=3)
+    scene.substructure("a", lower, LinearElastic(1.0, 0.3), degree=2, body_force=(0.1, 0.2))
+    scene.substructure("b", upper, LinearElastic(3.0, 0.2), degree=2)
+    scene.interface("glue", "a:y1", "b:y0", laws.get("glue", Perfect()))
+    scene.symmetry("a:x0", "oblique")
+    scene.interface("end", "b:y1", Displacement(lambda x: 0.1 + 0.2 * x))
+    scene.interface("spring", "a:y0", Elastic(normal=2.0, tangential=1.0, jump=(0.1, 0.0)))
+    return assemble(scene)

@@ -39,7 +39,7 @@ from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import Gamma, LogNormal, Normal, TruncatedNormal, Uniform
 from parts.rings import two_rings
 from parts.vessel import bolted_vessel
-from tests.python.helpers import block, lame
+from tests.helpers import block, lame
 
 Array = npt.NDArray[np.float64]
 

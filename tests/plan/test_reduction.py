@@ -1,0 +1,124 @@
+"""Elimination of the interfaces that are linear."""
+
+from __future__ import annotations
+
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from dolfinx_frontend import geometry
+from dolfinx_frontend.assembly.assemble import assemble
+from dolfinx_frontend.assembly.values import jumps, stiffnesses
+from dolfinx_frontend.plan.reduction import body_load, body_matrix, displacements, reduce
+from dolfinx_frontend.reference.cholesky import Cholesky
+from dolfinx_frontend.reference.direct import monolithic
+from dolfinx_frontend.scene.laws import Perfect
+from dolfinx_frontend.scene.materials import LinearElastic
+from dolfinx_frontend.scene.scene import Scene
+from tests.helpers import block, small_assembly
+
+EPS = np.finfo(float).eps
+STEEL = LinearElastic(2e5, 0.3)
+
+
+def test_elimination_equals_lagrange_multipliers():
+    """Z and u0 against a dense saddle-point system with all constraints at the nodes."""
+    problem = small_assembly()
+    (body,) = reduce(problem, problem.interfaces)
+    q = Cholesky(body_matrix(problem, body)).solve(body_load(problem, body))
+    u = displacements(body, q)
+
+    a, b = (problem.substructures[n] for n in "ab")
+    n = a.size + b.size
+    K = sp.block_diag([a.matrix, b.matrix]).toarray()
+    F = np.concatenate([a.load, b.load])
+    spring = problem.interfaces["spring"]
+    T = spring.local_trace(0)
+    k = np.repeat(spring.weights, 2) * stiffnesses(spring, spring.law).ravel()
+    K[: a.size, : a.size] += (T.T @ sp.diags(k) @ T).toarray()
+    F[: a.size] -= T.T @ (k * jumps(spring, spring.law).ravel())
+    rows, values = [], []
+
+    def constrain(entries, value):
+        row = np.zeros(n)
+        for at, c in entries:
+            row[at] += c
+        rows.append(row)
+        values.append(value)
+
+    for i, j in problem.interfaces["glue"].matching:
+        for c in range(2):
+            constrain([(2 * i + c, 1.0), (a.size + 2 * j + c, -1.0)], 0.0)
+    normal = problem.interfaces["oblique"].normals[0]
+    for i in problem.interfaces["oblique"].sides[0].nodes:
+        constrain([(2 * i, normal[0]), (2 * i + 1, normal[1])], 0.0)
+    for i in problem.interfaces["end"].sides[0].nodes:
+        for c in range(2):
+            constrain([(a.size + 2 * i + c, 1.0)], 0.1 + 0.2 * b.dof_coordinates[i, c])
+    C = np.array(rows)
+    m = len(C)
+    saddle = np.block([[K, C.T], [C, np.zeros((m, m))]])
+    exact = np.linalg.solve(saddle, np.concatenate([F, values]))[:n]
+    got = np.concatenate([u["a"], u["b"]])
+    assert np.abs(got - exact).max() < 1e2 * EPS * np.linalg.cond(saddle)
+    assert np.abs(C @ got - values).max() < 1e-14
+    assert body.n == n - np.linalg.matrix_rank(C)
+    Z = sp.vstack([body.Z["a"], body.Z["b"]])
+    assert np.abs(C @ Z).max() < 1e-15
+
+
+def test_active_interfaces_leave_bodies_apart():
+    problem = small_assembly()
+    bodies = reduce(problem, {"oblique", "end"})
+    assert [b.members for b in bodies] == [("a",), ("b",)]
+    assert all(b.springs == () for b in bodies)
+    assert bodies[1].offset["b"].any()
+    (both,) = reduce(problem, {"glue", "spring"})
+    assert both.members == ("a", "b") and both.springs == ("spring",)
+
+
+def test_axis_aligned_constraints_keep_selections():
+    """Three symmetry planes at a corner: Z stays a selection matrix."""
+    scene = Scene()
+    scene.substructure("a", block("hexahedron", [1, 1, 1]), STEEL, degree=1)
+    scene.symmetry(["a:x0", "a:y0", "a:z0"])
+    (body,) = reduce(problem := assemble(scene), set(problem.interfaces))
+    Z = body.Z["a"]
+    assert body.n == 24 - 3 * 4
+    assert np.array_equal(np.unique(Z.data), [1.0]) and Z.nnz == body.n
+
+
+def test_prescribed_jump_of_a_perfect_interface():
+    """A wedge of thickness 0.1 between two bars that are held at their ends."""
+    scene = Scene()
+    for k, name in enumerate(("a", "b")):
+        part = geometry.box((1.0, 1.0), (2, 2), (k, 0.0))
+        scene.substructure(name, part, LinearElastic(1.0, 0.0), degree=1)
+    scene.interface("wedge", "a:x1", "b:x0", Perfect(jump=0.1))
+    scene.fix(["a:x0", "b:x1"])
+    solution = monolithic(assemble(scene))
+    w1, w2 = solution.traces["wedge"]
+    assert w2 - w1 == pytest.approx(np.tile([0.1, 0.0], (len(w1), 1)), abs=1e-14)
+    assert w1[:, 0] == pytest.approx(-0.05)
+    assert solution.energy == pytest.approx(0.05**2, rel=1e-12)
+
+
+def test_jumps_add_up_through_a_ring_of_parts():
+    """Four plates meet at one point; the jumps of the four joints around it have to agree."""
+    def plates(last):
+        scene = Scene()
+        for name, corner in (("a", (0, 0)), ("b", (1, 0)), ("c", (1, 1)), ("d", (0, 1))):
+            scene.substructure(name, geometry.box((1.0, 1.0), (1, 1), corner), STEEL, degree=1)
+        scene.interface("ab", "a:x1", "b:x0", Perfect(jump=0.1))
+        scene.interface("bc", "b:y1", "c:y0", Perfect())
+        scene.interface("dc", "d:x1", "c:x0", Perfect(jump=last))
+        scene.interface("ad", "a:y1", "d:y0", Perfect())
+        scene.fix("a:x0")
+        return assemble(scene)
+
+    solution = monolithic(plates(0.1))
+    for name in ("b", "c"):
+        assert solution.u[name].reshape(-1, 2)[:, 0] == pytest.approx(0.1, abs=1e-13)
+    with pytest.raises(ValueError, match="contradicts"):
+        monolithic(plates(0.2))
