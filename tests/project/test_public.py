@@ -21,6 +21,7 @@ from dolfinx_frontend import (
     Chaos,
     Contact,
     Correlated,
+    Cut,
     Debonding,
     Direction,
     Displacement,
@@ -39,6 +40,7 @@ from dolfinx_frontend import (
     RandomField,
     Resultant,
     Scene,
+    StepAssembly,
     Symmetry,
     Traction,
     TruncatedNormal,
@@ -48,6 +50,7 @@ from dolfinx_frontend import (
     geometry,
     load,
     make_plan,
+    read_step,
     solve,
     sweep,
 )
@@ -112,6 +115,16 @@ def randoms() -> list[Any]:
     ]
 
 
+def step_assembly(folder: Path) -> StepAssembly:
+    """Two touching boxes, written and read."""
+    with geometry.gmsh_session() as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.addBox(1, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(folder / "boxes.step"))
+    return read_step(folder / "boxes.step")
+
+
 @pytest.fixture(scope="module")
 def things(tmp_path_factory: Any) -> list[Any]:
     """One of everything that is public."""
@@ -133,7 +146,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *randoms(),
         *(scene, part.part, problem, part, interface, interface.sides[0], plan, plan.cost, result, history),
         *(LinearElastic(1.0, 0.3), Direction(), Options(), Direction(given={"layer": MANY[1:]})),
-        Resultant("layer"),
+        *(Resultant("layer"), Cut("left", normal=(1, 0, 0)), step_assembly(tmp_path_factory.mktemp("step"))),
         chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
         *(result.summary, result.state, result.core, result.summary.history[0], result.table()),
