@@ -1,4 +1,4 @@
-"""Every mistake in a scene is reported with the thing, the value and the mend."""
+"""Every mistake in a scene is reported with the thing, the value and a remedy."""
 
 from __future__ import annotations
 

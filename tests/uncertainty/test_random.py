@@ -634,7 +634,7 @@ def test_chaos_of_a_field_reproduces_the_field(distribution: str) -> None:
     psi = coarse.evaluate(rule.points)
     expected = psi.T @ ((rule.weights * space.values(field, rule.points)[7])[:, None] * psi)
     assert np.abs(space.galerkin_matrix(field, coarse, 7).toarray() - expected).max() < 1e-7
-    with pytest.raises(SceneError, match="cannot be set by a number"):
+    with pytest.raises(SceneError, match="cannot be set by one number"):
         space.germ_points({"k": 1.0})
     with pytest.raises(SceneError, match="the chaos of 'k'"):
         if distribution == "normal":
