@@ -94,7 +94,7 @@ def interface_figure(
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
     elif hide is None:
-        # a part beyond the face hides nothing
+        # parts whose middle lies beyond the face would cover it
         plane = float(normal[: own.dim] @ described.points.mean(axis=0))
         beyond = {
             name: float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane
