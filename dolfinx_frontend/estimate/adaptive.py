@@ -13,12 +13,13 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite, log2
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
 
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -51,9 +52,6 @@ from dolfinx_frontend.solvers.chaos import ChaosResult, IndefiniteError, carry_o
 from dolfinx_frontend.solvers.deterministic import solve_deterministic
 from dolfinx_frontend.solvers.sampling import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.problem import Problem
 
 __all__ = ["solve_to_accuracy"]
 

@@ -6,11 +6,12 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil, isfinite, log
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
@@ -22,9 +23,6 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.solvers.chaos import NOISE, ChaosResult, IndefiniteError, carry_on
 from dolfinx_frontend.solvers.sampling import SampleResult
 from dolfinx_frontend.uncertainty.chaos import Chaos
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.problem import Problem
 
 __all__ = ["ErrorShare", "Errors", "Moments", "errors", "moments"]
 

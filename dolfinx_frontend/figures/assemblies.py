@@ -11,10 +11,10 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of, vertex_nodes
+from dolfinx_frontend.geometry.parts import Assembly
 
 if TYPE_CHECKING:
     from dolfinx import fem
-    from dolfinx_frontend.geometry.parts import Assembly
 
 __all__ = ["KIND_COLOURS", "assembly_figure", "deformed_figure"]
 

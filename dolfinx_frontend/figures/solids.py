@@ -10,18 +10,17 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.figures import render
 from dolfinx_frontend.figures.canvas import plane_axes
 from dolfinx_frontend.figures.render import up
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.geometry.parts import Part
+from dolfinx_frontend.geometry.parts import Part
 
 __all__ = ["RenderError"]
 
@@ -79,8 +78,6 @@ def skin_of(
     import basix
     import basix.ufl
     from dolfinx import mesh as dmesh
-
-    from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 
     topology = mesh.topology
     dim = topology.dim
@@ -305,8 +302,6 @@ def draw_solid(
 
 def vertex_nodes(part: Part) -> Ints:
     """Geometry node of every vertex."""
-    from dolfinx_frontend.common.compat import cell_nodes
-
     topology = part.mesh.topology
     topology.create_connectivity(topology.dim, 0)
     vertices = topology.connectivity(topology.dim, 0)

@@ -10,27 +10,25 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.io import chaos_file, hdf5
 from dolfinx_frontend.io.chaos_file import ChaosFile
 from dolfinx_frontend.io.hdf5 import ChaosFileError, Tree
+from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.surfaces import ContactValues, contact_values
 from dolfinx_frontend.scene.laws import Displacement
+from dolfinx_frontend.solvers.chaos import ChaosResult
+from dolfinx_frontend.solvers.sampling import SampleResult
 from dolfinx_frontend.uncertainty.quantities import Kind
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.interface import Interface
-    from dolfinx_frontend.plan.plan import Plan
-    from dolfinx_frontend.results.result import Result
-    from dolfinx_frontend.solvers.chaos import ChaosResult
-    from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = ["ResultFileError", "SavedInterface", "SavedResult", "load", "save_result", "save_samples"]
 
@@ -242,8 +240,6 @@ def _common(result: Result | SampleResult, plan: Plan, readings: tables.Readings
 def save_result(path: str | Path, result: Result, readings: tables.Readings, fields: bool = True) -> None:
     """Write a deterministic or chaos result, see :meth:`dolfinx_frontend.Result.save`."""
     target = _target(path)
-    from dolfinx_frontend.solvers.chaos import ChaosResult  # which builds on modules that use this one
-
     random = isinstance(result, ChaosResult)
     kind = "chaos" if random else "deterministic" if result.plan.times is None else "history"
     tree = _common(result, result.plan, readings)

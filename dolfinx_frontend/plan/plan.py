@@ -9,15 +9,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, predict
+from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.scene.laws import (
     Displacement,
@@ -30,10 +32,6 @@ from dolfinx_frontend.scene.laws import (
     is_plain,
 )
 from latin_core import Options
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.assembly.problem import Problem
-    from dolfinx_frontend.plan.random_laws import RandomLaws
 
 __all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
 

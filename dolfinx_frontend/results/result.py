@@ -22,11 +22,11 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law
 
 if TYPE_CHECKING:
     from dolfinx_frontend.estimate.errors import Errors
-    from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = ["HistoryResult", "Result", "phase_seconds"]
 

@@ -15,13 +15,12 @@ import numpy as np
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.plan.random_laws import sampled_parameters
+from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.scene.laws import Contact, Law
 
 if TYPE_CHECKING:
     from dolfinx_frontend.io.saved import SavedResult
-    from dolfinx_frontend.plan.plan import Plan
-    from dolfinx_frontend.plan.random_laws import RandomLaws
     from dolfinx_frontend.results.result import Result
     from dolfinx_frontend.solvers.chaos import ChaosResult
     from dolfinx_frontend.solvers.sampling import SampleResult

@@ -26,6 +26,7 @@ from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.assembly.values import resolve
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.surfaces import (
     chunks,
@@ -41,7 +42,6 @@ from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Law, Per
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 if TYPE_CHECKING:
-    from dolfinx_frontend.plan.plan import Plan
     from dolfinx_frontend.results.result import Result
     from dolfinx_frontend.solvers.chaos import ChaosResult
     from dolfinx_frontend.solvers.sampling import SampleResult

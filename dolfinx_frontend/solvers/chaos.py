@@ -42,6 +42,7 @@ from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
 from dolfinx_frontend.solvers.collocation import Collocation, collocation
 from dolfinx_frontend.solvers.deterministic import fields_of_cuts, start_states
+from dolfinx_frontend.solvers.sampling import SampleResult, sample_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.quantities import Quantity
@@ -49,7 +50,6 @@ from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 if TYPE_CHECKING:
     from dolfinx_frontend.io.chaos_file import Field
-    from dolfinx_frontend.solvers.sampling import SampleResult
 
 __all__ = [
     "ChaosResult",
@@ -768,8 +768,6 @@ class ChaosResult(Result, StochasticResult):
         """Deterministic solves at points (N, L) of the germs: as
         :func:`dolfinx_frontend.solvers.sampling.sample`, on the factorised problem of this result and started
         from what its chaos predicts; to its tolerance, or to `rtol`."""
-        from dolfinx_frontend.solvers.sampling import sample_on
-
         points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
         every = -(-len(points) // STARTS)
         psi = self.basis.evaluate(points[::every])

@@ -31,6 +31,7 @@ from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.plan.plan import Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results import tables
+from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import Moments
 from dolfinx_frontend.results.uncertain import StochasticResult, one_number_a_sample, timed
 from dolfinx_frontend.solvers.sweep import PointResults, warn_unconverged
@@ -39,7 +40,6 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 
 if TYPE_CHECKING:
     from dolfinx_frontend.estimate.errors import Errors
-    from dolfinx_frontend.results.resultant import Resultant
 
 __all__ = [
     "SampleFields",

@@ -31,7 +31,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -45,10 +45,8 @@ from dolfinx_frontend.assembly.values import forces
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.translate import law_fields
+from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.scene.laws import Contact, Perfect, Preload, Pressure, Traction
-
-if TYPE_CHECKING:
-    from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
 
