@@ -496,7 +496,8 @@ def markdown(record: dict[str, Any], path: Path) -> None:
     text += [
         "## Against the number of parts",
         "",
-        "A chain of equal boxes (8 quadratic hexahedra each); all elastic interfaces are kept and iterated on.",
+        "A chain of equal boxes (8 quadratic hexahedra each); all elastic interfaces are kept and iterated "
+        "on.",
         "",
     ]
 
@@ -511,7 +512,11 @@ def markdown(record: dict[str, Any], path: Path) -> None:
 
     text += [*chains(record["parts"]), *growth("parts", "the number of parts, over the last four")]
     text += ["![Cost against the number of parts](figures/performance_parts.png)", ""]
-    text += ["A chain of cubes in which every fourth joint has friction, opens at its edges and slips; the others are glued:", ""]
+    text += [
+        "A chain of cubes in which every fourth joint has friction, opens at its edges and slips; the others "
+        "are glued:",
+        "",
+    ]
     text += chains(record["friction"])
     peak_rates = record["machine"]
     text += [

@@ -126,7 +126,7 @@ class Setting:
 
 def label(method: str, knobs: Mapping[str, Any]) -> str:
     """A setting in words."""
-    words = {"order": "order", "points": "points a germ", "level": "level", "samples": "samples"}
+    words = {"order": "order", "points": "points per germ", "level": "level", "samples": "samples"}
     parts = [METHODS[method]]  # type: ignore[index]
     for key, value in knobs.items():
         if key in ("points", "samples"):
@@ -862,9 +862,9 @@ EMPTY = "## Reading the front\n\n<!-- front: begin -->\n<!-- front: end -->\n"
 
 INTRODUCTION = """![Error against cost on three scenes](figures/tradeoff.png)
 
-Each point is one choice of settings. Its cost is that of computing the mean and the standard deviation of one
-number; its error is the larger of their true relative errors. The line is the front: the best that can be had
-for a given cost. A setting above the line or to its right wastes work. Stars are the settings that
+Each point is one choice of settings. Its cost is that of computing the mean and the standard deviation of
+one number; its error is the larger of their true relative errors. The line is the front: the best that can
+be had for a given cost. A setting above the line or to its right wastes work. Stars are the settings that
 `solve(problem, accuracy=...)` chose.
 
 Two errors are shown separately. The upper pictures show the error on the same mesh, against a much tighter
@@ -873,15 +873,15 @@ finer mesh. There the front becomes flat where the error of the mesh dominates; 
 tolerances and higher orders gain nothing.
 
 So begin with the lower picture and choose the mesh whose error is small enough. Then find the same error in
-the upper picture (a third of it, if the sum of both must stay below the limit), and read the setting from the
-table.
+the upper picture (a third of it, if the sum of both must stay below the limit), and read the setting from
+the table.
 
-A *unit* is one direct solution of the base mesh in the same run. Costs in the upper pictures do not include the
-assembly of the parts' matrices; those in the lower pictures include assembly and pairing. Some errors are small
-by chance (a tighter setting of the same series is over three times worse, or errors of chaos and mesh cancel);
-they are drawn small, and are left out of the front and of the tables. Errors of Monte Carlo are root mean
-squares over several seeds. In the grey band errors cannot be distinguished from the error of the reference. If
-several settings cost the same to within 10 %, the tables name the most accurate one.
+A *unit* is one direct solution of the base mesh in the same run. Costs in the upper pictures do not include
+the assembly of the parts' matrices; those in the lower pictures include assembly and pairing. Some errors
+are small by chance (a tighter setting of the same series is over three times worse, or errors of chaos and
+mesh cancel); they are drawn small, and are left out of the front and of the tables. Errors of Monte Carlo
+are root mean squares over several seeds. In the grey band errors cannot be distinguished from the error of
+the reference. If several settings cost the same to within 10 %, the tables name the most accurate one.
 """
 
 

@@ -735,7 +735,7 @@ def all_cases() -> Iterator[Case]:
 
     row = "rigid contact, force at a point"
     yield Case(row, "space='facets'", lambda: at_points("facets"))
-    more = "two points a facet, but one node: resultants and nodal forces are unique, point values are not"
+    more = "two points per facet, but one node: resultants and nodal forces are unique, point values are not"
     yield Case(row, "space='points', degree 1", lambda: at_points("points"), note=more)
 
     row = "numbers of 32 bits"
