@@ -1,4 +1,4 @@
-"""The extremes: over which range answers hold, the digits that are left, what happens beyond.
+"""The extremes: the range over which answers hold, the digits that remain, and what happens outside it.
 
 ``./run bench limits --markdown docs/limits.md`` writes the page of the documentation; the cases are those of
 tests/extremes, and the long ones that the tests leave out. ``--json FILE`` writes one record a case: ``row``,

@@ -289,7 +289,7 @@ def chain(parts: int) -> dict[str, Any]:
 
 
 def rubbing(parts: int) -> dict[str, Any]:
-    """A chain whose every fourth joint rubs and opens, every interface kept."""
+    """A chain in which every fourth joint has friction and opens, all interfaces kept."""
     problem = test_macro.rubbing(parts)
     run, record = kept(
         parts, problem, contact.with_springs(problem), lambda: test_macro.cut(problem, rtol=3e-7)
@@ -311,7 +311,7 @@ def kept(
 
 
 def machine() -> dict[str, float]:
-    """What one thread reaches: operations of a matrix product, bytes of a copy."""
+    """Speed of one thread: operations of a matrix product, bytes of a copy."""
     a = np.random.default_rng(0).normal(size=(1500, 1500))
     product = common.timed(lambda: a @ a, 5).seconds
     big = np.zeros(40_000_000)

@@ -1,4 +1,4 @@
-"""Speed against accuracy: the knobs, one by one and together, on three scenes, and the Pareto front.
+"""Speed against accuracy: all settings, one by one and together, on three scenes, and the Pareto front.
 
 ``./run bench tradeoff --json FILE --markdown docs/accuracy.md`` measures all of it and writes the record,
 the part of the page on the front and its figure; ``--read FILE`` makes page and figure from a record.
@@ -114,7 +114,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Setting:
-    """A method, its knobs, and the mesh (None: the base mesh of the scene)."""
+    """A method, its settings, and the mesh (None: the base mesh of the scene)."""
 
     method: Method
     knobs: Mapping[str, Any] = field(default_factory=dict)
@@ -192,7 +192,7 @@ class Scene:
 
     @property
     def meshes(self) -> list[Mesh]:
-        """All that settings are measured on, the base first."""
+        """All meshes on which settings are measured, the base first."""
         return list(dict.fromkeys([self.base, *(s.mesh for s in self.settings if s.mesh is not None)]))
 
 
@@ -267,7 +267,7 @@ def grid(method: Method, mesh: Mesh | None = None, **knobs: Sequence[Any]) -> It
 def elastic_settings(
     quick: bool, orders: Sequence[int], tensor: Sequence[int], levels: Sequence[int]
 ) -> list[Setting]:
-    """The grid of knobs of a linear scene, on its base mesh."""
+    """The grid of settings of a linear scene, on its base mesh."""
     rtols = (1e-1, 1e-2, 1e-4, 1e-7) if quick else (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
     middle = orders[min(1, len(orders) - 1)]
     sampled = (1e-3, 1e-6) if not quick else (1e-4,)
@@ -364,7 +364,7 @@ def _once(settings: Sequence[Setting]) -> list[Setting]:
 
 
 def lap_settings(quick: bool) -> list[Setting]:
-    """The grid of knobs of the scene with contact and friction."""
+    """The grid of settings of the scene with contact and friction."""
     rtols = (1e-1, 1e-2, 1e-3) if quick else (3e-1, 1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-5)
     meshes = [Mesh("coarse", 3, "facets")] if quick else []
     if not quick:
@@ -415,7 +415,7 @@ def of_samples(scene: Scene, result: SampleResult) -> Moments:
 
 
 def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answer:
-    """Carry a setting out: from the matrices of the parts to mean and deviation."""
+    """Run a setting: from the matrices of the parts to mean and standard deviation."""
     knobs, method = dict(setting.knobs), setting.method
     rtol = knobs.pop("rtol")
     if method in ("latin", "single", "latin2004", "ssfem"):
@@ -456,7 +456,7 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
 
 
 def nominal(problem: Problem) -> Problem:
-    """The problem of the unit: means for what is random, springs for contacts."""
+    """The problem of the unit: means for random values, springs for contacts."""
     return contact.with_springs(problem)
 
 
@@ -656,7 +656,7 @@ def _line(row: Mapping[str, Any]) -> str:
 
 
 def tighter(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
-    """Whether setting b is of the series of a, and no looser than a in any knob."""
+    """Whether b belongs to the series of a, and no setting of b is looser than that of a."""
     if (a["method"], a["mesh"]) != (b["method"], b["mesh"]):
         return False
     ours, theirs = dict(a["knobs"]), dict(b["knobs"])
@@ -685,7 +685,7 @@ def mark_luck(record: dict[str, Any]) -> None:
 
 
 def _looseness(row: Mapping[str, Any]) -> tuple[float, ...]:
-    """Least for the run of a mesh that has next to no error but that of the mesh."""
+    """Smallest for the run whose error is almost only that of the mesh."""
     if row["error"] is not None:
         return (row["error"],)
     return (row["knobs"]["rtol"], -max(row["knobs"].get(key, 0) for key in GROWING))
@@ -712,7 +712,7 @@ def cheapest(
 
 
 def panels(record: Mapping[str, Any]) -> list[list[FrontPanel]]:
-    """Pictures of all scenes: the same mesh above, errors in all below."""
+    """Pictures of all scenes: errors on the same mesh above, total errors below."""
     rows = []
     for in_all in (False, True):
         error, cost = ("error_all", "units_all") if in_all else ("error", "units")
@@ -803,7 +803,7 @@ def _chosen(scene: Mapping[str, Any], level: float, meshes: bool) -> Mapping[str
 
 
 def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """The knobs that are changed one at a time, about the setting where most of them are."""
+    """The settings that are changed one at a time, around the one that most runs share."""
     galerkin = [
         r
         for r in scene["runs"]
@@ -826,7 +826,7 @@ def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 
 def table_meshes(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """What size, degree and space do: the tightest run on each mesh."""
+    """Effect of size, degree and space: the tightest run on each mesh."""
     rows = []
     for mesh in sorted(scene["meshes"], key=lambda m: float(m["dof"])):
         runs = [r for r in scene["runs"] if r["mesh"] == mesh["name"] and r["error_all"] is not None]

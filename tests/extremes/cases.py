@@ -1,4 +1,4 @@
-"""The extremes of the project, one case each: a scene with a closed form, and the digits that are left.
+"""The extremes of the project, one case each: a scene with a closed form, and the digits that remain.
 
 ``tests/extremes/test_extremes.py`` asserts the cases, ``./run bench limits`` writes docs/limits.md from
 them. The scenes are plane and of few cells, and their stresses uniform where possible: linear elements then

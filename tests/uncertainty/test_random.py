@@ -172,7 +172,7 @@ def test_normal_spring_gives_the_gauss_value(order: int, expected: float) -> Non
 
 
 def test_definiteness_of_a_normal_stiffness_ends_at_order_ten() -> None:
-    """cov 0.2 passes at order 9 and fails at 10; positive laws never fail."""
+    """cov 0.2 passes at order 9 and fails at 10; positive distributions never fail."""
     stiffness = Normal("k", 100.0, cov=0.2)
     space = RandomSpace([stiffness])
     smallest = [
