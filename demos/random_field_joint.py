@@ -61,7 +61,7 @@ print(result)
 # --- monolithic SSFEM --------------------------------------------------------------------------------
 began = perf_counter()
 exact = reference.ssfem(problem, chaos)
-print(f"monolithic SSFEM: {reference.iterations} CG iterations, {perf_counter() - began:.2f} s")
+print(f"monolithic SSFEM: {exact.iterations} CG iterations, {perf_counter() - began:.2f} s")
 blocks = {name: result.coefficients(name) for name in problem.substructures}
 error = reference.energy_error_modes(problem, blocks, exact.coefficients)
 

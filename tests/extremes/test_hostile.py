@@ -169,7 +169,7 @@ def test_chaos_settings(data: st.DataObject) -> None:
     values.setdefault("order", 2)
     chaos = attempt(lambda: api.Chaos(**values), *(None if v is None else v for v in values.values()))
     if chaos is not None and chaos.order <= 5:
-        space = api.random.RandomSpace([api.Uniform("u", 1.0, 2.0), api.LogNormal("l", 1.0, cov=0.2)])
+        space = api.uncertainty.space.RandomSpace([api.Uniform("u", 1.0, 2.0), api.LogNormal("l", 1.0, cov=0.2)])
         attempt(lambda: space.basis(chaos), *values.values())
 
 
