@@ -19,6 +19,7 @@ from hypothesis import strategies as st  # noqa: E402
 
 import dolfinx_frontend as api  # noqa: E402
 from dolfinx_frontend.common.errors import SceneError  # noqa: E402
+from dolfinx_frontend.uncertainty.space import RandomSpace  # noqa: E402
 from latin_core import NumericalError, Options, _core  # noqa: E402
 from tests.extremes import cases  # noqa: E402
 
@@ -169,7 +170,7 @@ def test_chaos_settings(data: st.DataObject) -> None:
     values.setdefault("order", 2)
     chaos = attempt(lambda: api.Chaos(**values), *(None if v is None else v for v in values.values()))
     if chaos is not None and chaos.order <= 5:
-        space = api.uncertainty.space.RandomSpace([api.Uniform("u", 1.0, 2.0), api.LogNormal("l", 1.0, cov=0.2)])
+        space = RandomSpace([api.Uniform("u", 1.0, 2.0), api.LogNormal("l", 1.0, cov=0.2)])
         attempt(lambda: space.basis(chaos), *values.values())
 
 
