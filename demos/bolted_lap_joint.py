@@ -5,30 +5,33 @@
     ./run python demos/bolted_lap_joint.py --quick         coarse, a short history, 4 x 4 x 4 sets
 
 Problem
-    Two steel plates overlap and are held together by two preloaded bolts; friction between the plates
-    carries the load, and beyond it the bolts do, bent by the friction under their heads and nuts. Half of
-    the joint is modelled, by symmetry (y -> -y); forces are given for the whole joint. Plates, and bolts of
-    shank, head and nut, are meshed one by one: their meshes do not match in the five contacts, where
-    unilateral contact and Coulomb friction hold in the mean on every facet.
+    Two steel plates overlap and are held together by two preloaded bolts. Friction between the plates carries
+    the load. When it is exhausted, the bolts carry load too: they are bent by the friction under their heads
+    and nuts. By symmetry (y -> -y) half of the joint is modelled; forces are given for the whole joint. The
+    plates, and the shank, head and nut of the bolts, are meshed one by one. Their meshes do not match in the
+    five contacts, where unilateral contact and Coulomb friction hold for the mean values on every facet.
 
 Laws (N, mm, MPa)
     steel       E = 200 000 MPa, nu = 0.3
     contact     between the plates and under heads and nuts, friction 0.2
     bolts       an elastic cut of 4e5 N/mm between shank and head (the compliance of thread and washer),
-                shortened by 0.15 mm: a preload of about 35 kN a bolt
-    ends        one clamped, the other one held, then moved along x by 0.2 mm to and fro. Tightened
-                between held ends the plates cannot grow sideways: the cycle begins with a load of -2.6 kN.
+                shortened by 0.15 mm: a preload of about 35 kN per bolt
+    ends        one is clamped; the other one is held and then moved along x by 0.2 mm back and forth. While
+                the bolts are tightened, both ends are held and the plates cannot expand sideways: the cycle
+                begins with a load of -2.6 kN.
 
 Dimensions (mm)
     plates 110 x 40 x 10, overlap 80; bolts of radius 6, 40 apart, in holes of radius 7 (clearance 1); heads
-    and nuts of radius 11. Shanks and holes have no interface: that they do not touch is checked afterwards.
+    and nuts of radius 11. Shanks and holes have no interface; the script checks afterwards that they do not
+    touch.
 
 Answers
-    The loop of load against slip; its area against what friction takes up and what the parts store: the
-    three balance, whatever the time steps; what friction takes up is ``dissipation``, with the force at the
-    end of each step, as the law has it, and needs small steps. Then load and slip at a displacement
-    of 0.08 mm over friction, shortening and stiffness of the bolts, each set in two steps (tightening, then
-    shear: both at once is another path and another answer).
+    The loop of load against slip. Its area is compared with the work that the contacts take up and the energy
+    that the parts store; the three balance for any time steps. The heat of friction, ``dissipation``, uses
+    the force at the end of each step, as the law does, and needs small steps. Then load and slip at a
+    displacement of 0.08 mm are computed as functions of friction, shortening and stiffness of the bolts. Each
+    set takes two steps, tightening and then shear: both at once would be a different path with a different
+    answer.
 """
 
 from __future__ import annotations
@@ -88,9 +91,9 @@ SHEAR = Amplitude([1.0, 2.0], [0.0, 1.0])
 
 TIMES = (1.0, 2.0)  # of the parametric study
 
-# Measured on the medium mesh: a Newton step solves a dense system of 800 unknowns for each time step; in a
-# sweep, which starts close to the answer, that costs more than the iterations that it saves. Five earlier
-# states to start from are as good as 15.
+# Measured on the medium mesh: a Newton step solves a dense system of 800 unknowns for each time step. In a
+# sweep, which starts close to the answer, this costs more than the iterations that it saves. Starting from
+# five earlier states is as good as starting from 15.
 SETTINGS = Options(newton=0, snapshots=5, max_iterations=3000)
 RTOL = 5e-5  # of the parametric study
 
@@ -117,9 +120,9 @@ def build_scene(
     moved
         Displacement of the gripped end, a vector or one that changes in time.
     friction, bolt, shortening
-        Of all contacts; stiffness (N/mm) and shortening (mm, reached at time 1) of a whole bolt.
+        Friction of all contacts; stiffness (N/mm) and shortening (mm, reached at time 1) of a whole bolt.
     degree
-        Of the displacements.
+        Degree of the displacements.
     """
     # half a bolt has half the stiffness
     cut = Elastic(normal=bolt / 2, tangential=bolt / 2, total=True, jump=TIGHTEN * -shortening)
@@ -144,7 +147,7 @@ def build_scene(
     return scene
 
 
-# %% What is read from an answer
+# %% Quantities of interest
 
 
 def along_x(problem: Problem, name: str, field: Array, where: Array | None = None) -> Array:
@@ -156,7 +159,7 @@ def along_x(problem: Problem, name: str, field: Array, where: Array | None = Non
 
 
 def load(problem: Problem, answer: Any) -> Array:
-    """Load that the whole joint transmits at each time, N: all that acts on the lower plate."""
+    """Load that the whole joint transmits at each time, N: the sum of all forces on the lower plate."""
     return HALVES * sum(along_x(problem, name, answer.force(name)) for name in ON_LOWER)
 
 
@@ -170,8 +173,8 @@ def slip(problem: Problem, answer: Any) -> Array:
 def smallest_clearance(joint: LapJoint, problem: Problem, result: Any) -> float:
     """Lower bound of the distance of shanks and holes over the history, mm.
 
-    A wall that moves by a and a shank by b in the plane come closer by at most |a - b|; all nodes of a wall
-    are held against all nodes of the shank within the plate.
+    If a wall moves by a and a shank by b in the plane, they come closer by at most |a - b|; all nodes of a
+    wall are compared with all nodes of the shank within the plate.
     """
     moving = result.displacements
 
@@ -200,7 +203,7 @@ def smallest_clearance(joint: LapJoint, problem: Problem, result: Any) -> float:
 def stored(problem: Problem, result: HistoryResult) -> Array:
     """Energy in the parts and in the cuts of the modelled half at each time, (T,), N mm.
 
-    In the cuts counted from the time of tightening on: until then their shortening does work, too.
+    The energy in the cuts counts from the end of tightening on: until then their shortening does work, too.
     """
     energy = sum((result.work(name) for name in CUTS), start=np.zeros(len(result.times)))
     for name, part in problem.substructures.items():
@@ -219,7 +222,7 @@ class Loop:
     result: HistoryResult
     moved: Array
     load: Array
-    plates: Array  # of the load, what friction between the plates carries
+    plates: Array  # part of the load that friction between the plates carries
     pressed: Array  # the plates on each other
     slip: Array
     clamping: Array  # (4, T) under heads and nuts
@@ -230,7 +233,7 @@ class Loop:
 
     @property
     def first(self) -> int:
-        """First reversal: a cycle is from here until the end, the same displacement again."""
+        """First reversal: a cycle goes from here to the end, where the displacement is the same again."""
         return int(np.argmax(self.moved))
 
     def cycle(self, energy: Array) -> float:
@@ -249,7 +252,7 @@ class Loop:
 
 
 def hysteresis(joint: LapJoint, steps: int, rtol: float = 1e-5) -> Loop:
-    """The cycle, with `steps` time steps a quarter."""
+    """The cycle, with `steps` time steps per quarter."""
     problem = assemble(build_scene(joint, CYCLE * (REACH, 0.0, 0.0)))
     times = np.linspace(1.0, 6.0, 5 * steps + 1)
     began = perf_counter()
@@ -321,7 +324,7 @@ def loop_figure(loop: Loop, path: Path) -> Path:
 
 
 def facets_of(part: Part, face: str, points: Array) -> Array:
-    """Corners (m, 3, 2) in the plane of the facets in whose middle the points are."""
+    """Corners (m, 3, 2), in the plane, of the facets whose midpoints are given."""
     mesh = part.mesh
     mesh.topology.create_connectivity(2, 3)
     corners = entities_to_geometry(mesh, 2, part.facets(face))[:, :3]
@@ -413,7 +416,7 @@ def cold(joint: LapJoint, friction: float, jump: float, half_bolt: float) -> tup
     """Load and slip of one set, solved by itself to a tight tolerance."""
     pull = SHEAR * (PULL, 0.0, 0.0)
     problem = assemble(build_scene(joint, pull, friction, 2.0 * half_bolt, -jump))
-    # Newton steps: from nothing to a tight tolerance the accelerated iteration alone may go in circles
+    # Newton steps: from zero to a tight tolerance the accelerated iteration alone may not converge
     options = Options(rtol=1e-8, max_iterations=10000)
     result = solve(problem, times=TIMES, options=options)
     assert result.converged, result.status
@@ -535,7 +538,7 @@ def main(given: Sequence[str] | None = None) -> None:
 
 
 def check(loop: Loop, clearance: float, surface: SweepResult, error: float, quick: bool) -> None:
-    """Energies balance, plates slip at friction x pressing force, the study is right."""
+    """Energies balance, plates slip at friction x pressing force, the parametric study is accurate."""
     assert loop.result.converged and surface.converged.all()
     assert clearance > 0.0, "a shank touches its hole, where the model has no interface"
     lost = loop.area - loop.cycle(loop.work) - loop.cycle(loop.stored)

@@ -1,12 +1,12 @@
 """A bolted pressure vessel whose screws and joint have an uncertain stiffness.
 
 The example of Blanzé, Champaney and Boucard (ECCOMAS 2004, section 5), solved by the LATIN method
-and held against a direct solution of the whole structure:
+and compared with a direct solution of the whole structure:
 
     ./run demo                     the paper's mesh, a minute of computing
     ./run demo --size coarse       a coarse mesh; --size 5: cells of 5 mm (105 000 unknowns)
     ./run demo --method latin      the iteration of 2004 only, without its chaos
-    ./run demo --contact           the cover in true contact with the ring; --friction 0.3: rubbing
+    ./run demo --contact           true contact of cover and ring; with --friction 0.3 also friction
 
 Problem
     A cylinder under internal pressure is closed by a cover, which eight prestressed screws hold.
@@ -22,32 +22,34 @@ Laws (N, mm, MPa throughout)
     joint       elastic interface between ring and cover, k = 100 (1 + 0.2 xi2) N/mm^3, in all
                 directions
 
-Choices, where the paper leaves one open
-    Its units (N/m and N/m/m^2) do not fit the rest: we read N/mm and N/mm^3, so that 5e4 N/mm x
-    0.2 mm = 10 kN preload a screw. Its text and its figure swap which variable belongs to the
-    joint: here xi1 is the screw and xi2 the joint. Its dimensions are not legible. Ours (mm): bore
-    radius 90, wall 20, height 100, flange 30 thick with outer radius 160, joint ring 6 thick, cover
-    30 thick, screws of radius 9 on a circle of radius 135, heads of radius 16, 14 high. With them
-    the joint is compressed at the mean, and in traction somewhere with a probability of about 4 %.
+Choices that the paper leaves open
+    The units of the paper (N/m and N/m/m^2) do not fit its other data. We read them as N/mm and N/mm^3, so
+    that 5e4 N/mm x 0.2 mm = 10 kN preload a screw. Text and figure of the paper disagree about which
+    variable belongs to the joint: here xi1 is the screw and xi2 the joint. The dimensions are not legible.
+    Ours are (mm): bore radius 90, wall 20, height 100, flange 30 thick with outer radius 160, joint ring 6
+    thick, cover 30 thick, screws of radius 9 on a circle of radius 135, heads of radius 16, 14 high. With
+    them the joint is compressed at the mean stiffnesses, and in traction somewhere with a probability of
+    about 4 %.
 
 Comparison with the paper
     The paper needs 350 iterations for the first of 91 parameter sets and 235 for the other 90. It
-    does not say to which error; here every count comes with one. The example is linear, and a
-    linear problem that is solved once is best solved directly: the plan does that. Iterations pay
-    from the second parameter set on, and only on the interfaces that change.
+    does not state the error; here every number of iterations is given with its error. The example is
+    linear, and a linear problem that is solved once is best solved directly: the plan does that.
+    Iterations pay off from the second parameter set on, and only on the interfaces that change.
 
-    With both stiffnesses normal (chaos of order 3, 10 modes) it needs 310 iterations and 1 300 s
-    for LATIN-PCE. Here that is held against monolithic SSFEM (the same Galerkin equations by
-    conjugate gradients, a strong baseline), against quadrature, against the response surface and
-    against Monte Carlo. Another choice of this program: the paper's stopping indicator is 1e-4
-    on large meshes, where 1e-5 would cost most of the running time; the coarse mesh shows both.
+    With both stiffnesses normally distributed (chaos of order 3, 10 modes) the paper needs 310 iterations
+    and 1 300 s for LATIN-PCE. Here the result is compared with monolithic SSFEM (the same Galerkin equations
+    solved by conjugate gradients, a strong baseline), with quadrature, with the response surface and
+    with Monte Carlo. Another choice of this program: on large meshes the iteration of 2004 stops at an
+    indicator of 1e-4, because 1e-5 would take most of the running time; the coarse mesh shows both.
 
 True contact
-    With --contact the joint can push (and rub) but not pull. The cover bends under the screws, so that
-    rigid faces touch along the outer rim of the ring only; a gasket (--gasket 100, in N/mm^3) spreads the
-    contact. The preload is raised first, then the pressure, from 0 to beyond what the screws hold: the
-    force of the screw hardly changes as long as the joint is closed, and equals that of the pressure when
-    it has opened, which is when the pressure exceeds the preload that is left.
+    With --contact the joint can transmit compression (and friction) but no traction. The cover bends under
+    the screws, so that rigid faces touch only along the outer rim of the ring; a gasket (--gasket 100, in
+    N/mm^3) spreads the contact. The preload is raised first, then the pressure, from 0 to more than the
+    screws can hold. The force of the screw hardly changes as long as the joint is closed. When the joint
+    has opened, the force of the screw equals that of the pressure; this happens when the pressure exceeds
+    the remaining preload.
 """
 
 from __future__ import annotations
@@ -141,9 +143,9 @@ def vessel_scene(
     joint
         Stiffness of the joint, N/mm^3: a number, a random parameter or a random field; or its law.
     pressure
-        Inside, MPa; it may change in time.
+        Pressure inside, MPa; it may change in time.
     degree, space
-        Of the displacements, and of joint and screw.
+        Degree of the displacements; interface space of joint and screw.
     """
     laws = {
         "perfect": Perfect(),
@@ -205,7 +207,7 @@ def iterations_to(result: Result, level: float, measure: str = "error") -> int |
 def deterministic(
     problem: Problem, plain_only: bool = False, quick: bool = False
 ) -> dict[str, Result]:
-    """Solve the mean parameters by the method of 2004 and by what came after it."""
+    """Solve the mean parameters by the method of 2004 and by the accelerated ones."""
     results = {}
     if not plain_only:
         results["direct, as planned"] = solve(problem)
@@ -371,7 +373,7 @@ def report_sweeps(
 def from_surface(
     xi: tuple[Array, Array], largest: Array, samples: int = 100_000, seed: int = 0
 ) -> Quantity:
-    """The largest normal stress on the joint from its response surface.
+    """The largest normal stress on the joint, evaluated on its response surface.
 
     Independent standard normal variables; a bicubic spline through `largest` (screw, joint),
     constant outside the grid.
@@ -407,7 +409,7 @@ def largest_stress(fields: Block) -> Array:
 
 
 class Uncertain(NamedTuple):
-    """What the random problem was solved by.
+    """The solutions of the random problem.
 
     Attributes
     ----------
@@ -416,11 +418,11 @@ class Uncertain(NamedTuple):
     galerkin
         Monolithic SSFEM at the tolerance of `chaos`.
     exact
-        Monolithic SSFEM, converged: what errors of coefficients are measured against.
+        Monolithic SSFEM, converged: the reference for errors of coefficients.
     quadrature, samples
         Tensor Gauss rule with the points that the order needs, and Monte Carlo.
     seconds
-        Wall time by name of the attribute, from the matrices of the parts on.
+        Wall time by name of the attribute, without the assembly of the parts' matrices.
     """
 
     chaos: ChaosResult
@@ -449,7 +451,7 @@ def solve_uncertain(problem: Problem, samples: int = 2000, plain: bool = False) 
         start = perf_counter()
         answer = call()
         if isinstance(answer, ChaosResult):
-            all_modes(answer)  # interior fields are computed when asked for
+            all_modes(answer)  # interior fields are computed only on request
         seconds[name] = perf_counter() - start
         return answer
 
@@ -697,7 +699,7 @@ class ContactState(NamedTuple):
     force, jump
         (points, components), MPa and mm, on the joint.
     open, slipping
-        Shares of the joint's area.
+        Fractions of the joint's area.
     """
 
     pressure: float
@@ -713,11 +715,11 @@ class ContactState(NamedTuple):
 def contact_history(
     vessel: BoltedVessel, law: Contact, pressures: Array
 ) -> tuple[HistoryResult, list[ContactState]]:
-    """Preload the screws, then raise the pressure: all of it is iterated on at once."""
+    """Preload the screws, then raise the pressure; the whole history is iterated on at once."""
     times = np.arange(len(pressures), dtype=float)
     pressure = Amplitude(times, pressures) * 1.0
     problem = assemble(vessel_scene(vessel, joint=law, pressure=pressure))
-    # the force of the screw is asked for, so it is kept
+    # the force of the screw is needed, so its interface is kept
     result = solve(problem, times=times, active=["screw"], options=CONTACT)
     joint = problem.interfaces["joint"]
     share = joint.weights / joint.area
@@ -850,7 +852,7 @@ def contact_story(options: argparse.Namespace, say: Callable[[str], None]) -> No
         gap = s.jump[:, 0] - gasket * s.force[:, 0]
         entered = max(entered, -float(gap.min()))
         apart = max(apart, float(np.abs(gap[s.force[:, 0] < 0.0]).max(initial=0.0)))
-    # as a share of the shortening of the screws: what the preload moves
+    # relative to the shortening of the screws, the displacement that the preload imposes
     check(f"penetration: {entered / SHORTENING:.1e}", entered / SHORTENING, 1e-8)
     check(f"gap of closed points: {apart / SHORTENING:.1e}", apart / SHORTENING, 1e-8)
     if options.friction:
@@ -880,7 +882,7 @@ def table(header: Sequence[Any], rows: Sequence[Sequence[Any]]) -> None:
 
 
 def wrapped(text: object, width: int = 100) -> str:
-    """The text of an object with its long lines broken, their rest indented further."""
+    """The text of an object with its long lines broken; continuation lines are indented further."""
     lines = []
     for line in str(text).splitlines():
         if len(line) <= width:
@@ -892,7 +894,7 @@ def wrapped(text: object, width: int = 100) -> str:
 
 
 class Steps:
-    """Says what is being done, after the seconds since the start."""
+    """Prints the seconds since the start and what is being done."""
 
     def __init__(self) -> None:
         self._start = perf_counter()
@@ -1019,7 +1021,7 @@ def main(given: Sequence[str] | None = None) -> None:
         check(f"{name}: energy error {error:.1e}", error, rtol[name])
     for name, surface in surfaces.items():
         check(f"{name}: points not converged", float((~surface.converged).sum()), 0.0)
-    # the indicator says little about the error, which the table shows; the estimate is one
+    # the indicator says little about the error, as the table shows; the estimate follows it
     check(f"{last}: force error {errors[last]:.1e}", errors[last], 0.1 if plain_only else 1e-5)
     balance = abs(mean["screw"] + mean["joint"] - pressure_force) / pressure_force
     check(f"equilibrium of the cover: {balance:.1e}", balance, 1e-2 if plain_only else 1e-6)

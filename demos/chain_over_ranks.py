@@ -1,9 +1,9 @@
-"""A row of blocks on a soft bed, one part after the other on the ranks that there are.
+"""A row of blocks joined by soft layers, distributed over the MPI ranks.
 
     ./run mpirun -n 2 python demos/chain_over_ranks.py
 
-runs it on two ranks, ``./run python demos/chain_over_ranks.py`` on one, with the same digits. Every rank
-runs the whole script: it describes the same scene and makes the meshes of its own parts only.
+runs it on two ranks, ``./run python demos/chain_over_ranks.py`` on one, with the same answer up to rounding.
+Every rank runs the whole script: it describes the same scene, but makes only the meshes of its own parts.
 """
 
 import numpy as np
@@ -41,7 +41,7 @@ if world.rank == 0:
 own = {name: u.reshape(-1, 3)[:, 0].min() for name, u in result.displacements.items()}
 print(f"rank {world.rank}: {', '.join(problem.substructures)}")
 everywhere = {name: u for each in world.allgather(own) for name, u in each.items()}
-force, _ = result.gathered(f"joint{PARTS // 2}")  # on all ranks; all call it
+force, _ = result.gathered(f"joint{PARTS // 2}")  # the same on all ranks; all must call it
 
 # the row is uniform: every block shortens by p L / E, every spring by p / k
 exact = -pressure * (PARTS * length / E + (PARTS - 2) / 1e4)

@@ -1,4 +1,4 @@
-"""A pipe flange from a STEP file: eight bolts tightened in turn, pressure, and the chance of a leak.
+"""A pipe flange from a STEP file: eight bolts tightened in turn, pressure, and the probability of a leak.
 
     ./run python demos/flange_from_step.py           35 parts, 94 000 unknowns, a minute and a half
     ./run python demos/flange_from_step.py --quick   a coarse mesh, 16 samples
@@ -10,20 +10,21 @@ Problem
 
 Laws (N, mm, MPa)
     flanges, bolts   E = 200 000 MPa, nu = 0.3
-    gasket           E = 3 000 MPa, nu = 0.2; glued to the lower flange, on the upper one contact through its
-                     filler of 2 000 N/mm^3, that does not pull
+    gasket           E = 3 000 MPa, nu = 0.2; glued to the lower flange; contact with the upper flange
+                     through the filler of 2 000 N/mm^3, which transmits no traction
     nuts             glued to flanges and studs
-    studs            Preload: 45 kN in the step in which a stud is tightened, of constant length otherwise
-    load             10 MPa inside, with the thrust on the pipe's end; the lower pipe's end is fixed
+    studs            Preload: 45 kN in the step in which a stud is tightened, constant length otherwise
+    load             10 MPa inside, with the thrust on the end of the pipe; the end of the lower pipe is fixed
 
 Load history
-    all bolts to 20 % at once (by hand), then one after another in a star to 60 % and to 100 %, then passes
-    around at 100 % until every bolt is right, then the pressure. Tightening a bolt relieves its neighbours.
+    First all bolts are tightened to 20 % at once (by hand), then one after another in a star pattern to 60 %
+    and to 100 %, then in circular passes at 100 % until every bolt has its preload. Then the pressure is
+    applied. Tightening one bolt relieves its neighbours.
 
-Random
+Random variables
     The preload of every bolt (normal, coefficient of variation 10 %, independent: a torque wrench) and the
-    stiffness of the filler (lognormal, 25 %). The joint leaks where the pressure on the gasket, in the mean
-    over its width and an eighth of its circumference, is below 2 times the pressure inside.
+    stiffness of the filler (lognormal, 25 %). The joint leaks where the pressure on the gasket, averaged over
+    its width and an eighth of its circumference, is below 2 times the pressure inside.
 
 Checks
     balance of bolts, gasket and pressure; preload; symmetry under rotation by one bolt.
@@ -84,7 +85,7 @@ FILLER_SCATTER = 0.25
 
 BOLTS = tuple(f"stud {k}-|stud {k}+" for k in ROUND)
 SEAT = "upper flange|gasket"
-# what of the upper half the pressure acts on
+# faces of the upper half on which the pressure acts
 LOADS = ("pressure(upper flange:inside)", "thrust")
 
 OUTPUT = Path(__file__).resolve().parents[1] / "build" / "output" / "flange_from_step"
@@ -156,7 +157,7 @@ def loaded(step: StepAssembly, assembly: Assembly, shape: FlangeShape, on: Ampli
     return scene
 
 
-# %% What is read from an answer; the last axes of a force are points and components
+# %% Quantities of interest; the last axes of a force are points and components
 
 
 def bolt_forces(problem: Problem, answer: Any) -> Array:
@@ -194,7 +195,7 @@ def harmonics(problem: Problem, answer: Any) -> Array:
 
 
 def imbalance(problem: Problem, answer: Any, loads: Array) -> float:
-    """Largest rest of bolts, gasket and pressure along the axis, as a share of the largest of them."""
+    """Largest imbalance of bolts, gasket and pressure along the axis, relative to the largest of them."""
     bolts = bolt_forces(problem, answer).sum(axis=-1)
     gasket = along_axis(problem, SEAT, answer.force(SEAT))
     largest = max(np.abs(each).max() for each in (bolts, gasket, loads))
@@ -202,7 +203,7 @@ def imbalance(problem: Problem, answer: Any, loads: Array) -> float:
 
 
 def pressure_force(problem: Problem, times: Array, on: Amplitude) -> Array:
-    """Force of the pressure that tears the joint apart, N, as the meshes have it, (T,)."""
+    """Force of the pressure that separates the flanges, N, on the area of the meshes, (T,)."""
     inside, end = (problem.interfaces[name] for name in LOADS)
     push = -float(inside.weights @ inside.normals[:, 2]) * PRESSURE
     pull = float(end.area) * float(np.asarray(end.law.at(1e9).t.terms[0][1])[2])
@@ -268,7 +269,7 @@ def exploded(assembly: Assembly, path: Path) -> Path:
 
 
 def leak_figure(least: Any, forces: Array, path: Path) -> Path:
-    """Distribution of the least gasket pressure, and what it comes from."""
+    """Distribution of the least gasket pressure, and which variables it depends on."""
     figure = Figure(figsize=(10.0, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     values = np.asarray(least.values)
@@ -299,7 +300,7 @@ def leak_figure(least: Any, forces: Array, path: Path) -> Path:
 
 
 def rotation_error(problem: Problem, times: Array, options: Options) -> tuple[float, float]:
-    """How far the joint is from its symmetry: one bolt after another 10 % tighter, the rest alike.
+    """Deviation from rotational symmetry: one bolt after another is tightened 10 % more than the others.
 
     Returns
     -------
@@ -388,11 +389,11 @@ rest, share of the largest      {rest:9.1e} (largest of all steps)
 least pressure on the gasket    {around[-2].min():9.2f}  {around[-1].min():9.2f}   MPa
 largest pressure on the gasket  {around[-2].max():9.2f}  {around[-1].max():9.2f}   MPa""")
 
-    # the scatter: all bolts at once, then the pressure
+    # random samples: all bolts at once, then the pressure
     pair = np.array([tightened, tightened + 1.0])
     uncertain = problem.with_laws(random_laws(tightened))
     start = perf_counter()
-    # near samples start from each other: Anderson's steps are cheaper than Newton's there (measured: 4 times)
+    # a sample starts from the state of a close one: Anderson's steps are then 4 times cheaper than Newton's
     quickly = Options(rtol=1e-7, max_iterations=1000, newton=0)
     drawn: SampleResult = quasi_monte_carlo(uncertain, samples, times=pair, options=quickly)
     seconds = perf_counter() - start

@@ -1,4 +1,4 @@
-"""Cylinder on a block, pressed (Hertz) and then rubbed (Cattaneo and Mindlin), on meshes that do not match.
+"""Cylinder on a block: Hertz pressure, then friction (Cattaneo and Mindlin), on meshes that do not match.
 
     ./run python demos/hertz.py [--quick] [--output DIR] [--no-figures]
 
@@ -9,60 +9,63 @@ Problem (N, mm, MPa; plane strain)
 
         p(x) = p0 sqrt(1 - x^2/a^2),   a = sqrt(4 P R / (pi E*)) = 6.2146 mm,  p0 = 2 P/(pi a) = 3585.4 MPa.
 
-    Half a cylinder and half the block are modelled, meshed separately with quadratic triangles (curved on
-    the cylinder), small near the contact and growing with the distance. The load is a uniform pressure on
-    the diametral plane of the cylinder; the block stands on a smooth plane.
+    One half of the half cylinder and one half of the block are modelled. They are meshed separately with
+    quadratic triangles (curved on the cylinder), which are small near the contact and grow with the distance.
+    The load is a uniform pressure on the diametral plane of the cylinder; the block stands on a smooth plane.
 
-What the closed form is a solution of
-    Of two half planes whose distance is the parabola x^2/(2R), deformed by p. Here the cylinder is round
-    and the bodies are finite: contributions of the order of (a/R)^2, which is 1.5 % at this load. So the
-    convergence is shown at a hundredth of the load, a/R = 0.0124, where they are 0.015 %; and the NAFEMS
-    load is held against the gates with the gap as meshed, and with the parabola, to tell the two apart.
-    Displacements and gaps are linear: the gap is measured along the normal of the block, before loading.
+What the closed form assumes
+    The closed form holds for two half planes whose initial distance is the parabola x^2/(2R). Here the
+    cylinder is round and the parts are finite, which changes the answer by the order of (a/R)^2: 1.5 % at
+    this load. Therefore convergence is shown at a hundredth of the load, a/R = 0.0124, where the difference
+    is 0.015 %. At the NAFEMS load the limits are checked twice, with the gap as meshed and with the parabola,
+    so that this difference can be seen. Displacements and gaps are linear: the gap is measured along the
+    normal of the block, before loading.
 
-How a and p0 are measured better than a facet is wide
-    The edge of the contact is inside a facet, and pressures are means over facets or values at points, so
-    neither an edge nor a largest value is looked for. Integrals of the pressure with smooth weights converge
-    with the displacements (they are virtual works), even where single values oscillate. For a semi-ellipse
+How a and p0 are measured more accurately than one facet
+    The edge of the contact is inside a facet, and pressures are means over facets or values at points.
+    Therefore the script looks neither for an edge nor for a largest value. It uses integrals of the pressure
+    with smooth weights: these converge like the displacements (they are virtual works), even where single
+    values oscillate. For a semi-ellipse
 
         int x^2 p dx = a^2/4 int p dx,            so   a = 2 sqrt(int x^2 p / int p),
         p0 = int phi p dx / int phi sqrt(1 - x^2/a^2) dx,   phi = (1 - (x/b)^2)^2 for |x| < b = 0.8 a.
 
-    The first tells the width from the spread, the second the height from the middle; the total P is
-    a third number, which equilibrium makes exact. A facet's pressure is constant in these integrals.
+    The first formula gives the width from the second moment, the second the height from the pressure in the
+    middle. The total P is a third number, which equilibrium makes exact. In these integrals the pressure is
+    constant on each facet.
 
-    The error depends on where in its facet the contact ends. Each mesh size is solved four times, with the
-    edge 0, 1/4, 1/2 and 3/4 of a facet further; the root mean square of the four errors is shown.
+    The error depends on where inside a facet the contact ends. Each mesh size is solved four times, with the
+    edge moved by 0, 1/4, 1/2 and 3/4 of a facet; the root mean square of the four errors is shown.
 
 The two interface spaces
-    ``facets`` (one value a facet of the block) is stable: the pressure converges, at first order in L2 as
-    piecewise constants do. ``points`` puts the law at quadrature points. On meshes that do not match it is
-    not stable: the pressures at single points oscillate and do not converge, their integrals do. With the
-    default of three points a facet there are more conditions than nodes, and the iteration suffers; here
-    quadrature_degree = 3 gives two. For contact on non-matching meshes: use facets.
+    ``facets`` (one value per facet of the block) is stable: the pressure converges at first order in L2, as
+    piecewise constants do. ``points`` imposes the law at quadrature points. On meshes that do not match it is
+    not stable: the pressures at single points oscillate and do not converge, but their integrals do. With the
+    default of three points per facet there are more conditions than nodes, and more iterations are needed;
+    here quadrature_degree = 3 gives two points. For contact on non-matching meshes, use facets.
 
 Friction
-    Both bodies of E = 210 000 MPa (Dundurs' beta = 0: pressure causes no slip, friction changes no
-    pressure), mu = 0.3, P = 350 N/mm, then Q = 0.5 mu P and back through 0 to -0.5 mu P. Cattaneo 1938 and
-    Mindlin 1949: the middle |x| < c sticks,
+    Both parts have E = 210 000 MPa (Dundurs' beta = 0: pressure causes no slip, and friction does not change
+    the pressure), mu = 0.3, P = 350 N/mm. Then Q = 0.5 mu P is applied and reversed through 0 to -0.5 mu P.
+    According to Cattaneo 1938 and Mindlin 1949 the middle |x| < c sticks,
 
         q(x) = mu p0 [sqrt(1 - x^2/a^2) - c/a sqrt(1 - x^2/c^2)],   c/a = sqrt(1 - Q/(mu P)).
 
-    Mindlin and Deresiewicz 1953: on the way back from the largest load Q* slip in the other direction enters
-    from the edges, and what is taken away is twice the field of loading by (Q* - Q)/2.
+    According to Mindlin and Deresiewicz 1953, during unloading from the largest load Q* slip in the other
+    direction starts at the edges, and the traction is reduced by twice the field of loading by (Q* - Q)/2.
 
-    Q needs bodies that do not turn: the cylinder carries a straight column that slides between smooth walls
-    and is pressed from above, the block slides on its smooth plane and is pulled along it. P and Q are thus
-    prescribed, not measured. The stick width c is measured like a, from mu p - q, which is a
-    semi-ellipse of half-width c; on the way back from 2 mu p - |q* - q|.
+    The parts must not rotate under Q. Therefore the cylinder carries a straight column that slides between
+    smooth walls and is pressed from above, and the block slides on its smooth plane and is pulled along it.
+    So P and Q are prescribed, not measured. The stick width c is measured like a, from mu p - q, which is a
+    semi-ellipse of half-width c; during unloading from 2 mu p - |q* - q|.
 
-    What a cycle between -Q* and Q* dissipates follows from the compliance of half planes, whose tangential
-    and normal ones are equal: with S = Q*/(mu P)
+    The energy that a cycle between -Q* and Q* dissipates follows from the compliance of half planes, which is
+    the same in tangential and normal direction: with S = Q*/(mu P)
 
         W = 8 (mu P)^2 / (pi E*) [ (1 - S) ln(1 - S) / 2 + S/2 - S^2/4 ]   per thickness,
 
-    and is measured as the work of q on the slip. The steps of Q are large: slip runs one way between two
-    turning points, so that intermediate steps change nothing.
+    It is measured as the work of q on the slip. The steps of Q are large: between two turning points slip has
+    one direction, so that intermediate steps would not change the answer.
 """
 
 from __future__ import annotations
@@ -151,8 +154,8 @@ Ellipses = list[tuple[float, float]]
 def mindlin(hertz: Hertz, turns: Sequence[float]) -> Ellipses:
     """Tangential traction at the last of some turning points of Q / (mu P), with P constant.
 
-    The way to the first one is the field of loading by that Q; each further one adds twice the field of
-    loading by half of its length. Valid while no way is longer than the one before it.
+    The path to the first turning point gives the field of loading by that Q; each further path adds twice
+    the field of loading by half of its length. Valid as long as no path is longer than the one before it.
     """
     field: Ellipses = []
     for number, (start, end) in enumerate(zip((0.0, *turns), turns, strict=False)):
@@ -240,7 +243,7 @@ class Strip:
         return self.integral(values, phi) / float(b * w @ (phi(b * s) * np.sqrt(1 - (b * s / a) ** 2)))
 
     def exact(self, ellipses: Ellipses) -> Array:
-        """The closed form as the values are: at the points, or means over the facets."""
+        """The closed form in the form of the values: at the points, or as means over the facets."""
         if not self.facets:
             return values(ellipses, self.x)
         ends = integral(ellipses, self.edges)
@@ -386,7 +389,7 @@ class Answer:
 
     @property
     def load(self) -> float:
-        """What the contact carries, N/mm."""
+        """Force that the contact carries, N/mm."""
         return float(self.strip.weights @ self.pressure)
 
     @property
@@ -400,7 +403,7 @@ class Answer:
 def pressed(
     hertz: Hertz, upper: geometry.Part, lower: geometry.Part, law: Contact, space: Space
 ) -> Scene:
-    """Cylinder on block under its load; what holds them sideways is not there yet."""
+    """Cylinder on block under its load; the supports in horizontal direction are added later."""
     scene = Scene()
     scene.substructure("cylinder", upper, LinearElastic(hertz.moduli[0], hertz.nu))
     scene.substructure("block", lower, LinearElastic(hertz.moduli[1], hertz.nu))
@@ -411,7 +414,7 @@ def pressed(
         law,
         space=space,
         quadrature_degree=3 if space == "points" else None,
-        max_distance=100.0,  # the gap at the ends of the faces is many facets wide
+        max_distance=100.0,  # at the ends of the faces the gap is many times the size of a facet
     )
     scene.fix("block:bottom", components=1)
     scene.pressure("cylinder:top", hertz.load / (2.0 * RADIUS))
@@ -464,7 +467,7 @@ class Rubbing:
     result: HistoryResult
 
     def stick(self, step: int) -> tuple[float, float]:
-        """c/a of what has stuck since the last turning point: measured, and in closed form."""
+        """c/a of the zone that has stuck since the last turning point: measured, and in closed form."""
         path = PATHS[step]
         before = path[-2] if len(path) > 1 else None
         start, traction, factor = 0.0, np.zeros_like(self.strip.x), 1.0
@@ -517,7 +520,7 @@ def rub(hertz: Hertz, across: float, space: Space = "facets", rtol: float = 1e-5
 
 
 class Steps:
-    """Says what is being done, and when it began."""
+    """Prints what is being done, and when it began."""
 
     def __init__(self) -> None:
         self.began = perf_counter()
@@ -533,7 +536,7 @@ class Level:
     h: float  # mean of the four, over a
     unknowns: int
     errors: Array  # (3,), rms of Answer.errors
-    iterations: int  # most of the four
+    iterations: int  # the largest of the four
 
 
 def level(hertz: Hertz, across: int, space: Space) -> Level:
@@ -565,7 +568,7 @@ def parabola(x: Array) -> Array:
     return np.asarray(x[:, 0] ** 2 / (2.0 * RADIUS))
 
 
-# The space points takes the gap to the closest point of the cylinder, which at this load is too small by
+# With the space points the gap is the distance to the closest point of the cylinder, which is too small by
 # 3/4 (x/R)^2, 1 % at the edge; there the vertical distance is given.
 GAPS: list[tuple[Space, str, Any]] = [
     ("facets", "as meshed", None),
@@ -771,7 +774,7 @@ def main(given: Sequence[str] | None = None) -> None:
 def check(
     answers: Sequence[Answer], levels: dict[Space, list[Level]], runs: Sequence[Rubbing]
 ) -> None:
-    """The gates: 1 % at p0, 0.5 % at a; second order of both and first order of p; c within 0.5 %."""
+    """The limits: 1 % for p0, 0.5 % for a; second order of both and first order of p; c within 0.5 %."""
     for answer in answers:
         assert answer.result.converged
         assert abs(answer.errors[0]) < 0.005, f"a: {answer.errors[0]:+.3%}"

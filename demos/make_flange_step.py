@@ -32,7 +32,7 @@ class FlangeShape:
     bore, pipe, raised, outer
         Radii of the bore, the neck, the raised face and the flange.
     thickness, step, neck
-        Of the flange without its raised face, of the raised face, and length of the neck behind it.
+        Thickness of the flange without its raised face, height of the raised face, length of the neck.
     gasket_inner, gasket_outer, gasket_thickness
         The gasket.
     bolts, bolt_circle, bolt, hole
@@ -157,7 +157,7 @@ def _name(path: Path, names: list[str]) -> None:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """OpenCASCADE's writer prints statistics, past Python."""
+    """OpenCASCADE's writer prints statistics directly, not through Python."""
     sys.stdout.flush()
     kept = os.dup(1)
     try:

@@ -2,15 +2,16 @@
 
     ./run python demos/random_field_joint.py [--size paper] [--order 2] [--output DIR]
 
-A glued or gasketed joint is not equally stiff everywhere. Here the joint's stiffness per area is a
-lognormal random field of mean 100 N/mm^3 and coefficient of variation 0.3, with an exponential covariance of
-length 20 mm: shorter than the sector of 39 mm by 20 mm that is modelled. Its Karhunen-Loeve modes are
-computed on the interface points and truncated at 80 % of the variance; every mode is one germ. (Symmetry
-about the sector's planes makes the field periodic around the vessel; it is an example, not a claim about
-real gaskets.)
+A glued or gasketed joint is not equally stiff everywhere. Here the joint's stiffness per area is a lognormal
+random field of mean 100 N/mm^3 and coefficient of variation 0.3, with an exponential covariance of length 20
+mm, which is shorter than the modelled sector of 39 mm by 20 mm. The Karhunen-Loeve modes of the field are
+computed at the interface points and truncated at 80 % of the variance; the amplitude of each mode is a random
+variable (germ). (Symmetry about the sector's planes makes the field periodic around the vessel; this is an
+example, not a statement about real gaskets.)
 
-On the interface every point has its own Galerkin matrix of size P + 1, diagonalised once; the rest of the
-iteration is that of one column. The end of the script compares with monolithic SSFEM.
+Every point of the interface has its own Galerkin matrix of size P + 1, which is diagonalised once. In its
+eigenbasis the modes decouple, and the local stage is that of P + 1 deterministic springs. At its end the
+script compares the answer with monolithic SSFEM.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Speed against accuracy: what each digit of an answer costs, by every method, on three scenes.
+"""Speed against accuracy: what each digit of an answer costs with every method, on three scenes.
 
     ./run python demos/tradeoff.py                    coarse meshes, a minute or two
     ./run python demos/tradeoff.py --scenes vessel    one scene: vessel, lap or field
@@ -6,20 +6,21 @@
 
 Problem
     The bolted vessel with two random stiffnesses, the bolted lap joint with random friction and bolts, and
-    the vessel whose joint is a random field. Wanted are mean and standard deviation of one force, to 10 %,
-    1 %, 0.1 % or 0.01 %, at the least cost.
+    the vessel with a random field as the stiffness of its joint. Mean and standard deviation of one force
+    are to be computed to 10 %, 1 %, 0.1 % or 0.01 %, at the least cost.
 
 Method
-    Every method is run over its knobs: LATIN-PCE over tolerance, order, index set, depth of the acceleration
-    and operator; monolithic SSFEM; tensor and sparse quadrature; Monte Carlo and quasi-Monte Carlo; then
-    mesh size, degree and interface space. The true error of each run is known from a much tighter one. One
-    unit is a direct solution of the scene's base mesh, measured in the same run.
+    Every method is run with many settings: LATIN-PCE with different tolerances, orders, index sets, depths of
+    the acceleration and operators; monolithic SSFEM; tensor and sparse quadrature; Monte Carlo and
+    quasi-Monte Carlo; then different mesh sizes, degrees and interface spaces. The true error of each run is
+    known from a much tighter run. One unit is a direct solution of the scene's base mesh, measured in the
+    same run.
 
 Answers
-    A table for each scene, and a figure: error against cost, with the front that no setting beats. Read it
-    from the accuracy that you need: the front says what it costs at least. Errors on the same mesh and
-    errors in all (with those of the mesh) are two pictures, because a tolerance far below the error of the
-    mesh buys nothing.
+    A table for each scene, and a figure: error against cost, with the front of the best settings. To read the
+    figure, start from the accuracy that you need: the front shows the least cost at which it can be had. One
+    picture shows errors on the same mesh, the other total errors (including that of the mesh), because a
+    tolerance far below the error of the mesh gains nothing.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ OUTPUT = ROOT / "build" / "output" / "tradeoff"
 
 
 class Progress:
-    """One line that counts the runs, on a terminal; otherwise one line a scene."""
+    """One line that counts the runs, on a terminal; otherwise one line per scene."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,7 +1,7 @@
 """The smallest complete script: two steel blocks, joined by an elastic layer, pulled apart.
 
-The bar is uniform, so the answer is exact in every mesh: the layer opens by t / k, the blocks stretch by
-t L / E each (nu = 0 keeps the state one-dimensional).
+The bar is uniform, so the finite element answer is exact on every mesh: the layer opens by t / k, and each
+block stretches by t L / E (nu = 0 keeps the state one-dimensional).
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 Data flows one way: geometry -> scene -> :func:`assemble` -> :func:`make_plan` -> :func:`solve`,
 :func:`sweep` or sampling -> results. The iterations are the kernel's (:mod:`latin_core`); nothing iterates
-here.
+here. ``dolfinx_frontend.__version__`` is the installed version.
 """
 
 from dolfinx_frontend.common import release as _release  # first: refuses a dolfinx that is too old
@@ -70,6 +70,7 @@ from dolfinx_frontend.uncertainty.parameters import (
 )
 from dolfinx_frontend.uncertainty.quantities import Estimate, Quantity
 from latin_core import Options
+from latin_core import __version__ as __version__
 
 __all__ = [
     "Amplitude",

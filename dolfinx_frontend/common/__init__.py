@@ -1,1 +1,1 @@
-"""What everything uses: errors, texts, progress, differences between releases of dolfinx."""
+"""Used by all other sub-packages: errors, texts, progress, differences between releases of dolfinx."""

@@ -1,9 +1,9 @@
 """Intersections of flat convex polygons, all pairs at once.
 
-All pairs are clipped at once in NumPy, thirty lines for convex polygons of at most four corners. Shapely
-(GEOS) intersects arrays of polygons too; every pair would become two planar polygon objects, made in the
-plane of a facet of side 1 as here, and its results would be cut into triangles as here. It is worth one more
-package for polygons that are not convex, which facets are not.
+All pairs are clipped at once in NumPy; convex polygons of at most four corners need only thirty lines.
+Shapely (GEOS) could intersect arrays of polygons too, but the polygons would have to be projected into the
+plane of a facet of side 1 and the results cut into triangles just as here. The additional package would pay
+only for polygons that are not convex, and facets are convex.
 
 Source: J. Sutherland, G. Hodgman, Reentrant polygon clipping, Comm. ACM 17 (1974) 32-42.
 """
@@ -43,7 +43,7 @@ def clip(subjects: Array, windows: Array) -> Array:
         kept, crossed = inside >= 0.0, (inside >= 0.0) != (ahead >= 0.0)
         share = np.divide(inside, inside - ahead, out=np.zeros_like(inside), where=crossed)
         crossing = out + share[..., None] * (following - out)
-        # every edge emits its first corner, then where it crosses the line
+        # every edge gives its first corner, then the point where it crosses the line
         points = np.stack([out, crossing], axis=2).reshape(len(out), -1, 2)
         valid = np.stack([kept, crossed], axis=2).reshape(len(out), -1)
         width = max(int(valid.sum(axis=1).max(initial=0)), 1)
@@ -74,7 +74,7 @@ def flatten(window: Array, subject: Array) -> tuple[Array, Array]:
 
 
 def simplices_of(window: Array, subject: Array) -> tuple[Ints, Array]:
-    """Pair of, and corners (r, fdim + 1, fdim) of the simplices the intersections consist of."""
+    """Simplices of the intersections: the pair of each, and its corners (r, fdim + 1, fdim)."""
     if window.shape[2] == 1:
         low = np.maximum(window[:, :, 0].min(axis=1), subject[:, :, 0].min(axis=1))
         high = np.minimum(window[:, :, 0].max(axis=1), subject[:, :, 0].max(axis=1))

@@ -1,4 +1,4 @@
-"""Short descriptions of records for ``repr``: a line, whatever is in them."""
+"""Short descriptions of records for ``repr``: one line, whatever they contain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exceptions and warnings of the frontend; messages name the thing, the value, the mend."""
+"""Exceptions and warnings of the frontend; messages name the thing, the value and a remedy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class SceneError(ValueError):
 
 
 class SceneWarning(UserWarning):
-    """A scene that can be modelled, but probably not as it was meant."""
+    """A scene that can be modelled, but probably not in the way that was intended."""
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") -> SceneError:
@@ -22,7 +22,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") ->
     Parameters
     ----------
     kind
-        What the name should be the name of, e.g. ``"part"``.
+        The kind of thing that is named, e.g. ``"part"``.
     name
         The name that was given.
     known

@@ -1,8 +1,8 @@
-"""Progress bars for what takes long: meshing, assembly, iteration, sweeps and sampling.
+"""Progress bars for long computations: meshing, assembly, iteration, sweeps and sampling.
 
 They are drawn by tqdm, on the error stream, if that is a terminal and tqdm is installed, and appear after
 half a second. ``progress(False)``, or ``LATIN_PROGRESS=0`` in the environment, switches them off; so does
-tqdm's own ``TQDM_DISABLE=1``. What is done is logged as well, see :mod:`logging`: loggers
+tqdm's own ``TQDM_DISABLE=1``. The same steps are logged, see :mod:`logging`: loggers
 ``dolfinx_frontend`` and ``latin_core``, phases at INFO, single points and iterations at DEBUG.
 """
 
@@ -20,7 +20,7 @@ _on = os.environ.get("LATIN_PROGRESS", "1").strip().lower() not in ("0", "false"
 
 
 def progress(on: bool | None = None) -> bool:
-    """Switch progress bars on or off for this process; None: only ask.
+    """Switch progress bars on or off for this process; None: change nothing, only return the setting.
 
     Returns
     -------
@@ -39,9 +39,9 @@ class Bar:
     Parameters
     ----------
     total
-        Steps to be done; None: unknown.
+        Number of steps; None: unknown.
     what, unit
-        In front of the bar, and what is counted.
+        Text in front of the bar, and the name of what is counted.
     wanted
         False: nothing is drawn.
     stays
@@ -61,7 +61,7 @@ class Bar:
         self._bar = tqdm(total=total, desc=what, unit=unit, leave=stays, delay=_DELAY, dynamic_ncols=True)
 
     def step(self, **shown: Any) -> None:
-        """One step is done; what is shown behind the bar by name."""
+        """One step is done; the keyword arguments are shown behind the bar."""
         if self._bar is not None:
             self._bar.set_postfix(shown, refresh=False)
             self._bar.update()

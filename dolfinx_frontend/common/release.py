@@ -9,21 +9,21 @@ import warnings
 
 OLDEST = (0, 9)
 NEWEST_TRIED = (0, 11)
-MEND = (
+REMEDY = (
     "conda: conda install -c conda-forge 'fenics-dolfinx>=0.9'; container: dolfinx/dolfinx:stable; "
     "Debian 13 or newer: apt-get install python3-dolfinx; or let ./run make an environment"
 )
 
 
 def show_warnings() -> None:
-    """Have Python show warnings again: ffcx sends them all to a logger to which nobody listens."""
+    """Have Python show warnings again: ffcx redirects all of them to a logger without a handler."""
     loggers = (logging.getLogger("py.warnings"), logging.getLogger())
     if all(isinstance(h, logging.NullHandler) for logger in loggers for h in logger.handlers):
         logging.captureWarnings(False)
 
 
 def check() -> None:
-    """Compare the installed dolfinx with what the package was tried with.
+    """Compare the installed dolfinx with the releases with which the package was tested.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def check() -> None:
     Warns
     -----
     UserWarning
-        If it is newer than any that was tried.
+        If it is newer than any release that was tested.
     """
     oldest, newest = (".".join(map(str, release)) for release in (OLDEST, NEWEST_TRIED))
     try:
@@ -42,18 +42,18 @@ def check() -> None:
         if missing.name != "dolfinx":
             raise
         raise ImportError(
-            f"dolfinx is not installed, dolfinx_frontend needs {oldest} or newer. {MEND}",
+            f"dolfinx is not installed, dolfinx_frontend needs {oldest} or newer. {REMEDY}",
             name="dolfinx",
         ) from missing
     version = str(getattr(dolfinx, "__version__", ""))
     numbers = re.match(r"(\d+)\.(\d+)", version)
-    if numbers is None:  # a build without a number: nothing to compare
+    if numbers is None:  # a build without a version number: nothing to compare
         return
     release = (int(numbers[1]), int(numbers[2]))
     if release < OLDEST:
         raise ImportError(
             f"dolfinx {version} is installed (in {getattr(dolfinx, '__file__', 'an unknown place')}), "
-            f"dolfinx_frontend needs {oldest} or newer. {MEND}",
+            f"dolfinx_frontend needs {oldest} or newer. {REMEDY}",
             name="dolfinx",
         )
     show_warnings()

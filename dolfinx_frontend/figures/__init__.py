@@ -2,8 +2,8 @@
 
 Every function takes plain arrays, parts or dolfinx functions, writes one file and returns its path;
 labels carry the units.  Flat figures are drawn by matplotlib.  Solids are drawn by VTK through
-pyvista in a process of its own, because VTK ends the process that has no display; a virtual one
-(``xvfb-run``) is used where there is none.  With ``renderer="auto"`` matplotlib draws solids too
+pyvista in a separate process, because VTK ends a process that has no display; if there is none, a virtual
+display (``xvfb-run``) is used.  With ``renderer="auto"`` matplotlib draws solids too
 where VTK cannot, more coarsely.
 """
 

@@ -30,7 +30,7 @@ KIND_COLOURS = {
     "support": "#e08a00",
     "free": "#8b9199",
 }
-"""Colour of a face by the kind of its interface: those of the paper, and three more."""
+"""Colour of a face by the kind of its interface: the kinds of the paper, and three more."""
 
 
 def _stacked(heights: Mapping[str, tuple[float, float]], gap: float) -> dict[str, float]:
@@ -58,7 +58,7 @@ def assembly_figure(
     Parameters
     ----------
     assembly
-        With interfaces that name faces and kinds.
+        Parts, with interfaces that name faces and kinds.
     path
         PNG file to write.
     explode
@@ -88,7 +88,7 @@ def assembly_figure(
     shifts = dict.fromkeys(bounds, 0.0)
     if lift is not None:
         if not set(lift) <= set(bounds):
-            raise ValueError(f"lift names parts that are not there: {sorted(set(lift) - set(bounds))}")
+            raise ValueError(f"lift names unknown parts: {sorted(set(lift) - set(bounds))}")
         shifts |= lift
     elif explode:
         shifts = _stacked(bounds, explode * height)

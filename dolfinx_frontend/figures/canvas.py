@@ -19,7 +19,7 @@ _DPI = 150
 
 
 def sheet(width: float, height: float) -> Any:
-    """A figure that belongs to nobody: no window, no global state."""
+    """A figure without a window and without global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

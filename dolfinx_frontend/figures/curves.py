@@ -30,7 +30,7 @@ def convergence_figure(
         Errors of one run, after each of its iterations; or one such sequence per point of a sweep,
         drawn end to end with a dot where each point starts; or a mapping of several such, by name.
         A point of a sweep may give pairs (iteration, error) instead: the error of a warm start
-        belongs to iteration 0, which is none.
+        belongs to iteration 0, before the first iteration.
     path
         PNG file to write.
     label
@@ -89,7 +89,7 @@ def response_surface(
     level: float = 0.0,
     title: str | None = None,
 ) -> Path:
-    """A response over two parameters, in relief and as a map, with the line where it is a level.
+    """A response over two parameters, as a surface and as a map, with one level line.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def response_surface(
     grid_x, grid_y = np.meshgrid(xs, ys, indexing="ij")
     figure = sheet(11.0, 4.6)
     crosses = zs.min() < level < zs.max()
-    # the line lies on the surface: draw it after, whatever the depth
+    # the line lies on the surface: draw it last, at any depth
     relief = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
     relief.plot_surface(
         grid_x, grid_y, zs, cmap="viridis", rstride=1, cstride=1, edgecolor="#00000055", lw=0.3
@@ -152,8 +152,8 @@ def density_figure(
     Parameters
     ----------
     densities
-        Name -> (abscissae, density); each is thinner than the one before it and dashed in its own
-        way, so that curves that coincide are all seen.
+        Name -> (abscissae, density); each line is thinner than the one before it and has its own
+        dashes, so that curves that coincide remain visible.
     path
         PNG file to write.
     label

@@ -36,19 +36,20 @@ def interface_figure(
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
-    """The deformed assembly with what acts on an interface, facet by facet, on its first side.
+    """The deformed assembly with a field of an interface, facet by facet, on its first side.
 
     Parameters
     ----------
     result
-        Of a solve or a sampling (with ``keep_states=True``): of a random answer the mean displacement.
+        Result of a solve or a sampling (with ``keep_states=True``); a random answer shows its mean
+        displacement.
     interface
         Its name.
     path
         PNG file to write.
     quantity
         A field of :func:`dolfinx_frontend.io.write_interfaces`: ``"pressure"``, ``"gap"``,
-        ``"pressure std"``, ``"slip probability"``, ...; of vectors the size is drawn.
+        ``"pressure std"``, ``"slip probability"``, ...; of vectors the magnitude is drawn.
     label
         Of the colour bar, with the unit; None: the quantity.
     step
@@ -66,7 +67,7 @@ def interface_figure(
     Raises
     ------
     SceneError
-        An interface, quantity or part to hide that there is not.
+        An unknown interface, quantity or part to hide.
     RenderError
         ``renderer="vtk"`` and VTK is missing or has no display.
     """
@@ -91,7 +92,7 @@ def interface_figure(
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
     elif hide is None:
-        # of a part beyond the face nothing is behind it
+        # parts whose middle lies beyond the face would cover it
         plane = float(normal[: own.dim] @ described.points.mean(axis=0))
         beyond = {
             name: float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane

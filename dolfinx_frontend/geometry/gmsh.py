@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 def gmsh_session(
     name: str = "assembly", options: Mapping[str, float] | None = None
 ) -> Iterator[Any]:
-    """A gmsh model of its own, silent, gone at the end.
+    """A gmsh model of its own, without output, removed at the end.
 
     A session that is already open stays open, with its current model and its options restored.
 
@@ -113,7 +113,7 @@ def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
 
     * every group of the highest dimension is a part and gives it its name;
     * a group one dimension lower named ``"part:face"`` is a face of that part;
-    * one named without a colon is a face of that name of *every* part it touches, as suits
+    * a group named without a colon is a face of that name of *every* part it touches, for example
       ``"theta0"`` for a symmetry plane through several parts.
 
     The surface between two parts usually belongs to two groups, ``"lower:top"`` and
@@ -271,14 +271,14 @@ def read_msh(path: str | Path, gdim: int | None = None) -> Assembly:
 def refine_around(
     model: Any, axes: Sequence[float], radius: float, size: float, smallest: float, reach: float
 ) -> None:
-    """Set the mesh size of a gmsh model: smaller on the curves around bolts whose axes are parallel to z.
+    """Set the mesh size of a gmsh model, with a smaller size on the curves around bolts parallel to z.
 
     Parameters
     ----------
     axes
         x of the axes, at y = 0.
     radius
-        Curves that lie within it of an axis are the bolt's.
+        Curves within this distance of an axis belong to the bolt.
     size, smallest
         Mesh size, and that on these curves.
     reach
@@ -302,7 +302,7 @@ def refine_around(
 
 
 def curve_elements(model: Any) -> None:
-    """Raise the mesh to second order and unfold the cells that this deforms too much."""
+    """Raise the mesh to second order and repair the cells that this folds."""
     mesh = model.mesh
 
     def worst() -> float:
@@ -311,7 +311,7 @@ def curve_elements(model: Any) -> None:
         )
 
     mesh.setOrder(2)
-    if worst() < 0.3:  # costs more than the mesh itself on fine meshes, which do not need it
+    if worst() < 0.3:  # on fine meshes this costs more than the mesh itself and is not needed
         for method in ("HighOrderElastic", "HighOrder"):
             mesh.optimize(method)
     if (quality := worst()) <= 0:

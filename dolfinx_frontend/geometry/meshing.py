@@ -24,13 +24,13 @@ OPTIONS = {
 }
 
 _POOR = 0.1
-"""Scaled Jacobian below which curved cells are mended."""
+"""Scaled Jacobian below which a mesh of curved cells is optimised."""
 
 _FOLDED = 0.03
 """Scaled Jacobian below which cells are straightened."""
 
 _ROUNDS = 20
-"""Most rounds of straightening; each one may fold the neighbours, but straight cells never are."""
+"""Largest number of rounds; straightening a cell may fold its neighbours, but straight cells never fold."""
 
 _TETRAHEDRON_10 = 11
 
@@ -44,7 +44,7 @@ def some(names: Sequence[str]) -> str:
 
 
 def generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
-    """Mesh, curve the cells, and see to it that none is folded."""
+    """Mesh, curve the cells, and make sure that none is folded."""
     model = gmsh.model
     with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
         for dim in (1, 2, 3):
@@ -54,7 +54,7 @@ def generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
                 what = ("", "curves", "faces", "solids")[dim]
                 raise SceneError(
                     f"gmsh cannot mesh the {what} of {some(list(loaded.volumes))} ({failure}); give "
-                    "smaller sizes, or mend the geometry"
+                    "smaller sizes, or fix the geometry"
                 ) from failure
             bar.step()
         if order == 2:
@@ -72,7 +72,7 @@ def generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
 
 
 def _straighten(model: Any) -> None:
-    """Take the curvature from cells that it folds, as in a ring that is thinner than a chord's sagitta."""
+    """Straighten cells that their curvature folds, as in a ring that is thinner than a chord's sagitta."""
     mesh = model.mesh
     cells, nodes = mesh.getElementsByType(_TETRAHEDRON_10)
     nodes = nodes.reshape(-1, 10)
@@ -102,6 +102,6 @@ def _worst(model: Any, loaded: Loaded) -> dict[str, float]:
             for tags in model.mesh.getElements(3, volume)[1]
         ]
         if not found:
-            raise SceneError(f"gmsh made no cells in {name!r}; give it a smaller size, or mend the geometry")
+            raise SceneError(f"gmsh made no cells in {name!r}; give it a smaller size, or fix the geometry")
         out[name] = min(found)
     return out

@@ -88,7 +88,7 @@ class Part:
     def face_area(self, name: str) -> float:
         """Area of a face, or its length in two dimensions."""
         facets = self.facets(name)
-        # a tag of its own, always 1: the same compiled form serves every face
+        # always the tag 1, so that one compiled form serves all faces
         tags = dmesh.meshtags(
             self.mesh, self.mesh.topology.dim - 1, facets, np.ones(facets.size, dtype=np.int32)
         )
@@ -102,7 +102,7 @@ class Part:
 
 
 class Connection(NamedTuple):
-    """An interface that a geometry suggests; the scene gives it a law.
+    """An interface that the geometry proposes; the scene gives it a law.
 
     ``kind`` is ``"perfect"``, ``"elastic"``, ``"symmetry"``, ``"pressure"`` or ``"support"``;
     faces are written ``"part:face"``; ``face2`` is ``None`` on the boundary.

@@ -4,7 +4,7 @@
 >>> print(step)                                   # the parts, and where they touch
 >>> step.material("*", LinearElastic(E=200e3, nu=0.3))
 >>> step.size("gasket", 5.0)
->>> step.join("*", Perfect())                     # later calls go before earlier ones
+>>> step.join("*", Perfect())                     # later calls override earlier ones
 >>> step.join("gasket|upper flange", Contact(gap=0.0))
 >>> step.face("lower flange:end", normal=(0, 0, -1), at=(None, None, -60.0))
 >>> scene = step.scene()                          # meshes; from here on an ordinary scene
@@ -51,7 +51,7 @@ __all__ = ["StepAssembly", "read_step"]
 
 
 GAP = 1e-4
-"""Default of the gap up to which faces count as nearly touching, as a share of the assembly's diagonal."""
+"""Default gap up to which faces count as nearly touching, relative to the diagonal of the assembly."""
 
 _ANGLE = math.cos(math.radians(1.0))
 
@@ -151,7 +151,7 @@ class StepAssembly:
         overlap: Overlap | None = None,
         **settings: Any,
     ) -> None:
-        """Give the interfaces of a name or glob pattern a law; later calls go before earlier ones.
+        """Give the interfaces of a name or glob pattern a law; later calls override earlier ones.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class StepAssembly:
             Its law.
         space, overlap
             As for :meth:`Scene.interface`. None: facets, except for Perfect and Elastic on meshes that
-            match; partial where faces nearly touch.
+            match; partial if faces nearly touch.
         settings
             Other settings of :meth:`Scene.interface`.
         """
@@ -355,7 +355,7 @@ class StepAssembly:
             glued = matches and join.law.linear
             settings = dict(join.settings)
             if not matches and "max_distance" not in settings:
-                # as a share of the facets, at least the usual quarter
+                # relative to the facets, at least the usual quarter
                 size = min(self._size(p) for p in touch.parts)
                 settings["max_distance"] = max(0.25, 4.0 * touch.widest / size)
             space: Space = join.space or ("points" if glued else "facets")
@@ -420,7 +420,7 @@ class StepAssembly:
                 raise SceneError(f"{self.path.name!r} has changed since it was read: read it again")
 
     def _set_sizes(self, model: Any, loaded: Loaded) -> None:
-        """Cells of a part, and of an interface, are not larger than asked for."""
+        """Cells of a part, and of an interface, are not larger than requested."""
         mesh = model.mesh.field
         fields = []
 
@@ -464,7 +464,7 @@ def read_step(
         Divide touching faces where the others end, so that both sides are the same face and their meshes
         match. False: every part keeps its faces and gets a mesh of its own.
     tolerance
-        Distance up to which OpenCASCADE takes points for one when it imprints, mm; None: its own.
+        Distance up to which OpenCASCADE merges points when it divides faces, mm; None: its default.
 
     Returns
     -------
@@ -576,7 +576,7 @@ def _columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
 
 
 def _merged(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Rows that say the same of ``nut 1``, ``nut 2``, ... as one row, ``nut 1 .. 8``."""
+    """Rows that differ only in the number of ``nut 1``, ``nut 2``, ... as one row, ``nut 1 .. 8``."""
     out: list[tuple[str, ...]] = []
     counts: list[int] = []
     for row in rows:

@@ -33,7 +33,7 @@ _OPPOSED = -0.5
 """Two faces face each other where the product of their outward normals is below this."""
 
 _SLIVER = 1e-6
-"""Share of a face below which a pair of faces is not worth an interface."""
+"""Fraction of a face below which a pair of faces makes no interface."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
     if not pairs and len(solids) > 1:
         raise SceneError(
             f"no faces touch or come nearer than gap = {gap:.3g}; the nearest parts: "
-            f"{'; '.join(nearest(model, loaded, solids, names))}; raise gap, or mend the geometry"
+            f"{'; '.join(nearest(model, loaded, solids, names))}; increase gap, or fix the geometry"
         )
     out = []
     for touches in pairs.values():
@@ -128,7 +128,7 @@ class _Union:
 
 
 def _continue(model: Any, a: Surface, b: Surface, edges: Mapping[int, set[int]]) -> bool:
-    """Whether two faces of a part are one face to an engineer."""
+    """Whether two faces of a part continue each other on the same surface."""
     if a.kind != b.kind:
         return False
     if a.kind == "plane":
@@ -141,7 +141,7 @@ def _continue(model: Any, a: Surface, b: Surface, edges: Mapping[int, set[int]])
 
 
 def _groups(model: Any, surfaces: Sequence[Surface]) -> list[list[Surface]]:
-    """Faces of one part, grouped into those that continue each other."""
+    """Faces of one part, grouped by the surface on which they lie."""
     edges = {
         s.tag: {abs(t) for _, t in model.getBoundary([(2, s.tag)], oriented=False)} for s in surfaces
     }
@@ -190,7 +190,7 @@ def _near(
     candidates: dict[tuple[str, str], list[tuple[Surface, Surface]]] = {}
     for i, j in near_pairs([(s.low, s.high) for s in listed], gap):
         a, b = listed[i], listed[j]
-        # faces that a third part has already been found on are taken
+        # faces on which a third part was already found are not used again
         own = [s for s in a.surfaces if len(where[s.tag]) == 1]
         other = [s for s in b.surfaces if len(where[s.tag]) == 1]
         boxes = [(s.low, s.high) for s in own + other]
@@ -224,7 +224,7 @@ def _near(
 
 
 def _may_face(first: Surface, second: Surface, gap: float) -> bool:
-    """False if two faces cannot face each other nearer than the gap: a cheap test of planes and cylinders."""
+    """False if two faces cannot be closer than the gap: a cheap test for planes and cylinders."""
     kinds = (first.kind, second.kind)
     small = 1e-9 * (1.0 + float(np.abs(first.centre).max()))
     if kinds == ("plane", "plane"):
@@ -363,7 +363,7 @@ def _near_touches(
     facing: Mapping[tuple[int, int], _Facing],
     measure: Callable[[Surface, Surface], _Facing | None],
 ) -> list[Touch]:
-    """Face pairs of two parts, grouped; `measure` says what a face has in common with another one."""
+    """Face pairs of two parts, grouped; `measure` returns what two faces have in common."""
     if not facing:
         return []
     by_tag = [{s.tag: s for s in solids[name].surfaces} for name in names]
@@ -381,7 +381,7 @@ def _near_touches(
     out = []
     for pairs in groups.values():
         tags = [tuple(dict.fromkeys(p[k] for p in pairs)) for k in (0, 1)]
-        # the first side is the one that the other covers better
+        # the first side is the one of which the other covers the larger fraction
         own = [sum(by_tag[k][t].area for t in tags[k]) for k in (0, 1)]
         order = (0, 1) if own[0] <= own[1] * (1.0 + 1e-9) else (1, 0)
         each = [facing[p] for p in pairs]

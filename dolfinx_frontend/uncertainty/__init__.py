@@ -1,1 +1,1 @@
-"""Random parameters and fields, the chaos that is asked for, its space, and quantities of it."""
+"""Random parameters and fields, the chaos that is requested, its basis, and statistics of quantities."""

@@ -1,4 +1,4 @@
-"""What chaos is wanted."""
+"""The polynomial chaos that is requested."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Chaos"]
 
 @dataclass(frozen=True, repr=False)
 class Chaos:
-    """What chaos is wanted.
+    """The polynomial chaos that is requested.
 
     Parameters
     ----------
@@ -27,26 +27,26 @@ class Chaos:
         ``"total"``: total degree <= p; ``"tensor"``: degree <= p in each germ; ``"hyperbolic"``:
         q-norm of the degrees <= p, which thins out interactions.
     q
-        Of the hyperbolic set, in (0, 1].
+        Exponent of the hyperbolic set, in (0, 1].
     weights
-        Anisotropy: a positive number a germ, or by name of the parameters (1 for the others);
+        Anisotropy: one positive number per germ, or by name of the parameters (1 for the others);
         degree i of a germ counts as weight * i.
     max_interaction
         Greatest number of germs in one mode; None: no limit.
     quadrature
         Points in each germ (by name of the parameter, or one number for all) of the tensor Gauss rule at
-        which laws that are not linear are evaluated. None: 2 (p + 1), and 16 at least in one or two germs,
+        which nonlinear laws are evaluated. None: 2 (p + 1), and 16 at least in one or two germs,
         if that gives few enough points (:data:`dolfinx_frontend.solvers.collocation.MOST_TENSOR`),
         Sobol points otherwise.
     sobol_points
         Use so many scrambled Sobol points instead, a power of two.
     check_points
-        Deterministic solves with which the truncation of a scene that is not linear is checked; 0: none.
+        Deterministic solves with which the truncation of a nonlinear scene is checked; 0: none.
     tolerance
         Relative error of mean and standard deviation of an interface force up to which such an answer is
         trusted.
     indices
-        Multi-indices (one degree a germ, the zero index among them) of a set of your own, within `order`;
+        Your own set of multi-indices (one degree per germ, including the zero index), within `order`;
         `index_set`, `q`, `weights` and `max_interaction` do not apply. ``solve(accuracy=...)`` makes
         such sets.
     """
@@ -84,7 +84,7 @@ class Chaos:
         if self.weights is not None:
             named = isinstance(self.weights, Mapping)
             if not named and not isinstance(self.weights, (Sequence, np.ndarray)):
-                raise SceneError(f"Chaos: weights = {self.weights!r}: give one a germ, or by name")
+                raise SceneError(f"Chaos: weights = {self.weights!r}: give one per germ, or by name")
             values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
             for value in values:
                 checked_number("Chaos", "weights", "weight", value, positive=True)

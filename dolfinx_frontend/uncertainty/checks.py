@@ -22,14 +22,14 @@ def checked_number(kind: str, name: str, what: str, value: Any, positive: bool =
 
 
 LEAST_COV = 1e-13
-"""Coefficient of variation that is told from rounding."""
+"""Smallest coefficient of variation that can be distinguished from rounding."""
 
 TINY = 1e-150
-"""Standard deviation whose square is a number."""
+"""Smallest standard deviation whose square does not underflow."""
 
 
 def deviation(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
-    """Standard deviation from the one of the two that is given."""
+    """Standard deviation, from `cov` or `std`; exactly one of them must be given."""
     if (cov is None) == (std is None):
         raise SceneError(
             f"{kind} {name!r}: give either cov (std / |mean|) or std, not "
@@ -44,8 +44,9 @@ def deviation(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
     share = spread / abs(mean) if mean != 0.0 else 1.0
     if not LEAST_COV < share < 1.0 / LEAST_COV or not TINY < spread < 1.0 / TINY:
         raise SceneError(
-            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is rounding of the "
-            "other, or their squares leave the range of numbers; give a number instead, or other units"
+            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is lost in the "
+            "rounding of the other, or their squares leave the range of numbers; give a number that is not "
+            "random, or use other units"
         )
     return spread
 

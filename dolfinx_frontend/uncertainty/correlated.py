@@ -21,7 +21,7 @@ __all__ = ["Correlated", "CorrelatedParameter"]
 
 
 class CorrelatedParameter(RandomParameter):
-    """One parameter of a :class:`Correlated` group: its own law, germs of the group."""
+    """One parameter of a :class:`Correlated` group: its own distribution, the germs of the group."""
 
     def __init__(self, group: Correlated, position: int) -> None:
         self.marginal = group.marginals[position]
@@ -68,7 +68,7 @@ class Correlated(Sequence[CorrelatedParameter]):
     Parameters
     ----------
     parameters
-        Independent parameters, with different names; their laws are kept.
+        Independent parameters, with different names; their distributions are kept.
     matrix
         (n, n) correlation matrix: symmetric, positive definite, diagonal 1.
     space
@@ -87,7 +87,7 @@ class Correlated(Sequence[CorrelatedParameter]):
     ------
     SceneError
         The matrix has the wrong shape, is not symmetric or not positive definite (with its smallest
-        eigenvalue), or a correlation is out of reach of the two laws (with the range).
+        eigenvalue), or a correlation is out of reach of the two distributions (with the range).
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class Correlated(Sequence[CorrelatedParameter]):
         if not lowest < target < highest:
             raise SceneError(
                 f"{where}: {first.name!r} and {second.name!r} cannot have the correlation "
-                f"{target:g}; with their laws it lies between {lowest:.4g} and {highest:.4g}"
+                f"{target:g}; with their distributions it lies between {lowest:.4g} and {highest:.4g}"
             )
         found = optimize.brentq(lambda r: float(polynomial(r)) - target, -1.0, 1.0, xtol=1e-15)
         return float(found)

@@ -1,4 +1,4 @@
-"""Laws of one variable, as scipy.stats spells them, and those that it does not have."""
+"""Distributions of one variable, as scipy.stats spells them, and those that it does not have."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class OpenTurnsLaw:
 
 
 def panels(law: Distribution) -> tuple[Array, Array]:
-    """Nodes and weights (n,) that integrate polynomials times the density of a continuous law.
+    """Nodes and weights (n,) that integrate polynomials times the density of a continuous distribution.
 
     Gauss-Legendre panels, halved where their mass differs from that of the distribution function;
     so kinks and integrable singularities of the density are found.  A panel that stays different at
@@ -151,7 +151,7 @@ def moments_determine(law: Distribution) -> bool:
 
 
 class Atoms:
-    """Discrete law: ascending values (n,) with probabilities (n,)."""
+    """Discrete distribution: ascending values (n,) with probabilities (n,)."""
 
     def __init__(self, values: Array, probabilities: Array) -> None:
         self.values = values
@@ -159,7 +159,7 @@ class Atoms:
         self.cumulated = np.cumsum(self.probabilities)
 
     def pdf(self, x: Any) -> Array:
-        raise NotImplementedError("a discrete law has no density")
+        raise NotImplementedError("a discrete distribution has no density")
 
     def cdf(self, x: Any) -> Array:
         """Up to the middle of the atom: what makes the normal score of an atom its median."""

@@ -10,14 +10,14 @@ What a user writes instead of a number in a law, and how it becomes polynomial c
 :func:`Gamma`             positive                                      Laguerre, affine
 :func:`Beta`              between two bounds                            Jacobi, affine
 :func:`FromSamples`       observed values, equally probable             own, affine
-:func:`FromDistribution`  any law of scipy.stats or OpenTURNS           own or Hermite
+:func:`FromDistribution`  any distribution of scipy.stats or OpenTURNS  own or Hermite
 :class:`Correlated`       several, joined by a Gaussian copula (Nataf)  Hermite
 :class:`RandomField`      varies over an interface, Karhunen-Loeve      Hermite
 ========================  ============================================  ================
 
 A *germ* is one independent random variable with its orthonormal polynomials.  *Affine* means that
 the parameter is a linear function of its own germ: its chaos has two terms, and every Galerkin
-matrix has its eigenvalues among the values that the parameter can take, so that a positive law
+matrix has its eigenvalues among the values that the parameter can take, so that a positive distribution
 stays positive definite at every order.  The others have full coupling: a chaos of order p needs
 their coefficients up to degree 2p, which :meth:`RandomSpace.expansion` provides.
 
@@ -164,7 +164,7 @@ class RandomParameter:
 
 
 class _Affine(RandomParameter):
-    """value = shift + scale * germ, where the germ has the parameter's own law."""
+    """value = shift + scale * germ, where the germ has the parameter's own distribution."""
 
     affine = True
 
@@ -199,7 +199,7 @@ class _Affine(RandomParameter):
 
 
 class _Gaussian(RandomParameter):
-    """A function of a standard normal germ, given by the quantiles of a law."""
+    """A function of a standard normal germ, given by the quantiles of a distribution."""
 
     affine = False
 
@@ -225,7 +225,7 @@ class _Gaussian(RandomParameter):
 
 
 class _NormalParameter(_Affine):
-    """Its own law is that of the germ, so quantiles are exact."""
+    """Its own distribution is that of the germ, so quantiles are exact."""
 
     def from_normal(self, score: npt.ArrayLike) -> Array:
         return self.value(score)
@@ -279,9 +279,9 @@ def TruncatedNormal(
     upper: Any = None,
     within: Any = None,
 ) -> RandomParameter:
-    """Normal law that is cut at bounds and scaled back to the probability 1.
+    """Normal distribution that is truncated at bounds and scaled back to the probability 1.
 
-    ``mean``, ``cov`` and ``std`` are those of the normal law *before* the cut; the attributes
+    ``mean``, ``cov`` and ``std`` are those of the normal distribution *before* truncation; the attributes
     ``mean`` and ``std`` of the result are those of the truncated variable itself.
 
     Parameters
@@ -291,7 +291,7 @@ def TruncatedNormal(
     lower, upper
         Bounds in the unit of the parameter; one of them may be None (no bound).
     within
-        Instead of bounds: cut at mean +- within * std.
+        Instead of bounds: truncate at mean +- within * std.
     """
     kind = "TruncatedNormal"
     refuse_positional(kind, name, more)
@@ -310,7 +310,7 @@ def TruncatedNormal(
     if min(z_up, -z_lo) < -8.0:
         raise SceneError(
             f"{kind} {name!r}: the bounds lie more than 8 std away from the mean on one side; "
-            "that is a tail and not a truncated normal: give another law"
+            "that is a tail and not a truncated normal: give another distribution"
         )
     germ = Germ.from_measure(*panels(stats.truncnorm(z_lo, z_up)))
     low, up = m + s * z_lo, m + s * z_up
@@ -476,7 +476,7 @@ class _Discrete(_Affine):
 
 
 def FromSamples(name: str, samples: npt.ArrayLike) -> RandomParameter:
-    """The empirical law of observed values (N,), each with probability 1 / N.
+    """The empirical distribution of observed values (N,), each with probability 1 / N.
 
     Its polynomials are those of the samples; with n different values there are n of them.
     """
@@ -497,7 +497,7 @@ def FromSamples(name: str, samples: npt.ArrayLike) -> RandomParameter:
 def FromDistribution(
     name: str, distribution: Any, germ: Literal["auto", "own", "normal"] = "auto"
 ) -> RandomParameter:
-    """Any law of one variable, continuous or discrete.
+    """Any distribution of one variable, continuous or discrete.
 
     Parameters
     ----------
@@ -507,9 +507,9 @@ def FromDistribution(
         A frozen ``scipy.stats`` distribution, a scipy >= 1.15 random variable, or an OpenTURNS
         ``Distribution`` of dimension 1.
     germ
-        ``"own"``: polynomials of the law itself, by Lanczos; the parameter is affine.
+        ``"own"``: polynomials of the distribution itself, by Lanczos; the parameter is affine.
         ``"normal"``: a function of a standard normal germ.  ``"auto"`` takes the own ones where
-        they are complete, i.e. unless a tail is heavier than exp(-sqrt(x)) (a lognormal law is such
+        they are complete, i.e. unless a tail is heavier than exp(-sqrt(x)) (a lognormal distribution is such
         a case).
     """
     kind = "FromDistribution"
@@ -551,7 +551,7 @@ def FromDistribution(
     mean, std = float(law.mean()), float(law.std())
     if not (math.isfinite(mean) and math.isfinite(std) and std > 0.0):
         raise SceneError(
-            f"{kind} {name!r}: mean {mean:g} and std {std:g}; a chaos needs a law with a finite "
+            f"{kind} {name!r}: mean {mean:g} and std {std:g}; a chaos needs a distribution with a finite "
             "variance > 0"
         )
     definition = (*definition, germ)

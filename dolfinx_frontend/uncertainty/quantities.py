@@ -1,11 +1,11 @@
-"""Answers about one random number: moments, quantiles, probabilities, density, Sobol indices.
+"""Statistics of one random number: moments, quantiles, probabilities, density, Sobol indices.
 
-Each with a confidence interval of its sampling error.  That of the model (mesh, chaos order) is
-not in it.
+Each comes with a confidence interval for its sampling error. The error of the model (mesh, chaos
+order) is not included.
 
-Intervals hold for independent samples.  Scrambled Sobol points (``kind="qmc"``) are usually closer
-to the truth than independent ones, so for them the interval is as a rule too wide; it is a proof
-of accuracy, not a measure of it.
+The intervals hold for independent samples. Scrambled Sobol points (``kind="qmc"``) are usually
+more accurate than independent samples, so that their interval is usually too wide: it bounds the
+error, but does not measure it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
     value: float
     low: float  # NaN: no interval; -inf: the sample has no lower bound
     high: float
-    level: float  # probability that an interval made so holds the truth, e.g. 0.95
+    level: float  # probability that such an interval contains the true value, e.g. 0.95
 
     def __str__(self) -> str:
         width = self.high - self.low
@@ -73,8 +73,8 @@ class Histogram(NamedTuple):
 class SobolEstimate(NamedTuple):
     """Sobol indices of one source by sampling; NaN if the quantity has no variance."""
 
-    first: Estimate  # share of the variance due to the source alone
-    total: Estimate  # share in which it takes part
+    first: Estimate  # fraction of the variance due to the source alone
+    total: Estimate  # fraction in which it takes part
 
 
 def _check_level(level: float) -> None:
@@ -117,7 +117,7 @@ class Quantity:
             raise unknown_name("kind", str(self.kind), get_args(Kind), where)
         values = np.array(self.values, dtype=np.float64)
         if values.ndim != 1 or values.size == 0:
-            raise SceneError(f"{where}: values of shape {values.shape}; give one number a point")
+            raise SceneError(f"{where}: values of shape {values.shape}; give one number per point")
         bad = int(np.count_nonzero(~np.isfinite(values)))
         if bad:
             raise SceneError(
@@ -137,7 +137,7 @@ class Quantity:
             if weights.shape != values.shape or not abs(total - 1.0) <= 1e-8:
                 raise SceneError(
                     f"{where}: weights of shape {weights.shape} and sum {total:.12g} for "
-                    f"{values.size} points; a rule of expectations has one a point, with sum 1"
+                    f"{values.size} points; a rule for expectations has one per point, with sum 1"
                 )
             weights.flags.writeable = False
             object.__setattr__(self, "weights", weights)
@@ -159,7 +159,7 @@ class Quantity:
             sign = " (some negative)" if self.weights.min() < 0.0 else ""
             raise SceneError(
                 f"quantity {self.name!r}: no {what} from the {len(self)} points of a quadrature: "
-                f"its weights{sign} are made for integrals of smooth functions, not for counting; "
+                f"its weights{sign} integrate smooth functions and cannot be used for counting; "
                 "use Monte Carlo or a chaos evaluated at samples"
             )
         if len(self) < least:
@@ -189,8 +189,8 @@ class Quantity:
         """Variance (unbiased for samples), unit squared, with Bonett's interval.
 
         The interval on the logarithm of the variance takes its width from the kurtosis of the
-        samples, where the chi-square interval takes that of the normal law:
-        D. Bonett, Comput. Stat. Data Anal. 50 (2006) 775, equation 3.  For laws with heavy tails
+        samples, where the chi-square interval takes that of the normal distribution:
+        D. Bonett, Comput. Stat. Data Anal. 50 (2006) 775, equation 3.  For distributions with heavy tails
         and few samples it is too narrow, like any other.
 
         Raises
@@ -235,7 +235,7 @@ class Quantity:
 
         The interval is that of large samples, from the influence function
         z^3 - 3 z - g - 3/2 g (z^2 - 1) of the skewness g (delta method); from 1 000 samples of a
-        gamma law of skewness 1 a 95 % interval holds the truth in 90 % of the cases.
+        gamma distribution of skewness 1 a 95 % interval holds the truth in 90 % of the cases.
         """
         _check_level(level)
         self._no_grid("skewness")
@@ -254,8 +254,8 @@ class Quantity:
     def quantile(self, q: float, level: float = 0.95) -> Estimate:
         """The value that is not exceeded with probability `q`, 0 < q < 1.
 
-        The interval lies between two order statistics, by the binomial law: exact for any
-        continuous law.  An end is infinite where the sample is too small to bound it.
+        The interval lies between two order statistics, by the binomial distribution: exact for any
+        continuous distribution.  An end is infinite where the sample is too small to bound it.
         """
         _check_level(level)
         if not 0.0 < q < 1.0:

@@ -60,20 +60,20 @@ def _machine_memory() -> float:
 
 
 class RandomSpace:
-    """All randomness of a scene: germs in the order in which their parameters are first seen.
+    """All random variables (germs) of a scene, in the order in which their parameters first occur.
 
     Parameters
     ----------
     sources
-        Random parameters and discretised fields, repeated as often as they are used.  Of a
-        correlated group only the members that occur take part, and they share their germs.
+        Random parameters and discretised fields, repeated as often as they are used. Of a
+        correlated group only the members that occur are included; they share their germs.
 
     Attributes
     ----------
     names
         Names of the parameters and fields.
     germs, germ_names
-        (L,) independent variables, and what they are called.
+        (L,) independent variables, and their names.
     groups
         Name of each independent source (``"a+b"`` for a correlated group) -> its germ numbers.
 
@@ -172,7 +172,7 @@ class RandomSpace:
             not fit the germs.
         """
         limit = _machine_memory() if memory_limit is None else memory_limit
-        # a law with few atoms has no polynomials of higher degree
+        # a distribution with few atoms has no polynomials of higher degree
         caps = [
             min(germ.capacity - 1 if germ.capacity is not None else 2**30, 2**30)
             for germ in self.germs
@@ -341,7 +341,7 @@ class RandomSpace:
         ------
         SceneError
             An unknown name, a field (it is no one number), different lengths, or a value that the
-            law of its parameter cannot take.
+            distribution of its parameter cannot take.
         """
         given: dict[str, Array] = {}
         for name, value in values.items():
@@ -349,7 +349,7 @@ class RandomSpace:
             if source is None:
                 raise unknown_name("random parameter", name, self.names)
             if isinstance(source, DiscretisedField):
-                raise SceneError(f"random field {name!r} cannot be set by a number a point")
+                raise SceneError(f"random field {name!r} cannot be set by one number per point")
             given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
         sizes = {len(v) for v in given.values()} - {1}
         if len(sizes) > 1:
@@ -405,7 +405,7 @@ class RandomSpace:
         if count < 1 or count & (count - 1):
             above = 2 ** max(count - 1, 1).bit_length()
             raise SceneError(
-                f"{count} Sobol points lose their balance; take a power of two, e.g. {above}"
+                f"{count} Sobol points are not balanced; take a power of two, e.g. {above}"
             )
         if not self.germs:
             raise SceneError("there is nothing random to sample")

@@ -195,7 +195,7 @@ def test_facets_within_a_quadrilateral():
 
 
 def test_mixed_cells():
-    """Triangles on quadrilaterals, either way round."""
+    """Triangles on quadrilaterals, in both orders."""
     tet = block("tetrahedron", [3, 3, 1], mapping=wavy(0.05, 2))
     hexa = block("hexahedron", [4, 2, 1], [0, 0, 1], [1, 1, 2], wavy(-0.08, 2))
     for first, second, ends in ((tet, hexa, ("z1", "z0")), (hexa, tet, ("z0", "z1"))):
@@ -315,7 +315,7 @@ def test_curved_faces_converge(cell, order, least):
 
 
 def test_round_rims_need_not_agree():
-    """Two meshes of a disc have different chords at the rim: covered up to 1 %, without a word."""
+    """Two meshes of a disc have different chords at the rim: up to 1 % may be uncovered without a warning."""
 
     def disc(x):
         r = np.abs(x[:, :2] - 0.5).max(axis=1, keepdims=True)
@@ -355,7 +355,7 @@ def overhanging(cell, shift, overlap, **options):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_partial_overlap(cell):
-    """What is covered counts with its area; the rest is left out; both means are over the same."""
+    """A facet counts with its covered area; the rest is left out; both means are over the same area."""
     d = DIMENSION[cell]
     shift = 0.37
     i, V = overhanging(cell, shift, "partial")
@@ -468,7 +468,7 @@ def compressed(cell, nu, law, degree, interface_space="facets", **options):
 @pytest.mark.parametrize("nu", [0.0, 0.3])
 @pytest.mark.parametrize("cell", CELLS)
 def test_patch(cell, nu, angle, slope, law):
-    """TARGETS 2.3: constant pressure and linear displacements go through without an error."""
+    """TARGETS 2.3: constant pressure and linear displacements are transferred without an error."""
     problem, exact, traction = compressed(cell, nu, law, 2, angle=angle, slope=slope)
     assert problem.interfaces["joint"].matching is None
     result = solve(problem, method="accelerated", active=["joint"], options=TIGHT)
@@ -703,6 +703,6 @@ def test_convergence(interface_space, law, degree, rate):
 
 
 def test_points_lose_the_order_where_facets_keep_it():
-    """Quadrature points miss the kinks of side 2: the nodal forces are wrong by a share of order 1."""
+    """Quadrature points miss the kinks of side 2: the nodal forces have a relative error of order 1."""
     points, facets = (energy_norm_error(s, "elastic", 8, 2) for s in ("points", "facets"))
     assert points > 1.4 * facets

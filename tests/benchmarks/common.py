@@ -1,4 +1,4 @@
-"""What the benchmarks share: timing, the unit of cost, the environment, JSON files and tables.
+"""Common to the benchmarks: timing, the unit of cost, the environment, JSON files and tables.
 
 Times are compared within one run: same machine, same libraries, same number of threads.
 """
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Timed(Generic[T]):
-    """What a timed call returned, its median wall time and the number of times it ran."""
+    """Return value of a timed call, its median wall time and the number of runs."""
 
     value: T
     seconds: float

@@ -75,7 +75,7 @@ REASONS = {
 
 
 def with_springs(problem: Problem) -> Problem:
-    """The same parts, springs in place of the contacts: what a linear solver would factorise."""
+    """The same parts with springs for the contacts: the matrix that a linear solver would factorise."""
     laws = {name: i.law.nominal for name, i in problem.interfaces.items()}
     springs = Elastic(normal=1e4, tangential=1e4)
     return problem.with_laws({n: springs if isinstance(law, Contact) else law for n, law in laws.items()})
@@ -199,7 +199,7 @@ def differences(
 def beside(
     program: str, scene: Path, folder: Path, repeats: int
 ) -> exchange.Answer | None:
-    """The answer of a peer, in a process of its own; None if it is not installed."""
+    """The answer of another program, in a separate process; None if it is not installed."""
     script = Path(__file__).parent / "peers" / program
     file = folder / f"{script.stem}.npz"
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Estimated against true errors, and what ``accuracy=`` keeps of its promise.
+"""Estimated against true errors, and how often ``accuracy=`` reaches the accuracy.
 
 ``./run bench estimates [--json FILE] [--markdown docs/accuracy.md] [--quick]``
 
@@ -174,7 +174,7 @@ def defaults(problem: Problem, plan: Plan) -> dict[str, Any]:
 
 
 def difference(scale: float, one: Any, exact: Any) -> float:
-    """What the estimate means: the larger of the shares in strain energy and in interface displacement."""
+    """What is estimated: the larger relative error of strain energy and interface displacement."""
     weights = one.solver.weights[:, None]
     traces = exact.state.traces
     forces = exact.state.data - exact.solver.directions[:, None] * traces
@@ -241,7 +241,7 @@ def algebraic_scenes() -> list[tuple[str, Problem, dict[str, Any]]]:
 
 # --- truncation -----------------------------------------------------------------------------------
 def truth(case: Case) -> tuple[dict[Resultant, MeanStd], dict[str, Any]]:
-    """MeanStd far beyond what is compared, and how they were found."""
+    """Moments that are much more accurate than those compared, and how they were computed."""
     if case.exact:
         return case.exact, {"how": "closed form"}
     if not case.linear:
@@ -297,7 +297,7 @@ def truncation(case: Case, exact: dict[Resultant, MeanStd]) -> list[dict[str, An
 
 # --- promise --------------------------------------------------------------------------------------
 def promise(case: Case, exact: dict[Resultant, MeanStd], repeats: int = 1) -> list[dict[str, Any]]:
-    """``accuracy=`` against the cheapest setting: order, or rule if laws are not linear, and tolerance."""
+    """``accuracy=`` compared with the cheapest setting: order (or rule for nonlinear laws) and tolerance."""
     front: list[tuple[float, dict[Resultant, float]]] = []
     for size, rtol in product(range(1, 7), (1e-2, 1e-3, 1e-4, 1e-6)):
         chaos = Chaos(size, check_points=0)

@@ -51,7 +51,7 @@ def vessel(size: str | float, friction: float, pressures: tuple[float, ...]) -> 
 
 
 def lap(size: str | float, steps: int) -> Case:
-    """The lap joint over preload and a cycle of shear, `steps` steps a quarter."""
+    """The lap joint over preload and a cycle of shear, `steps` steps per quarter."""
     demo = common.demo("bolted_lap_joint")
     pull = demo.CYCLE * (demo.REACH, 0.0, 0.0)
     problem = assemble(demo.build_scene(lap_joint(size), pull))

@@ -289,7 +289,7 @@ def chain(parts: int) -> dict[str, Any]:
 
 
 def rubbing(parts: int) -> dict[str, Any]:
-    """A chain whose every fourth joint rubs and opens, every interface kept."""
+    """A chain in which every fourth joint has friction and opens, all interfaces kept."""
     problem = test_macro.rubbing(parts)
     run, record = kept(
         parts, problem, contact.with_springs(problem), lambda: test_macro.cut(problem, rtol=3e-7)
@@ -311,7 +311,7 @@ def kept(
 
 
 def machine() -> dict[str, float]:
-    """What one thread reaches: operations of a matrix product, bytes of a copy."""
+    """Speed of one thread: operations of a matrix product, bytes of a copy."""
     a = np.random.default_rng(0).normal(size=(1500, 1500))
     product = common.timed(lambda: a @ a, 5).seconds
     big = np.zeros(40_000_000)
@@ -436,16 +436,16 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         "",
         f"Machine: {e['processor']}, {e['cpus']} cores, {e['threads']} thread(s), shared with other work "
         f"(load {e['load']:.1f} at the end): times are medians, single runs from {LARGE // 1000} 000 "
-        "unknowns on, after a first run that is not counted (as in the unit), and vary by some tens of "
-        "percent. "
+        "unknowns on, after a first run that is not counted (nor is it in the unit). They vary by some tens "
+        "of percent. "
         f"{', '.join(e['blas'])}, dolfinx {e['dolfinx']}, PETSc {e['petsc']}.",
         "",
         "A *unit* is one direct solution (analysis, factorisation, one solve) of the assembled structure "
-        "on the same mesh, by the faster of CHOLMOD and MUMPS. Seconds begin with the matrices of the "
-        "parts. Errors are true ones: in the energy norm, all chaos coefficients together, against SSFEM "
-        "converged to 1e-11; for the sweep the worst force on the joint (rms over the interface) of all "
-        "91 points. Peak memory is what a process takes beyond the matrices of the parts, the direct "
-        "solution beyond the assembled matrix.",
+        "on the same mesh, by the faster of CHOLMOD and MUMPS. Seconds do not include the assembly of the "
+        "parts' matrices. Errors are true errors: in the energy norm of all chaos coefficients together, "
+        "against SSFEM converged to 1e-11; for the sweep, the largest error of the force on the joint (rms "
+        "over the interface) among all 91 points. Peak memory is the memory that a process needs in addition "
+        "to the matrices of the parts, or, for the direct solution, to the assembled matrix.",
         "",
         "## Against size",
         "",
@@ -474,7 +474,7 @@ def markdown(record: dict[str, Any], path: Path) -> None:
     text += [common.markdown_table(header, rows), ""]
     text += growth("sizes", "the unknowns, over the last four")
     text += ["![Cost against size](figures/performance_sizes.png)", ""]
-    text += ["## Against modes", "", "Five germs on the vessel, orders 1 to 5.", ""]
+    text += ["## Against modes", "", "Five random variables (germs) on the vessel, orders 1 to 5.", ""]
     table = common.markdown_table(
         ["order", "modes", "iterations", "seconds", "units", "estimated error", "true error", "peak, MB"],
         [
@@ -496,7 +496,8 @@ def markdown(record: dict[str, Any], path: Path) -> None:
     text += [
         "## Against the number of parts",
         "",
-        "A chain of equal boxes (8 quadratic hexahedra each), every elastic interface kept and iterated on.",
+        "A chain of equal boxes (8 quadratic hexahedra each); all elastic interfaces are kept and iterated "
+        "on.",
         "",
     ]
 
@@ -511,18 +512,22 @@ def markdown(record: dict[str, Any], path: Path) -> None:
 
     text += [*chains(record["parts"]), *growth("parts", "the number of parts, over the last four")]
     text += ["![Cost against the number of parts](figures/performance_parts.png)", ""]
-    text += ["Cubes whose every fourth joint rubs, opens at its edges and slips, the others glued:", ""]
+    text += [
+        "A chain of cubes in which every fourth joint has friction, opens at its edges and slips; the others "
+        "are glued:",
+        "",
+    ]
     text += chains(record["friction"])
     peak_rates = record["machine"]
     text += [
         "## The loop",
         "",
         f"One thread multiplies matrices at {peak_rates['flops'] / 1e9:.1f} GFlop/s and copies at "
-        f"{peak_rates['bytes'] / 1e9:.1f} GB/s. The global stage on the paper's mesh:",
+        f"{peak_rates['bytes'] / 1e9:.1f} GB/s. The global stage on the mesh of the paper:",
         "",
     ]
     table = common.markdown_table(
-        ["columns", "a stage, ms", "GFlop/s", "of the product", "GB/s of factors", "of the copy",
+        ["columns", "one stage, ms", "GFlop/s", "of the product", "GB/s of factors", "of the copy",
          "share of the loop", "local stage"],
         [
             [

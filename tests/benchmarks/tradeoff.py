@@ -1,4 +1,4 @@
-"""Speed against accuracy: the knobs, one by one and together, on three scenes, and the Pareto front.
+"""Speed against accuracy: all settings, one by one and together, on three scenes, and the Pareto front.
 
 ``./run bench tradeoff --json FILE --markdown docs/accuracy.md`` measures all of it and writes the record,
 the part of the page on the front and its figure; ``--read FILE`` makes page and figure from a record.
@@ -114,7 +114,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Setting:
-    """A method, its knobs, and the mesh (None: the base mesh of the scene)."""
+    """A method, its settings, and the mesh (None: the base mesh of the scene)."""
 
     method: Method
     knobs: Mapping[str, Any] = field(default_factory=dict)
@@ -126,7 +126,7 @@ class Setting:
 
 def label(method: str, knobs: Mapping[str, Any]) -> str:
     """A setting in words."""
-    words = {"order": "order", "points": "points a germ", "level": "level", "samples": "samples"}
+    words = {"order": "order", "points": "points per germ", "level": "level", "samples": "samples"}
     parts = [METHODS[method]]  # type: ignore[index]
     for key, value in knobs.items():
         if key in ("points", "samples"):
@@ -192,7 +192,7 @@ class Scene:
 
     @property
     def meshes(self) -> list[Mesh]:
-        """All that settings are measured on, the base first."""
+        """All meshes on which settings are measured, the base first."""
         return list(dict.fromkeys([self.base, *(s.mesh for s in self.settings if s.mesh is not None)]))
 
 
@@ -267,7 +267,7 @@ def grid(method: Method, mesh: Mesh | None = None, **knobs: Sequence[Any]) -> It
 def elastic_settings(
     quick: bool, orders: Sequence[int], tensor: Sequence[int], levels: Sequence[int]
 ) -> list[Setting]:
-    """The grid of knobs of a linear scene, on its base mesh."""
+    """The grid of settings of a linear scene, on its base mesh."""
     rtols = (1e-1, 1e-2, 1e-4, 1e-7) if quick else (1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
     middle = orders[min(1, len(orders) - 1)]
     sampled = (1e-3, 1e-6) if not quick else (1e-4,)
@@ -364,7 +364,7 @@ def _once(settings: Sequence[Setting]) -> list[Setting]:
 
 
 def lap_settings(quick: bool) -> list[Setting]:
-    """The grid of knobs of the scene with contact and friction."""
+    """The grid of settings of the scene with contact and friction."""
     rtols = (1e-1, 1e-2, 1e-3) if quick else (3e-1, 1e-1, 3e-2, 1e-2, 1e-3, 1e-4, 1e-5)
     meshes = [Mesh("coarse", 3, "facets")] if quick else []
     if not quick:
@@ -415,7 +415,7 @@ def of_samples(scene: Scene, result: SampleResult) -> Moments:
 
 
 def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answer:
-    """Carry a setting out: from the matrices of the parts to mean and deviation."""
+    """Run a setting: from the matrices of the parts to mean and standard deviation."""
     knobs, method = dict(setting.knobs), setting.method
     rtol = knobs.pop("rtol")
     if method in ("latin", "single", "latin2004", "ssfem"):
@@ -456,7 +456,7 @@ def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answ
 
 
 def nominal(problem: Problem) -> Problem:
-    """The problem of the unit: means for what is random, springs for contacts."""
+    """The problem of the unit: means for random values, springs for contacts."""
     return contact.with_springs(problem)
 
 
@@ -656,7 +656,7 @@ def _line(row: Mapping[str, Any]) -> str:
 
 
 def tighter(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
-    """Whether setting b is of the series of a, and no looser than a in any knob."""
+    """Whether b belongs to the series of a, and no setting of b is looser than that of a."""
     if (a["method"], a["mesh"]) != (b["method"], b["mesh"]):
         return False
     ours, theirs = dict(a["knobs"]), dict(b["knobs"])
@@ -685,7 +685,7 @@ def mark_luck(record: dict[str, Any]) -> None:
 
 
 def _looseness(row: Mapping[str, Any]) -> tuple[float, ...]:
-    """Least for the run of a mesh that has next to no error but that of the mesh."""
+    """Smallest for the run whose error is almost only that of the mesh."""
     if row["error"] is not None:
         return (row["error"],)
     return (row["knobs"]["rtol"], -max(row["knobs"].get(key, 0) for key in GROWING))
@@ -712,7 +712,7 @@ def cheapest(
 
 
 def panels(record: Mapping[str, Any]) -> list[list[FrontPanel]]:
-    """Pictures of all scenes: the same mesh above, errors in all below."""
+    """Pictures of all scenes: errors on the same mesh above, total errors below."""
     rows = []
     for in_all in (False, True):
         error, cost = ("error_all", "units_all") if in_all else ("error", "units")
@@ -803,7 +803,7 @@ def _chosen(scene: Mapping[str, Any], level: float, meshes: bool) -> Mapping[str
 
 
 def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """The knobs that are changed one at a time, about the setting where most of them are."""
+    """The settings that are changed one at a time, around the one that most runs share."""
     galerkin = [
         r
         for r in scene["runs"]
@@ -826,7 +826,7 @@ def table_knobs(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 
 
 def table_meshes(scene: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """What size, degree and space do: the tightest run on each mesh."""
+    """Effect of size, degree and space: the tightest run on each mesh."""
     rows = []
     for mesh in sorted(scene["meshes"], key=lambda m: float(m["dof"])):
         runs = [r for r in scene["runs"] if r["mesh"] == mesh["name"] and r["error_all"] is not None]
@@ -862,23 +862,26 @@ EMPTY = "## Reading the front\n\n<!-- front: begin -->\n<!-- front: end -->\n"
 
 INTRODUCTION = """![Error against cost on three scenes](figures/tradeoff.png)
 
-Each point is one setting of the knobs: the cost of mean and standard deviation of one number, and the larger
-of their true relative errors. The line is the front: what a cost buys at best; whatever lies above it or to
-its right wastes work. Stars are what `solve(problem, accuracy=...)` chose by itself.
+Each point is one choice of settings. Its cost is that of computing the mean and the standard deviation of
+one number; its error is the larger of their true relative errors. The line is the front: the best that can
+be had for a given cost. A setting above the line or to its right wastes work. Stars are the settings that
+`solve(problem, accuracy=...)` chose.
 
-Two errors are kept apart. Above: on the same mesh, against a much tighter solution; that is what tolerance,
-chaos and method decide. Below: against a much finer mesh, with everything in it; the front flattens where the
-mesh decides, and from there on tighter tolerances and higher orders buy nothing.
+Two errors are shown separately. The upper pictures show the error on the same mesh, against a much tighter
+solution; it depends on tolerance, chaos and method. The lower pictures show the total error, against a much
+finer mesh. There the front becomes flat where the error of the mesh dominates; from that point on, tighter
+tolerances and higher orders gain nothing.
 
-So begin below: take the mesh whose error fits. Then go up to the same error in the picture above (a third of
-it, if the sum is to fit), and read the setting from the table.
+So begin with the lower picture and choose the mesh whose error is small enough. Then find the same error in
+the upper picture (a third of it, if the sum of both must stay below the limit), and read the setting from
+the table.
 
-A *unit* is one direct solution of the base mesh in the same run. Costs above begin with the matrices of the
-parts; those below have assembly and pairing, too. Errors that are small by chance (a tighter setting of the
-same series is over three times worse, or errors of chaos and mesh cancel) are drawn small, and count neither
-for the front nor for the tables. Errors of Monte Carlo are root mean squares over several seeds. In the grey
-band errors cannot be told from that of the reference. Of settings that cost the same to 10 % the tables name
-the best.
+A *unit* is one direct solution of the base mesh in the same run. Costs in the upper pictures do not include
+the assembly of the parts' matrices; those in the lower pictures include assembly and pairing. Some errors
+are small by chance (a tighter setting of the same series is over three times worse, or errors of chaos and
+mesh cancel); they are drawn small, and are left out of the front and of the tables. Errors of Monte Carlo
+are root mean squares over several seeds. In the grey band errors cannot be distinguished from the error of
+the reference. If several settings cost the same to within 10 %, the tables name the most accurate one.
 """
 
 
@@ -905,12 +908,12 @@ def section(record: Mapping[str, Any]) -> str:
             "",
             common.markdown_table(*table_same(scene)),
             "",
-            "What each method needs at least (`-`: not reached by any setting that was tried); what",
-            "`accuracy=` chose, its true error, and its cost over the least one:",
+            "The least cost of each method (`-`: not reached by any setting that was tried), and the cost of",
+            "what `accuracy=` chose, its true error, and its cost divided by the least one:",
             "",
             common.markdown_table(*table_methods(scene)),
             "",
-            "One knob at a time:",
+            "One setting changed at a time:",
             "",
             common.markdown_table(*table_knobs(scene)),
             "",
@@ -918,13 +921,13 @@ def section(record: Mapping[str, Any]) -> str:
         made = scene["references"].get("all")
         if made is not None:
             text += [
-                f"In all, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which",
+                f"Total error, against {made['how']} ({made['mean']:.6g} N, {made['std']:.5g} N), which",
                 f"differs by {made['own_error']:.0e} from {made['compared']}; units and seconds with",
                 "assembly:",
                 "",
                 common.markdown_table(*table_all(scene)),
                 "",
-                "Size, degree and interface space, each mesh by the tightest run on it:",
+                "Size, degree and interface space; for each mesh the run with the tightest settings:",
                 "",
                 common.markdown_table(*table_meshes(scene)),
                 "",

@@ -1,4 +1,4 @@
-"""The extremes of the project, one case each: a scene with a closed form, and the digits that are left.
+"""The extremes of the project, one case each: a scene with a closed form, and the digits that remain.
 
 ``tests/extremes/test_extremes.py`` asserts the cases, ``./run bench limits`` writes docs/limits.md from
 them. The scenes are plane and of few cells, and their stresses uniform where possible: linear elements then
@@ -735,7 +735,7 @@ def all_cases() -> Iterator[Case]:
 
     row = "rigid contact, force at a point"
     yield Case(row, "space='facets'", lambda: at_points("facets"))
-    more = "two points a facet, but one node: resultants and nodal forces are unique, point values are not"
+    more = "two points per facet, but one node: resultants and nodal forces are unique, point values are not"
     yield Case(row, "space='points', degree 1", lambda: at_points("points"), note=more)
 
     row = "numbers of 32 bits"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ from dolfinx_frontend import (
     RandomField,
     Resultant,
     Scene,
+    StepAssembly,
     Symmetry,
     Traction,
     TruncatedNormal,
@@ -48,6 +50,7 @@ from dolfinx_frontend import (
     geometry,
     load,
     make_plan,
+    read_step,
     solve,
     sweep,
 )
@@ -113,6 +116,16 @@ def randoms() -> list[Any]:
     ]
 
 
+def step_assembly(folder: Path) -> StepAssembly:
+    """Two touching boxes, written and read."""
+    with geometry.gmsh_session() as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.addBox(1, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(folder / "boxes.step"))
+    return read_step(folder / "boxes.step")
+
+
 @pytest.fixture(scope="module")
 def things(tmp_path_factory: Any) -> list[Any]:
     """One of everything that is public."""
@@ -134,8 +147,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *randoms(),
         *(scene, part.part, problem, part, interface, interface.sides[0], plan, plan.cost, result, history),
         *(LinearElastic(1.0, 0.3), Direction(), Options(), Direction(given={"layer": MANY[1:]})),
-        Resultant("layer"),
-        Cut("stud *", normal=(0.0, 0.0, 1.0)),
+        *(Resultant("layer"), Cut("left", normal=(1, 0, 0)), step_assembly(tmp_path_factory.mktemp("step"))),
         chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
         *(result.summary, result.state, result.summary.history[0], result.table()),
@@ -216,3 +228,15 @@ def test_types_are_shipped() -> None:
     for package in (dolfinx_frontend, latin_core):
         assert Path(package.__file__ or "").with_name("py.typed").is_file(), package.__name__
     assert Path(latin_core.__file__).with_name("_core.pyi").is_file()
+
+
+def test_version_is_that_of_the_project() -> None:
+    with (DOCS.parent / "pyproject.toml").open("rb") as file:
+        version = tomllib.load(file)["project"]["version"]
+    assert latin_core.__version__ == dolfinx_frontend.__version__ == version
+
+
+def test_import_star_gives_the_public_names() -> None:
+    names: dict[str, object] = {}
+    exec("from dolfinx_frontend import *", names)
+    assert set(names) - {"__builtins__"} == set(dolfinx_frontend.__all__)

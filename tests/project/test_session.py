@@ -35,21 +35,21 @@ from dolfinx_frontend.solving import sample
 
 MAIN = """
 import sys, time
-from dolfinx_frontend import *
+import dolfinx_frontend as lf
 from dolfinx_frontend.kernel.running import TWICE
 
 def problem(random=False):
-    scene = Scene()
+    scene = lf.Scene()
     for name, x0 in (("left", 0.0), ("right", 1.0)):
-        block = geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
-        scene.substructure(name, block, LinearElastic(100.0, 0.3), degree=2)
-    k = LogNormal("k", mean=30.0, cov=0.2) if random else 30.0
-    scene.interface("layer", "left:x1", "right:x0", Elastic(normal=k, tangential=10.0))
+        block = lf.geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
+        scene.substructure(name, block, lf.LinearElastic(100.0, 0.3), degree=2)
+    k = lf.LogNormal("k", mean=30.0, cov=0.2) if random else 30.0
+    scene.interface("layer", "left:x1", "right:x0", lf.Elastic(normal=k, tangential=10.0))
     scene.fix("left:x0")
     scene.traction("right:x1", (1.0, 0.2))
-    return assemble(scene)
+    return lf.assemble(scene)
 
-ENDLESS = Options(rtol=1e-15, max_iterations=10**8, stagnation_window=10**8, acceleration=0)
+ENDLESS = lf.Options(rtol=1e-15, max_iterations=10**8, stagnation_window=10**8, acceleration=0)
 FAR = 1e6
 once = [True]
 
@@ -88,13 +88,13 @@ def end(process: subprocess.Popen[str]) -> tuple[str, str]:
 def test_ctrl_c_returns_what_is_done() -> None:
     """A real SIGINT, from another process: solve ends, the script goes on and can be ended, too."""
     process = start("""
-result = solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
+result = lf.solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
 print(result.status, result.converged, result.force("layer").shape)
 print(result.table("layer").value("area", "layer"))
 time.sleep(TWICE)
 for _ in range(2):
     once.append(True)
-    solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
+    lf.solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
 print("not reached")
 """)
     for _ in range(2):
@@ -109,7 +109,7 @@ print("not reached")
 
 def test_the_answer_of_an_interrupted_solve_is_whole() -> None:
     process = start("""
-result = solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
+result = lf.solve(problem(), active="all", direction=FAR, options=ENDLESS, callback=ready)
 print(result.status, result.converged, result.force("layer").shape)
 print(result)
 result.displacement("left")
@@ -128,14 +128,14 @@ def test_ctrl_c_and_a_checkpoint(kind: str, tmp_path: Path) -> None:
 import numpy as np
 seen = []
 kind, path = sys.argv[1:]
-slow = Options(rtol=1e-13, max_iterations=200, acceleration=0, snapshots=0, stagnation_window=10**8)
+slow = lf.Options(rtol=1e-13, max_iterations=200, acceleration=0, snapshots=0, stagnation_window=10**8)
 values = np.linspace(20.0, 40.0, 200)
 
 def run():
     if kind == "sweep":
-        return sweep(problem(), {"layer.normal": values}, options=slow, direction=100.0, checkpoint=path,
+        return lf.sweep(problem(), {"layer.normal": values}, options=slow, direction=100.0, checkpoint=path,
                      progress=False)
-    return monte_carlo(problem(random=True), 200, options=slow, checkpoint=path, progress=False)
+    return lf.monte_carlo(problem(random=True), 200, options=slow, checkpoint=path, progress=False)
 
 import logging
 logging.getLogger("dolfinx_frontend.solvers.sweep").disabled = True  # of points that do not converge
@@ -155,7 +155,7 @@ print(np.isfinite(force[result.finished]).all(), np.isnan(force[~result.finished
 first = result.finished.copy()
 try:
     print(result.quantity(lambda f: f.force("layer")[:, 0, 0]))
-except (SceneError, AttributeError) as error:
+except (lf.SceneError, AttributeError) as error:
     print(type(error).__name__, error)
 whole = run()
 print(whole.complete, whole.status)
@@ -266,10 +266,10 @@ BARS = """
 import dolfinx_frontend.common.progress
 sys.modules["dolfinx_frontend.common.progress"]._DELAY = 0.0
 if len(sys.argv) > 1:
-    print(progress(False))
+    print(lf.progress(False))
 p = problem()
-solve(p, active="all")
-sweep(p, {"layer.normal": [1.0, 2.0, 3.0]})
+lf.solve(p, active="all")
+lf.sweep(p, {"layer.normal": [1.0, 2.0, 3.0]})
 """
 
 

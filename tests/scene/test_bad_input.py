@@ -1,4 +1,4 @@
-"""Every mistake in a scene is reported with the thing, the value and the mend."""
+"""Every mistake in a scene is reported with the thing, the value and a remedy."""
 
 from __future__ import annotations
 
@@ -405,7 +405,7 @@ def test_sliding_part():
 
 
 def test_turning_wheel():
-    """A wheel in a frictionless bearing turns about its centre."""
+    """A wheel in a frictionless bearing can turn about its centre."""
     angle = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
     radial = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     bearing = (("wheel",), radial + [3.0, 0.0], np.ones(12), radial[:, None, :])

@@ -118,7 +118,7 @@ def test_directions_are_positive(problem, bad):
 
 
 def test_directions_are_what_was_asked_for(problem):
-    """One factor, one length, one interface, one value a point."""
+    """One factor, one length, one interface, one value per point."""
     points = problem.interfaces["glue"].num_points
     rising = np.linspace(1.0, 2.0, points)
     direction = Direction(factor=2.0, length=4.0, given={"layer": 7.0, "glue": rising})
@@ -235,7 +235,7 @@ def test_starting_from_the_answer_takes_no_time(problem, active):
 
 
 def test_start_does_not_change_the_answer(problem, reference):
-    """A state of other directions, whose data mean something else, is only a start like any other."""
+    """A state of other search directions, whose data mean something else, is a valid start."""
     other = solve(problem, active="all", direction=30.0, options=TIGHT)
     result = solve(problem, active="all", direction=1.0, options=TIGHT, start=other)
     assert result.converged

@@ -1,4 +1,4 @@
-"""Confidence intervals hold what they promise; Sobol indices by sampling meet closed forms."""
+"""Confidence intervals have their level; Sobol indices by sampling agree with closed forms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def sampled(values, **settings):
 
 
 def check_coverage(intervals, truth, level, least_only=False):
-    """The share of intervals that hold the truth, within 4 standard errors."""
+    """The fraction of intervals that contain the true value, within 4 standard errors."""
     low, high = np.array([(e.low, e.high) for e in intervals]).T
     share = np.mean((low <= truth) & (truth <= high))
     error = 4.0 * math.sqrt(level * (1.0 - level) / len(intervals))
@@ -45,7 +45,7 @@ def test_coverage_of_moments(law, level):
 
 @pytest.mark.parametrize("law", LAWS, ids=["normal", "uniform", "gamma"])
 def test_coverage_of_skewness(law):
-    """For large samples; of few it is less, as said."""
+    """For large samples; for small ones it is less, as documented."""
     generator = np.random.default_rng(9)
     skewness = float(law.stats(moments="s"))
     found = [sampled(law.rvs(size=20_000, random_state=generator)) for _ in range(400)]

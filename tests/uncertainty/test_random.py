@@ -172,7 +172,7 @@ def test_normal_spring_gives_the_gauss_value(order: int, expected: float) -> Non
 
 
 def test_definiteness_of_a_normal_stiffness_ends_at_order_ten() -> None:
-    """cov 0.2 passes at order 9 and fails at 10; positive laws never fail."""
+    """cov 0.2 passes at order 9 and fails at 10; positive distributions never fail."""
     stiffness = Normal("k", 100.0, cov=0.2)
     space = RandomSpace([stiffness])
     smallest = [
@@ -635,7 +635,7 @@ def test_chaos_of_a_field_reproduces_the_field(distribution: str) -> None:
     psi = coarse.evaluate(rule.points)
     expected = psi.T @ ((rule.weights * space.values(field, rule.points)[7])[:, None] * psi)
     assert np.abs(space.galerkin_matrix(field, coarse, 7).toarray() - expected).max() < 1e-7
-    with pytest.raises(SceneError, match="cannot be set by a number"):
+    with pytest.raises(SceneError, match="cannot be set by one number"):
         space.germ_points({"k": 1.0})
     with pytest.raises(SceneError, match="the chaos of 'k'"):
         if distribution == "normal":

@@ -1,4 +1,4 @@
-"""Estimates within three of the true errors, and ``accuracy=`` keeps its promise: a sample."""
+"""Estimates within a factor of three of the true errors, and ``accuracy=`` is reached: a sample of cases."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def off(found: MeanStd, true: MeanStd) -> float:
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
 def test_algebraic_estimate(vessel, vessel_reference, rtol):
-    """All interfaces kept: the estimate is about the error within three, in the energy norm.
+    """All interfaces kept: the estimate is within a factor of three of the error, in the energy norm.
 
     3.15 at 1e-6, as in docs/accuracy.md: the last step takes off more than those that the estimate goes by.
     """
@@ -85,7 +85,7 @@ def test_algebraic_estimate(vessel, vessel_reference, rtol):
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_truncation_estimate(blocks, exact, order):
-    """The next modes tell the error of mean and deviation within three."""
+    """The next modes give the error of mean and standard deviation within a factor of three."""
     result = solve(blocks, chaos=order, options=Options(rtol=1e-10))
     for quantity in BOTH:
         share = result.errors(quantity).truncation

@@ -63,7 +63,7 @@ def test_vessel(vessel, vessel_reference, active, kept):
 
 
 def test_single_precision_is_corrected(vessel, vessel_reference):
-    """Ten digits by stages of seven, at no more than a correction or two; the same after an early end."""
+    """Ten digits by stages of seven digits, with no more than two corrections; also after an early end."""
     single = TIGHT.with_(precision="single")
     result = latin(vessel, options=single)
     check(vessel, result, vessel_reference)
@@ -84,7 +84,7 @@ def test_chain(active):
 
 @pytest.mark.parametrize("active", [None, "all"])
 def test_split_ring(active):
-    """Also the closed form: p_c at the joint and the jump p_c / k, as near as the mesh allows."""
+    """Also the closed form: p_c at the joint and the jump p_c / k, as accurately as the mesh allows."""
     ring = scenes.SplitRing()
     problem = ring.problem()
     result = latin(problem, active=active)
@@ -176,7 +176,7 @@ def test_patch(cell, kind):
 
 
 def test_springs_between_meshes_that_cross():
-    """3 facets against 2: the quadrature of side 1 is not exact, but the answer is one and the same."""
+    """3 facets against 2: the quadrature of side 1 is not exact, but all methods give the same answer."""
     problem = patch("hexahedron", Elastic(normal=NORMAL, tangential=NORMAL), 3, degree=2)
     check(problem, latin(problem, active="all"))
 

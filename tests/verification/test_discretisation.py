@@ -137,7 +137,7 @@ def corner(n: int, cell: str, degree: int) -> Problem:
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_singular_corner_in_energy(cell, degree):
-    """A recovered stress is bounded where the true one is not; the estimate stays of the error's size.
+    """A recovered stress is bounded where the true one is not; the estimate has the size of the error.
 
     a(u) is extrapolated with the rate h^(2 lambda) of the corner; what that leaves is of the order of the
     next singularity, a few per cent of the errors here.
@@ -207,7 +207,7 @@ def test_quadratic_joint_of_the_ring():
 
 
 def bolted(n: int, cell: str, degree: int, **law: Any) -> Problem:
-    """A cover on a base, pressed down and drawn aside by springs: not statically determinate."""
+    """A cover on a base, pressed down and pulled sideways by springs: not statically determinate."""
     scene = Scene()
     for level, name in enumerate(("base", "cover")):
         part = geometry.box((2.0, 1.0, 1.0), (2 * n, n, n), origin=(0, 0, level), cell=cell)
@@ -253,7 +253,7 @@ def test_force_and_jump_are_one_error(coarse):
 
 
 def test_reaction_follows_from_equilibrium(coarse):
-    """The base hangs between joint and ground: what one is wrong the other is, in every direction."""
+    """The base hangs between joint and ground: both have the same error, in every direction."""
     for component in range(3):
         axes = estimate(coarse, Resultant("ground", component=component))
         along = coarse.problem.interfaces["joint"].frames[0] @ np.eye(3)[component]
@@ -321,7 +321,7 @@ def test_extra_loads_of_the_kernel():
 
 
 def sheared(n: int, law: Elastic | Contact) -> Problem:
-    """A block on a block, pressed on it and pushed to and fro."""
+    """A block pressed on a block and pushed back and forth."""
     scene = Scene()
     for level, name in enumerate(("low", "up")):
         part = geometry.box((2.0, 1.0), (2 * n, n), origin=(0.0, level))

@@ -76,7 +76,7 @@ def test_a_history_without_memory_costs_nothing() -> None:
 
 
 def jenkins(law: Contact) -> Scene:
-    """A block pressed on the ground (p = 10 MPa), where springs move it to and fro: no moment arises."""
+    """A block pressed on the ground (p = 10 MPa), where springs move it back and forth: no moment arises."""
     scene = Scene()
     box = geometry.box((10.0, 10.0, 10.0), (1, 1, 1), cell="hexahedron")
     scene.substructure("block", box, LinearElastic(E=200e5, nu=0.0), degree=1)

@@ -1,4 +1,4 @@
-"""How many iterations, and how honest the estimated error is: the paper's regime and the accelerated one."""
+"""Number of iterations and accuracy of the estimated error: the paper's iteration and the accelerated one."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_accelerated_iteration_is_short(vessel, vessel_reference):
 
 
 def test_plain_sweep_needs_single_digits_at_most_points(vessel):
-    """Most points need next to nothing, and are not worse for it than the one started from zero.
+    """Most points need almost no iterations, and are as accurate as the one started from zero.
 
     The mean is not a single digit: four points that leave the span of the earlier ones take
     hundreds.  The paper's 90 others took 2.6 on average.
@@ -88,7 +88,7 @@ def force_error(problem: Problem, result: SweepResult, at: tuple[int, ...]) -> f
 
 @pytest.mark.parametrize("active", [None, "all"])
 def test_accelerated_sweep(vessel, active):
-    """Every point started from its neighbours is as good as the tolerance says."""
+    """Every point started from its neighbours is as accurate as the tolerance."""
     options = Options(rtol=1e-6)
     result = sweep(
         vessel, GRID, method="accelerated", active=active, options=options, progress=False
@@ -105,7 +105,7 @@ def test_accelerated_sweep(vessel, active):
 # The estimate against the truth
 # ---------------------------------------------------------------------------------------------
 def true_error(problem: Problem, result: Result, reference: ReferenceSolution) -> float:
-    """What the estimate means: the larger of the shares in strain energy and in interface traces."""
+    """What is estimated: the larger relative error of strain energy and interface traces."""
     strain = energy_error(problem, result.displacements, reference, springs=False)
     above = below = 0.0
     for name in result.plan.active:
@@ -191,7 +191,7 @@ def test_iterations_of_a_contact_far_smaller_than_its_bodies(load: str) -> None:
 
 @pytest.mark.parametrize("factor", [0.3, 3.0, 30.0])
 def test_a_stiff_block_on_a_soft_spring_is_right_or_not_converged(factor: float) -> None:
-    """The scene's E/L is ten thousand times what friction acts against: errors hide in rigid motions."""
+    """E/L is ten thousand times the stiffness that friction acts on: errors hide in rigid motions."""
     block = geometry.box((10.0, 10.0, 2.0), (2, 2, 1), cell="hexahedron")
     draw = Amplitude([1.0, 2.0, 3.0, 4.0], [0.0, 0.25, -0.25, 0.25])
     scene = Scene()

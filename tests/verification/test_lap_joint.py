@@ -34,7 +34,7 @@ GIVE = SPRING * 10.0 / (MODULUS * 20.0)  # what the block gives way, as a share 
 
 
 def drawn_block(ends: list[float], steps: int):
-    """The block over a polygon of spring displacements, with `steps` steps a side."""
+    """The block over a polygon of spring displacements, with `steps` steps per side."""
     block = geometry.box((10.0, 10.0, 2.0), (2, 2, 1), cell="hexahedron")
     corners = np.arange(len(ends) + 1.0) + 1.0
     draw = Amplitude(corners, [0.0, *ends])
@@ -243,7 +243,7 @@ def test_without_shear_in_the_bolts_the_joint_slips_at_friction_times_clamping(d
 
 
 def test_the_loop_balances_its_energies(demo, joint, loop):
-    """Work of the end = taken up by the contacts + stored, exactly; heat as the steps become small."""
+    """Work of the end = work taken up by the contacts + stored energy, exactly; the heat for small steps."""
     assert loop.moved[-1] == loop.moved[loop.first]
     balance = loop.area - loop.cycle(loop.work) - loop.cycle(loop.stored)
     assert abs(balance) <= 100 * TIGHT * loop.area

@@ -90,7 +90,7 @@ def test_number_of_parts_does_not_matter(parts: int) -> None:
 
 
 def test_many_parts() -> None:
-    """Pulled only: bent, a chain this slender comes near the rounding of its own stiffness (N^4)."""
+    """Pulled only: in bending, a chain this slender reaches the rounding of its own stiffness (N^4)."""
     problem = blocks(128, (1, 1, 1), traction=(10.0, 0.0, 0.0))
     result = cut(problem)
     assert result.converged and result.iterations <= 8

@@ -67,7 +67,7 @@ def test_solids_facets(cell: str, scene: object, law: str) -> None:
 
 @pytest.mark.parametrize("law", ["elastic", "perfect"])
 def test_facets_on_linear_tetrahedra_lock(law: str) -> None:
-    """Two facets a node: forces of rigid laws are lost, those of springs are not; users are told."""
+    """Two facets per node: forces of rigid laws (not of springs) are meaningless; a warning says so."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         errors = blocks("tetrahedron", "facets", law, 1, 4)

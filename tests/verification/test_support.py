@@ -1,4 +1,4 @@
-"""Parts that lose their support: closed forms of rigid statics, and linear programming as the oracle."""
+"""Parts that lose their support: closed forms of rigid statics, and linear programming as reference."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_block_pulled_off_a_frictionless_support() -> None:
 
 
 def test_the_smallest_pull_is_too_much() -> None:
-    """Rounding is not a load, a millionth of the other loads is one."""
+    """Rounding does not count as a load; a millionth of the other loads does."""
     scene = on_the_floor((0.0, 0.0, 0.0), Contact(), guided=True)
     scene.traction("block:x1", (-100.0, 0.0, 1e-3), name="side")
     lost(scene, "translation along z")
@@ -88,7 +88,7 @@ def test_block_pushed_sideways(share: float, threshold: float | None) -> None:
 
 @pytest.mark.parametrize(("push", "holds"), [(4.5, True), (5.5, False)])
 def test_block_that_tips(push: float, holds: bool) -> None:
-    """Pushed at its top, which is as high as it is wide: over it goes if Q > N / 2."""
+    """Pushed at its top, which is as high as it is wide: it tips over if Q > N / 2."""
     scene = on_the_floor((push, 0.0, -10.0), Contact(friction=50.0), divisions=(8, 2, 4))
     if holds:
         # the resultant is at (0.5 + push / 10) of the width; quadrature points end at 1/2 - 1/sqrt(12)
@@ -113,7 +113,7 @@ def clamped(shear: float, friction: float = 0.3, tangential: float | None = None
 
 
 def test_preload_that_does_not_hold_by_friction() -> None:
-    """Rigid statics cannot refuse it, since a bolt may pull as hard as one likes: the forces decide."""
+    """Rigid statics cannot exclude it, as the force of a bolt is not bounded: the final forces decide."""
     assert silently(clamped(2.8), Options(max_iterations=300)).converged
     with pytest.warns(SceneWarning, match="'upper' has lost its support.*along x: 'joint' slips.*preload"):
         result = solve(assemble(clamped(3.6)), options=SHORT)
@@ -125,7 +125,7 @@ def test_preload_that_does_not_hold_by_friction() -> None:
 
 
 def test_preload_lost_is_no_support_lost() -> None:
-    """TARGETS 2.6 beyond Q = K D: the joint is open and the bolt holds all the same."""
+    """TARGETS 2.6 beyond Q = K D: the joint is open, but the bolt still holds."""
     scene = Scene()
     cube(scene, "lower")
     cube(scene, "upper", SIDE)

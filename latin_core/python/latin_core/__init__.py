@@ -7,6 +7,8 @@ The package knows PETSc matrices and NumPy arrays, and nothing of how they were 
     laws = structure.laws(parameters={"joint": {"normal": 100.0}})
     summary, state = structure.solve(laws)
     u = structure.displacements(laws, state)
+
+``latin_core.__version__`` is the installed version.
 """
 
 from importlib import metadata
@@ -43,6 +45,11 @@ from latin_core._core import (
 from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
+
+try:
+    __version__ = metadata.version("latin-core")
+except metadata.PackageNotFoundError:  # imported from a build folder that was never installed
+    __version__ = "unknown"
 
 _petsc: Any = PETSc  # its stubs know no members
 if not np.issubdtype(_petsc.ScalarType, np.floating):
