@@ -26,7 +26,17 @@ from typing import NamedTuple
 LAYERS = ("algebra", "interface", "stochastic", "substructure", "iteration")
 COMMON = "common"
 FRONTEND: dict[str, tuple[str, ...]] = {
-    "common": ("arrays", "frozen", "errors", "threads", "describe", "progress", "release", "compat", "clipping"),
+    "common": (
+        "arrays",
+        "frozen",
+        "errors",
+        "threads",
+        "describe",
+        "progress",
+        "release",
+        "compat",
+        "clipping",
+    ),
     "scene": (
         "amplitudes",
         "values",

@@ -58,8 +58,6 @@ if not np.issubdtype(_petsc.ScalarType, np.floating):
         "(Debian: python3-petsc4py-real; conda: petsc=*=real*)"
     )
 
-__version__ = metadata.version("latin-core")
-
 
 def get_include() -> str:
     """Folder of the C++ headers that a compiled law of a user includes (see ``docs/laws.md``)."""
