@@ -1,7 +1,7 @@
 """The factorised structure of a plan, and the only code that calls it.
 
-The structure is constant, and every call brings its laws, which are a value. Results keep both and so stay what
-they are, whatever is computed after them on the same factors.
+The structure is constant, and every call brings its laws, which are a value. Results keep both and so stay
+what they are, whatever is computed after them on the same factors.
 """
 
 from __future__ import annotations
