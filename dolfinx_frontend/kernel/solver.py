@@ -1,6 +1,6 @@
 """The factorised structure of a plan, and the only code that calls it.
 
-The structure is constant, and every call brings its laws, which are a value. Results keep both, so they stay
+The structure is constant, and every call brings its laws, which are a value. Results keep both and so stay
 what they are, whatever is computed after them on the same factors.
 """
 
