@@ -51,7 +51,7 @@ INCLUDE = "latin_core/include/latin"
         ("dolfinx_frontend/kernel/bridge.py", "from ..scene.laws import Law\nfrom ..scene import laws\n"),
         ("dolfinx_frontend/scene/scene.py", "from dolfinx_frontend.scene import laws, specs\n"),
         ("dolfinx_frontend/scene/__init__.py", "from dolfinx_frontend.scene.scene import Scene\n"),
-        ("dolfinx_frontend/io/vtk.py", "from dolfinx_frontend import geometry, solving\n"),
+        ("dolfinx_frontend/io/paraview.py", "from dolfinx_frontend import geometry, solving\n"),
         ("dolfinx_frontend/__init__.py", "from dolfinx_frontend.figures import curves\n"),
     ],
 )

@@ -313,7 +313,7 @@ def test_no_interruption_changes_an_earlier_result(
 
 @pytest.mark.parametrize("fail", [False, True])
 def test_a_walk_leaves_no_swept_value_behind(fail: bool, results: dict[str, Any]) -> None:
-    """The kernel has the values of the last point then; the next call brings its own, the same laws or not."""
+    """The kernel has the values of the last point then; the next call brings its own laws."""
     chaos = results["chaos"]
     solver, laws, plan = chaos.solver, chaos.mean_laws, chaos.plan
     wanted = solver.run(laws, plan.options, plan.amplitudes, progress=False)[1]

@@ -161,7 +161,7 @@ def test_contact_is_sampled_where_chaos_would_creep(spread, accuracy, by_rule):
     problem, true = rods(spread)
     result = solve(problem, accuracy=accuracy, quantity="gap")
     assert isinstance(result, SampleResult)
-    assert by_rule in (None, result.kind == "quadrature")
+    assert by_rule in (None, result.sampling == "quadrature")
     assert result.errors().reached
     assert off(moments(result, Resultant("gap")), true) <= accuracy
 
