@@ -18,18 +18,17 @@ from dataclasses import astuple, dataclass, field
 from time import perf_counter
 
 import numpy as np
-from latin_core import State
+from latin_core import Laws, State
 
+from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.assembly.values import stiffnesses
-from dolfinx_frontend.assembly.interface import Interface, frames
-from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.bridge import KernelLaws
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.results.reactions import eliminated_fields, is_glue, reaction
 from dolfinx_frontend.results.result import Result
@@ -380,13 +379,13 @@ class _Dual:
             out[name] = difference / self.unit + self.lift.get(name, 0.0)
         return out
 
-    def _base(self, laws: KernelLaws) -> State:
+    def _base(self, laws: Laws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""
         if isinstance(self.result, StochasticResult):  # its state has other columns
             return self._run(laws, [])
         return self.result.state if _linear(self.result) else self._run(laws, [self.result.state])
 
-    def _run(self, laws: KernelLaws, start: list[State]) -> State:
+    def _run(self, laws: Laws, start: list[State]) -> State:
         solver, options = self.result.solver, self.result.plan.options
         if not _linear(self.result):
             options = options.with_(rtol=min(options.rtol, TANGENT_RTOL))
@@ -404,14 +403,14 @@ class _Dual:
             "on a finer mesh tells the error of a quantity as well"
         )
 
-    def _changed(self, laws: KernelLaws, pattern: int, amount: float) -> KernelLaws:
+    def _changed(self, laws: Laws, pattern: int, amount: float) -> Laws:
         """The laws with the change."""
         extra: dict[str, Array] = {}
         for name, load in self.loads.items():
             extra[name] = np.zeros((len(load), self.result.solver.loads), order="F")
             extra[name][:, pattern] = amount * load
         jumps = {
-            name: {"jump": laws.parameters[name]["jump"] + amount * jump} for name, jump in self.jump.items()
+            name: {"jump": laws.parameter(name, "jump") + amount * jump} for name, jump in self.jump.items()
         }
         return laws.with_(parameters=jumps, extra_loads=extra)
 

@@ -7,11 +7,12 @@ with a kernel law, local frames and search directions.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
+from latin_core import Laws, NumericalError, Structure, _core
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
@@ -33,15 +34,11 @@ from dolfinx_frontend.plan.translate import (
 )
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Perfect, Symmetry, UserLaw
-from latin_core import NumericalError, _core
 
 __all__ = [
     "KERNEL_NAMES",
-    "ColumnGroup",
-    "KernelLaws",
     "LawFields",
     "active_fields",
-    "apply",
     "build",
     "definite",
     "kernel_parameter",
@@ -209,16 +206,14 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     """
     bodies = [_body(problem, {None: body}, floors) for body in reduce(problem, problem.interfaces)]
     try:
-        _core.Problem(
-            bodies=bodies, interfaces=[], operator="factored", backend="automatic", memory_limit=0.0
-        )
+        Structure(bodies=bodies, operator="factored")
     except NumericalError:
         return False
     return True
 
 
 @alone
-def build(problem: Problem, plan: Plan) -> _core.Problem:
+def build(problem: Problem, plan: Plan) -> Structure:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
 
     Raises
@@ -269,7 +264,7 @@ def build(problem: Problem, plan: Plan) -> _core.Problem:
     _check_range(loading if comm is None else max(comm.allgather(loading)))
     options = plan.options
     began = perf_counter()
-    core = _core.Problem(
+    core = Structure(
         bodies=bodies,
         interfaces=interfaces,
         operator=options.operator,
@@ -340,80 +335,6 @@ def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]
     return found
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ColumnGroup:
-    """Some components of an active interface in other columns than those of the run.
-
-    Attributes
-    ----------
-    begin, end
-        The components.
-    forward, backward
-        None, one for all points, or one a point: (columns, q) into the columns of the law, (q, columns) back.
-    parameters
-        Kernel parameter -> (rows, q * steps) in the columns of the law.
-    """
-
-    begin: int
-    end: int
-    forward: tuple[Array, ...]
-    backward: tuple[Array, ...]
-    parameters: Mapping[str, Array]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class KernelLaws:
-    """All that a call of the kernel depends on beside the factorised structure: a value.
-
-    Attributes
-    ----------
-    steps
-        Columns that are the time steps of one history.
-    parameters
-        Active interface -> kernel parameter -> (rows, columns).
-    columns
-        Active interface -> column transforms; none for most.
-    extra_loads
-        Substructure -> forces (n, load patterns) on top of the loads of the scene.
-    """
-
-    steps: int = 1
-    parameters: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-    columns: Mapping[str, tuple[ColumnGroup, ...]] = field(default_factory=dict)
-    extra_loads: Mapping[str, Array] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        return f"KernelLaws({', '.join(self.parameters) or 'no active interfaces'}; {self.steps} steps)"
-
-    def with_(
-        self,
-        *,
-        steps: int | None = None,
-        parameters: Mapping[str, Mapping[str, Array]] | None = None,
-        columns: Mapping[str, Sequence[ColumnGroup]] | None = None,
-        extra_loads: Mapping[str, Array] | None = None,
-    ) -> KernelLaws:
-        """A changed copy.
-
-        Parameters
-        ----------
-        parameters
-            In place of those of the same interface and name.
-        columns
-            In place of those of the same interfaces.
-        extra_loads
-            In place of all.
-        """
-        merged = dict(self.parameters)
-        for name, given in (parameters or {}).items():
-            merged[name] = {**merged.get(name, {}), **{p: read_only(v) for p, v in given.items()}}
-        groups = dict(self.columns) | {name: tuple(each) for name, each in (columns or {}).items()}
-        loads = self.extra_loads
-        if extra_loads is not None:
-            loads = {name: read_only(load) for name, load in extra_loads.items()}
-        return KernelLaws(self.steps if steps is None else steps, merged, groups, loads)
-
-
 def read_only(values: Array) -> Array:
     """A view that cannot be written."""
     view = np.asarray(values, dtype=np.float64).view()
@@ -421,39 +342,11 @@ def read_only(values: Array) -> Array:
     return view
 
 
-def laws(problem: Problem, plan: Plan) -> KernelLaws:
+def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:
     """The laws of the active interfaces on this rank, what is random at its mean."""
     own = problem.own.interfaces
     parameters = {n: active_fields(own[n], plan).parameters for n in plan.active if n in own}
-    return KernelLaws(plan.steps).with_(parameters=parameters)
-
-
-def apply(core: _core.Problem, new: KernelLaws, old: KernelLaws | None) -> None:
-    """Give a kernel problem its laws; `old` are those that it has, None: not known."""
-    core.set_steps(new.steps)
-    for name, parameters in new.parameters.items():
-        groups = new.columns.get(name, ())
-        known = old is not None and parameters is old.parameters.get(name)
-        if known and groups == old.columns.get(name, ()):  # type: ignore[union-attr]
-            continue
-        core.set_columns(name, [])
-        for parameter, values in parameters.items():
-            core.set_parameter(name, parameter, values)
-        core.set_columns(  # which take over the parameters that they do not have themselves
-            name,
-            [
-                {
-                    "begin": group.begin,
-                    "end": group.end,
-                    "forward": list(group.forward),
-                    "backward": list(group.backward),
-                    "parameters": dict(group.parameters),
-                }
-                for group in groups
-            ],
-        )
-    if old is None or new.extra_loads is not old.extra_loads:
-        core.set_extra_loads(dict(new.extra_loads))
+    return structure.laws(steps=plan.steps, parameters=parameters)
 
 
 def active_fields(interface: Interface, plan: Plan) -> LawFields:

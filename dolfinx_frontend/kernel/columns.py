@@ -2,14 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.kernel.bridge import ColumnGroup
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.plan.translate import KERNEL_NAMES, LawFields, law_fields
 
-__all__ = ["Collocation", "nominal_fields"]
+__all__ = ["Collocation", "ColumnGroup", "nominal_fields"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ColumnGroup:
+    """Some components of an active interface in other columns than those of the run.
+
+    Attributes
+    ----------
+    begin, end
+        The components.
+    forward, backward
+        None, one for all points, or one a point: (columns, q) into the columns of the law, (q, columns) back.
+    parameters
+        Kernel parameter -> (rows, q * steps) in the columns of the law.
+    """
+
+    begin: int
+    end: int
+    forward: Sequence[Array]
+    backward: Sequence[Array]
+    parameters: Mapping[str, Array]
+
+    def kernel(self) -> dict[str, Any]:
+        """As the kernel takes it."""
+        return vars(self)
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,13 @@
 """The factorised structure of a plan, and the only code that calls it.
 
-A kernel problem is one object with laws inside; here every call brings its laws as a value. Results keep both
-and so stay what they are, whatever is computed after them on the same factors.
+The structure is constant, and every call brings its laws, which are a value. Results keep both and so stay
+what they are, whatever is computed after them on the same factors.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -16,23 +15,21 @@ from typing import Any
 import numpy.typing as npt
 from latin_core import (
     Iteration,
+    Laws,
     Options,
-    Problem as Kernel,
     State,
     Summary,
     SweepPoints,
     SweptParameter,
-    sweep as kernel_sweep,
 )
+from latin_core import sweep as kernel_sweep
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.common.threads import PETSC
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.running import Interrupt
 from dolfinx_frontend.plan.plan import Plan
 
@@ -44,8 +41,7 @@ _log = logging.getLogger(__name__)
 class Solver:
     """Factorised bodies and active interfaces of a plan.
 
-    Threads may share a solver. Their calls wait for each other, also for those of other solvers: PETSc and
-    MUMPS are not made for several threads.
+    Several threads may use one solver at once.
 
     Attributes
     ----------
@@ -63,12 +59,8 @@ class Solver:
         self.problem = problem
         self.plan = plan
         self._core = bridge.build(problem, plan)
-        self._busy = False
-        self._set: KernelLaws | None = None
         with agreement(problem.comm):
-            self.laws = bridge.laws(problem, plan)
-            with self._with(self.laws):
-                pass
+            self.laws = bridge.laws(self._core, problem, plan)
         self.weights = read_only(self._core.weights)
         self.directions = read_only(self._core.directions)
         self.costs = tuple(self._core.costs)
@@ -76,10 +68,6 @@ class Solver:
     def __repr__(self) -> str:
         active = len(self.plan.active)
         return f"Solver({self.unknowns} unknowns, {self.rows} rows on {active} active interfaces)"
-
-    def __del__(self) -> None:
-        with PETSC:  # the factors are freed by PETSc as well
-            vars(self).pop("_core", None)
 
     @property
     def rows(self) -> int:
@@ -111,28 +99,9 @@ class Solver:
         """Unknowns of the coarse problem."""
         return self._core.macro_size
 
-    @contextmanager
-    def _with(self, laws: KernelLaws) -> Iterator[Kernel]:
-        """The kernel problem with these laws, for this thread alone."""
-        with PETSC:
-            if self._busy:
-                raise SceneError(
-                    "this solver is in the middle of a run: a callback or an output of the run cannot use "
-                    "results of the same solver; read them before or after"
-                )
-            if laws is not self._set:
-                before, self._set = self._set, None  # not known, should setting them fail
-                bridge.apply(self._core, laws, before)
-                self._set = laws
-            self._busy = True
-            try:
-                yield self._core
-            finally:
-                self._busy = False
-
     def run(
         self,
-        laws: KernelLaws,
+        laws: Laws,
         options: Options,
         amplitudes: Array,
         start: Sequence[State] = (),
@@ -154,11 +123,7 @@ class Solver:
         """
         noisy = _log.isEnabledFor(logging.DEBUG)
         shown = progress and self.problem.rank == 0
-        with (
-            self._with(laws) as core,
-            Interrupt() as interrupt,
-            Bar(None, "solve", "iteration", shown) as bar,
-        ):
+        with Interrupt() as interrupt, Bar(None, "solve", "iteration", shown) as bar:
             began = perf_counter()
 
             def each(iteration: Iteration) -> None:
@@ -168,8 +133,9 @@ class Solver:
                 if callback is not None:
                     callback(iteration)
 
-            summary, state = core.solve(
-                options=options.kernel(),
+            summary, state = self._core.solve(
+                laws,
+                options=options,
                 amplitudes=amplitudes,
                 start=list(start),
                 callback=interrupt.watch(each),
@@ -183,7 +149,7 @@ class Solver:
 
     def walk(
         self,
-        laws: KernelLaws,
+        laws: Laws,
         amplitudes: Array,
         parameters: Sequence[SweptParameter],
         order: Sequence[int],
@@ -200,26 +166,23 @@ class Solver:
     ) -> SweepPoints:
         """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept."""
         own = self.problem.own.interfaces
-        with self._with(laws) as core:
-            try:
-                points = kernel_sweep(
-                    core,
-                    amplitudes,
-                    parameters,
-                    order,
-                    [name for name in self.plan.active if name in own],
-                    options,
-                    checkpoint,
-                    header,
-                    progress,
-                    callback,
-                    keep_states,
-                    keep_fields,
-                    outputs,
-                    start,
-                )
-            finally:  # the kernel has the swept values of the last point now
-                self._set = KernelLaws(laws.steps, extra_loads=laws.extra_loads)
+        points = kernel_sweep(
+            self._core,
+            laws,
+            amplitudes,
+            parameters,
+            order,
+            [name for name in self.plan.active if name in own],
+            options,
+            checkpoint,
+            header,
+            progress,
+            callback,
+            keep_states,
+            keep_fields,
+            outputs,
+            start,
+        )
         blocks = [points.iterations, points.error, points.seconds, points.status, points.states]
         blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
         for block in blocks:
@@ -227,28 +190,26 @@ class Solver:
                 block.flags.writeable = False
         return points
 
-    def displacements(self, laws: KernelLaws, state: State, amplitudes: Array) -> dict[str, Array]:
+    def displacements(self, laws: Laws, state: State, amplitudes: Array) -> dict[str, Array]:
         """Substructure on this rank -> unknowns (n, columns) of a state."""
-        with self._with(laws) as core:
-            return {name: read_only(u) for name, u in core.displacements(state, amplitudes).items()}
+        fields = self._core.displacements(laws, state, amplitudes)
+        return {name: read_only(u) for name, u in fields.items()}
 
-    def local_fields(self, laws: KernelLaws, interface: str, state: State) -> tuple[Array, Array]:
+    def local_fields(self, laws: Laws, interface: str, state: State) -> tuple[Array, Array]:
         """Force and jump (rows, columns) of an active interface; collective where it joins two ranks."""
-        with self._with(laws) as core:
-            force, jump = core.local_fields(interface, state)
+        force, jump = self._core.local_fields(laws, interface, state)
         return read_only(force), read_only(jump)
 
-    def fields_of_cuts(self, laws: KernelLaws, state: State) -> dict[str, tuple[Array, Array]]:
+    def fields_of_cuts(self, laws: Laws, state: State) -> dict[str, tuple[Array, Array]]:
         """Those of the interfaces between this rank and others, which both work out together: collective."""
         own = self.problem.own.interfaces
         return {name: self.local_fields(laws, name, state) for name in self.problem.cuts if name in own}
 
     def resolve_samples(
-        self, laws: KernelLaws, interface: str, free_jump: Array, parameters: Mapping[str, Array]
+        self, laws: Laws, interface: str, free_jump: Array, parameters: Mapping[str, Array]
     ) -> tuple[Array, Array]:
         """Force and jump (rows, samples) of a law at given free jumps and parameters."""
-        with self._with(laws) as core:
-            return core.resolve_samples(interface, free_jump, list(parameters.items()))
+        return self._core.resolve_samples(laws, interface, free_jump, parameters)
 
     def flexibility(self, interface: str) -> Array:
         """1 / k1 (+ 1 / k2) of an interface, (rows,)."""
@@ -258,7 +219,6 @@ class Solver:
         """First row of each side of an interface in the interface fields."""
         return self._core.first_rows(interface)
 
-    def global_stage(self, laws: KernelLaws, data: Array, amplitudes: Array) -> Array:
+    def global_stage(self, laws: Laws, data: Array, amplitudes: Array) -> Array:
         """Traces (rows, columns) of the bodies under interface data."""
-        with self._with(laws) as core:
-            return core.global_stage(data, amplitudes)
+        return self._core.global_stage(laws, data, amplitudes)

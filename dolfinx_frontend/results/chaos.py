@@ -11,17 +11,17 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from latin_core import Laws, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
 from dolfinx_frontend.formats.openturns import to_openturns
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.columns import Collocation
-from dolfinx_frontend.plan.random_laws import sampled_parameters
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chunks, stepped, timed
 from dolfinx_frontend.results.contact import ContactValues
@@ -33,7 +33,6 @@ from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
-from latin_core import stochastic
 
 __all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
 
@@ -219,7 +218,7 @@ class ChaosResult(Result, StochasticResult):
         return all(each.error <= self.chaos.tolerance for each in self.checks.values())
 
     @property
-    def mean_laws(self) -> KernelLaws:
+    def mean_laws(self) -> Laws:
         """The laws with every random parameter at its mean."""
         return self.solver.laws
 

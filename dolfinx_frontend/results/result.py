@@ -8,11 +8,12 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from latin_core import Laws, State, Summary
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
@@ -23,7 +24,6 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Contact
-from latin_core import State, Summary
 
 __all__ = ["HistoryResult", "Result", "phase_seconds", "spent"]
 
@@ -57,7 +57,7 @@ class Result(Value, Face):
     state: State
     seconds: Mapping[str, float]
     solver: Solver
-    laws: KernelLaws
+    laws: Laws
     cuts: Mapping[str, tuple[Array, Array]]
     found: Errors | None = field(default=None, kw_only=True)
     estimator: Estimator = field(default=not_measured, kw_only=True)
@@ -98,7 +98,7 @@ class Result(Value, Face):
         return "deterministic" if self.times is None else "history"
 
     @property
-    def mean_laws(self) -> KernelLaws:
+    def mean_laws(self) -> Laws:
         """Laws without anything random."""
         return self.laws
 

@@ -8,15 +8,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from latin_core import Laws, SweepPoints, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel.bridge import KernelLaws, read_only
-from dolfinx_frontend.plan.random_laws import sampled_parameters
+from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.plan.translate import LawFields
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
@@ -29,7 +29,6 @@ from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
-from latin_core import SweepPoints, stochastic
 
 __all__ = ["SampleResult"]
 
@@ -65,7 +64,7 @@ class SampleResult(Value, PointResults, StochasticResult):
     points: SweepPoints
     seconds: Mapping[str, float]
     solver: Solver
-    laws: KernelLaws
+    laws: Laws
     found: Errors | None = field(default=None, kw_only=True)
     estimator: Estimator = field(default=not_measured, kw_only=True)
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from latin_core import Laws, State, SweepPoints, SweptParameter
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.kernel.bridge import KernelLaws
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.translate import LawFields
@@ -26,7 +26,6 @@ from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.uncertainty.quantities import Kind
-from latin_core import State, SweepPoints, SweptParameter
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
 
@@ -41,7 +40,7 @@ class PointResults(Face):
     plan: Plan
     points: SweepPoints
     solver: Solver
-    laws: KernelLaws
+    laws: Laws
 
     @abstractmethod
     def _contact_at(self, name: str, part: slice) -> ContactValues | None:
@@ -209,7 +208,7 @@ class SweepResult(Value, PointResults):
     points: SweepPoints
     seconds: Mapping[str, float]
     solver: Solver
-    laws: KernelLaws
+    laws: Laws
     parameters: tuple[SweptParameter, ...] = ()
 
     @property

@@ -20,18 +20,17 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from latin_core import Iteration, Options, State, stochastic
+from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.bridge import ColumnGroup, KernelLaws
-from dolfinx_frontend.kernel.columns import Collocation
+from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
@@ -276,27 +275,41 @@ def _groups(
     return groups
 
 
-def _laws(
-    base: KernelLaws,
-    random: RandomLaws,
-    basis: stochastic.ChaosBasis,
-    matrices: dict[tuple[str, str], Galerkin],
-    collocations: Mapping[str, Collocation],
-    plan: Plan,
-) -> KernelLaws:
-    """The laws in the columns of a chaos: modes x steps, the steps fastest."""
-    steps = plan.amplitudes.shape[1]
-    parameters: dict[str, dict[str, Array]] = {}
-    columns: dict[str, list[ColumnGroup]] = {}
-    for name in (n for n in plan.active if n in random.problem.own.interfaces):
-        if name in collocations:
-            fields = bridge.active_fields(random.problem.interfaces[name], plan)
-            columns[name] = [collocations[name].group(random, fields, steps)]
-            continue
-        columns[name] = _groups(random, basis, name, matrices, plan, steps)
-        if not columns[name]:
-            parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-    return base.with_(steps=steps, parameters=parameters, columns=columns)
+@dataclass(frozen=True)
+class _Changes:
+    """How the laws in the columns of a chaos differ from those without: modes x steps, the steps fastest."""
+
+    steps: int
+    parameters: dict[str, dict[str, Array]]
+    columns: dict[str, list[dict[str, Any]]]
+
+    @classmethod
+    def of(
+        cls,
+        random: RandomLaws,
+        basis: stochastic.ChaosBasis,
+        matrices: dict[tuple[str, str], Galerkin],
+        collocations: Mapping[str, Collocation],
+        plan: Plan,
+    ) -> _Changes:
+        steps = plan.amplitudes.shape[1]
+        parameters: dict[str, dict[str, Array]] = {}
+        columns: dict[str, list[dict[str, Any]]] = {}
+        for name in (n for n in plan.active if n in random.problem.own.interfaces):
+            if name in collocations:
+                fields = bridge.active_fields(random.problem.interfaces[name], plan)
+                groups = [collocations[name].group(random, fields, steps)]
+            else:
+                groups = _groups(random, basis, name, matrices, plan, steps)
+            if groups:
+                columns[name] = [each.kernel() for each in groups]
+            else:
+                parameters[name] = _linear_parameters(random, basis, name, plan, steps)
+        return cls(steps, parameters, columns)
+
+    def applied(self, laws: Laws) -> Laws:
+        """The laws with the changes."""
+        return laws.with_(steps=self.steps, parameters=self.parameters, columns=self.columns)
 
 
 def _with_collocations(
@@ -424,9 +437,9 @@ def _run(
     plan = _with_collocations(plan, random, collocations, chaos)
     matrices = galerkin(random, basis)
     proven = _guard(problem, random, basis, matrices, indefinite)
-    base = bridge.laws(problem, plan) if solver is None else solver.laws
-    laws = _laws(base, random, basis, matrices, collocations, plan)
+    changes = _Changes.of(random, basis, matrices, collocations, plan)
     solver = solver or Solver(problem, plan)
+    laws = changes.applied(solver.laws)
     built = perf_counter()
     amplitudes = amplitudes_of(plan, len(basis))
     summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)

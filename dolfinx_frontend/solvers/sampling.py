@@ -24,6 +24,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.bridge import read_only
+from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
@@ -31,9 +32,8 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.uncertainty.quantities import Kind
-from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.solvers.sweep import warn_unconverged
+from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
     "sample",

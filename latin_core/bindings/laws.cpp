@@ -2,6 +2,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 
@@ -24,7 +25,7 @@ std::shared_ptr<PyObject> shared_reference(py::object object) {
 }
 
 /// A batched law written in Python.
-class PythonLaw final : public latin::Law {
+class PythonLaw final : public latin::interface::Law {
  public:
   PythonLaw(std::string name, std::vector<ParameterInfo> parameters, bool history,
             std::shared_ptr<PyObject> function)
@@ -40,11 +41,12 @@ class PythonLaw final : public latin::Law {
     return all;
   }
   [[nodiscard]] bool history() const override { return history_; }
-  [[nodiscard]] std::unique_ptr<latin::Law> blank() const override {
+  [[nodiscard]] std::unique_ptr<latin::interface::Law> blank() const override {
     return std::make_unique<PythonLaw>(name_, parameters_, history_, function_);
   }
 
-  void resolve(const latin::LocalProblem& problem, latin::MatrixRef force) const override {
+  void resolve(const latin::interface::LocalProblem& problem,
+               latin::MatrixRef force) const override {
     if (!problem.jump.allFinite()) {  // a diverging iteration is the solver's to report
       force.setConstant(std::numeric_limits<double>::quiet_NaN());
       return;
@@ -53,7 +55,7 @@ class PythonLaw final : public latin::Law {
     const Index components = problem.components;
     const Index points = force.rows() / components;
     const Index columns = force.cols();
-    const latin::ParameterField& imposed = get("jump");
+    const latin::interface::ParameterField& imposed = get("jump");
     py::array_t<double> jump({points, components, columns});
     auto jumps = jump.mutable_unchecked<3>();
     py::array_t<double> flexibility({points, components, Index{1}});
@@ -69,7 +71,7 @@ class PythonLaw final : public latin::Law {
     }
     py::dict values;
     for (const ParameterInfo& each : parameters_) {
-      const latin::ParameterField& field = get(each.name);
+      const latin::interface::ParameterField& field = get(each.name);
       py::array_t<double> array({points, columns});
       auto entries = array.mutable_unchecked<2>();
       for (Index point = 0; point < points; ++point) {
@@ -116,39 +118,72 @@ class PythonLaw final : public latin::Law {
   std::shared_ptr<PyObject> function_;
 };
 
+constexpr const char* python_law_doc =
+    R"doc(A law written in Python: a batch of points and columns at a time.
+
+Parameters
+----------
+name
+    For messages.
+parameters
+    (name, smallest admissible value) of each parameter, one value a point. Besides them it has ``jump``, the
+    imposed jump, which the function never sees.
+history
+    Whether a column depends on those before it in its history.
+resolve
+    Called with the free jump less the imposed one (points, components, columns), the flexibility c (points,
+    components, 1), the parameters {name: (points, columns)} and the number of steps of a history; returns the force
+    (points, components, columns) of which f = R(jump - c f) holds.
+)doc";
+
 }  // namespace
 
 void bind_laws(py::module_& m) {
-  py::class_<latin::Law, std::shared_ptr<latin::Law>>(m, "Law", "A law that a user wrote")
-      .def_property_readonly("name", &latin::Law::name)
-      .def_property_readonly("history", &latin::Law::history)
-      .def_property_readonly("parameters", [](const latin::Law& law) {
-        std::vector<std::string> names;
-        for (const auto& each : law.parameters()) {
-          names.push_back(each.name);
-        }
-        return names;
-      });
+  using latin::interface::Law;
+  py::class_<Law, std::shared_ptr<Law>>(m, "Law", "A law of your own, for ``Interface(law=...)``.")
+      .def_property_readonly("name", &Law::name, "For messages.")
+      .def_property_readonly("history", &Law::history,
+                             "Whether a column depends on those before it in its history.")
+      .def_property_readonly(
+          "parameters",
+          [](const Law& law) {
+            std::vector<std::string> names;
+            for (const auto& each : law.parameters()) {
+              names.push_back(each.name);
+            }
+            return names;
+          },
+          "Names of its parameters.");
   m.def(
       "python_law",
       [](std::string name, const std::vector<std::pair<std::string, double>>& parameters,
-         bool history, py::object resolve) -> std::shared_ptr<latin::Law> {
-        std::vector<latin::Law::ParameterInfo> all;
+         bool history, py::object resolve) -> std::shared_ptr<Law> {
+        if (PyCallable_Check(resolve.ptr()) == 0) {
+          throw py::type_error("law '" + name + "': resolve must be a function");
+        }
+        std::vector<Law::ParameterInfo> all;
         for (const auto& [each, minimum] : parameters) {
-          all.push_back({each, latin::Law::Shape::per_point, minimum});
+          if (each == "jump" || std::ranges::count(all, each, &Law::ParameterInfo::name) > 0) {
+            throw latin::InputError("law '" + name + "': there are two parameters '" + each + "'");
+          }
+          all.push_back({each, Law::Shape::per_point, minimum});
         }
         return std::make_shared<PythonLaw>(std::move(name), std::move(all), history,
                                            shared_reference(std::move(resolve)));
       },
-      py::kw_only(), "name"_a, "parameters"_a, "history"_a, "resolve"_a);
+      py::kw_only(), "name"_a, "parameters"_a = py::tuple(), "history"_a = false, "resolve"_a,
+      python_law_doc);
   m.def(
       "compiled_law",
-      [](const py::capsule& capsule) -> std::shared_ptr<latin::Law> {
-        if (capsule.name() == nullptr || std::string(capsule.name()) != latin::law_capsule) {
+      [](const py::capsule& capsule) -> std::shared_ptr<Law> {
+        if (capsule.name() == nullptr ||
+            std::string(capsule.name()) != latin::interface::law_capsule) {
           throw latin::InputError("a compiled law comes in a capsule of the name '" +
-                                  std::string(latin::law_capsule) + "'");
+                                  std::string(latin::interface::law_capsule) + "'");
         }
-        return latin::make_law(*capsule.get_pointer<const latin::LawFactory>());
+        return latin::interface::make_law(
+            *capsule.get_pointer<const latin::interface::LawFactory>());
       },
-      "capsule"_a);
+      "capsule"_a,
+      "A law compiled by the user, from the capsule of its module (see ``docs/laws.md``).");
 }

@@ -5,7 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "latin/latin/solver.hpp"
+#include "latin/iteration/solver.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/laws.hpp"
+#include "latin/substructure/local_stage.hpp"
 
 /// One-dimensional bars end to end: the smallest scene in which every part of the kernel has work to do.
 namespace chain {
@@ -54,14 +57,14 @@ struct Scene {
   double stiffness = 3.0;  ///< of every joint
   double jump = 0.0;
   double direction = 1.3;
-  latin::OperatorOptions options{};
+  latin::substructure::OperatorOptions options{};
 
-  [[nodiscard]] latin::Problem build() const {
-    std::vector<latin::BodyDescription> bodies;
-    std::vector<latin::InterfaceDescription> interfaces;
+  [[nodiscard]] latin::substructure::Laws build() const {
+    std::vector<latin::substructure::BodyDescription> bodies;
+    std::vector<latin::substructure::InterfaceDescription> interfaces;
     const auto side = [this](Index part, Index node) {
-      return latin::SideDescription{"bar" + std::to_string(part), at(node, nodes),
-                                    Vector::Constant(1, direction), 1.0};
+      return latin::substructure::SideDescription{"bar" + std::to_string(part), at(node, nodes),
+                                                  Vector::Constant(1, direction), 1.0};
     };
     const Matrix frame = Matrix::Ones(1, 1);
     const Vector area = Vector::Ones(1);
@@ -82,13 +85,15 @@ struct Scene {
                               {side(part - 1, nodes - 1), side(part, 0)}});
       }
     }
-    latin::Problem problem(std::move(bodies), std::move(interfaces), options);
+    std::vector<latin::substructure::LawParameter> parameters;
     for (Index part = 1; part < parts; ++part) {
       const std::string joint = "joint" + std::to_string(part);
-      problem.set_parameter(joint, "normal", Matrix::Constant(1, 1, stiffness));
-      problem.set_parameter(joint, "jump", Matrix::Constant(1, 1, jump));
+      parameters.push_back({joint, "normal", Matrix::Constant(1, 1, stiffness)});
+      parameters.push_back({joint, "jump", Matrix::Constant(1, 1, jump)});
     }
-    return problem;
+    return latin::substructure::Laws(std::make_shared<const latin::substructure::Structure>(
+                                         std::move(bodies), std::move(interfaces), options))
+        .with_parameters(parameters);
   }
 
   /// Displacement of the pulled end: bars and springs in series, plus the imposed jumps.
@@ -98,12 +103,13 @@ struct Scene {
   }
 };
 
-inline latin::Options options(Index acceleration = 10, double rtol = 1e-10) {
+inline latin::iteration::Options options(Index acceleration = 10, double rtol = 1e-10) {
   return {rtol, false, 5000, acceleration, 1.0, 200, 1500, 15};
 }
 
-inline double end_displacement(const latin::Problem& problem, const latin::State& state) {
-  const auto fields = problem.displacements(state.data, Matrix::Ones(1, 1));
+inline double end_displacement(const latin::substructure::Laws& laws,
+                               const latin::iteration::State& state) {
+  const auto fields = latin::substructure::displacements(laws, state.data, Matrix::Ones(1, 1));
   const Matrix& last = fields.back().second;
   return last(last.rows() - 1, 0);
 }

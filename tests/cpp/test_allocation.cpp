@@ -27,8 +27,9 @@ void* malloc(std::size_t size) {
 namespace {
 
 /// Large requests in iterations 15 to 25, when all blocks are there.
-int requests(const latin::Problem& problem, latin::Index acceleration, bool single = false) {
-  latin::Options options = chain::options(acceleration, 1e-15);
+int requests(const latin::substructure::Laws& laws, latin::Index acceleration,
+             bool single = false) {
+  latin::iteration::Options options = chain::options(acceleration, 1e-15);
   options.max_iterations = 25;
   options.newton = 0;
   options.single_precision = single;
@@ -37,13 +38,13 @@ int requests(const latin::Problem& problem, latin::Index acceleration, bool sing
     amplitudes(0, column) = 1.0 + 0.01 * static_cast<double>(column);
   }
   int before = 0;
-  const auto count = [&before](const latin::Iteration& iteration) {
+  const auto count = [&before](const latin::iteration::Iteration& iteration) {
     if (iteration.number == 15) {
       before = large_requests;
     }
   };
-  latin::State state;
-  const auto summary = latin::solve(problem, options, amplitudes, state, {}, count);
+  latin::iteration::State state;
+  const auto summary = latin::iteration::solve(laws, options, amplitudes, state, {}, count);
   EXPECT_EQ(summary.iterations, 25);
   return large_requests - before;
 }
@@ -67,10 +68,10 @@ TEST_P(Allocation, NoneInSinglePrecision) {
 TEST_P(Allocation, NoneWithColumnTransforms) {
   chain::Scene scene;
   scene.parts = 40;
-  latin::Problem problem = scene.build();
   const latin::Matrix identity = latin::Matrix::Identity(columns, columns);
-  problem.set_columns("joint1", {{0, 1, {identity}, {identity}, {}}});
-  EXPECT_EQ(requests(problem, GetParam()), 0);
+  const latin::stochastic::ColumnTransform transform{identity, identity, {}, {}, {}};
+  EXPECT_EQ(requests(scene.build().with_columns("joint1", {{0, 1, {transform}, {}}}), GetParam()),
+            0);
 }
 
 INSTANTIATE_TEST_SUITE_P(Depths, Allocation, testing::Values(0, 10));

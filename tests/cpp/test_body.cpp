@@ -7,11 +7,11 @@
 #include "latin/common/error.hpp"
 #include "latin/substructure/body.hpp"
 
-using latin::Body;
 using latin::Index;
 using latin::Matrix;
 using latin::SparseRows;
 using latin::Vector;
+using latin::substructure::Body;
 
 namespace {
 
@@ -51,7 +51,8 @@ struct Sample {
     right = Matrix(dense_left.rowwise().reverse()).sparseView();
   }
 
-  [[nodiscard]] Body body(latin::OperatorKind kind, latin::petsc::FactorBackend backend) const {
+  [[nodiscard]] Body body(latin::substructure::OperatorKind kind,
+                          latin::algebra::FactorBackend backend) const {
     const Matrix imposed = (Matrix(1, 2) << jump, 0.0).finished();  // of the first load pattern
     return {{"part",
              size,
@@ -65,13 +66,14 @@ struct Sample {
 }  // namespace
 
 class BodyOperators
-    : public testing::TestWithParam<std::pair<latin::OperatorKind, latin::petsc::FactorBackend>> {};
+    : public testing::TestWithParam<
+          std::pair<latin::substructure::OperatorKind, latin::algebra::FactorBackend>> {};
 
 TEST_P(BodyOperators, AgreeWithDenseAlgebra) {
   const Sample sample;
   const auto [kind, backend] = GetParam();
-  if (backend == latin::petsc::FactorBackend::cholmod &&
-      latin::petsc::available_backends().find("cholmod") == std::string::npos) {
+  if (backend == latin::algebra::FactorBackend::cholmod &&
+      latin::algebra::available_backends().find("cholmod") == std::string::npos) {
     GTEST_SKIP() << "built without CHOLMOD";
   }
   const Body body = sample.body(kind, backend);
@@ -97,31 +99,35 @@ TEST_P(BodyOperators, AgreeWithDenseAlgebra) {
   const Matrix q = (z.transpose() * full * z).ldlt().solve(rhs);
   const Matrix u = z * q + sample.offset * amplitudes;
 
-  const auto fields = body.displacements(data, amplitudes);
+  const auto fields = body.displacements(data, amplitudes, body.response());
   ASSERT_EQ(fields.size(), 1U);
   EXPECT_LT((fields[0] - u).norm(), 1e-12 * u.norm());
 
+  latin::substructure::BodyWork work;
   Matrix traces(4, 3);
-  body.apply(data, traces);
-  traces += body.load_traces() * amplitudes;
+  body.apply(data, traces, work);
+  traces += body.response().traces * amplitudes;
   EXPECT_LT((traces - trace * u).norm(), 1e-12 * u.norm());
 
   const Matrix forces = data - k.asDiagonal() * traces;
   const Matrix elastic = Matrix(sample.stiffness) + sample.kappa * ground.transpose() * ground;
   const double energy = (u.transpose() * elastic * u).trace();
-  EXPECT_NEAR(body.energy(data, traces, forces, amplitudes), energy, 1e-10 * std::abs(energy));
+  EXPECT_NEAR(body.energy(data, traces, forces, amplitudes, body.response(), work), energy,
+              1e-10 * std::abs(energy));
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Kinds, BodyOperators,
-    testing::Values(std::pair{latin::OperatorKind::condensed, latin::petsc::FactorBackend::cholmod},
-                    std::pair{latin::OperatorKind::factored, latin::petsc::FactorBackend::cholmod},
-                    std::pair{latin::OperatorKind::factored, latin::petsc::FactorBackend::mumps}));
+INSTANTIATE_TEST_SUITE_P(Kinds, BodyOperators,
+                         testing::Values(std::pair{latin::substructure::OperatorKind::condensed,
+                                                   latin::algebra::FactorBackend::cholmod},
+                                         std::pair{latin::substructure::OperatorKind::factored,
+                                                   latin::algebra::FactorBackend::cholmod},
+                                         std::pair{latin::substructure::OperatorKind::factored,
+                                                   latin::algebra::FactorBackend::mumps}));
 
 TEST(Body, CondensesOntoTheUnknownsOfItsSides) {
   const Sample sample;
-  const Body body =
-      sample.body(latin::OperatorKind::automatic, latin::petsc::FactorBackend::automatic);
+  const Body body = sample.body(latin::substructure::OperatorKind::automatic,
+                                latin::algebra::FactorBackend::automatic);
   EXPECT_EQ(body.active(), 4);
   EXPECT_EQ(body.size(), 8);
 }
@@ -140,11 +146,12 @@ TEST(Body, AnswersTheSameOnceItMultipliesInsteadOfSolving) {
     GTEST_SKIP() << "the backend does not condense";
   }
   const Matrix data = random(1, 4, 7);
+  latin::substructure::BodyWork work;
   Matrix first(1, 4);
-  body.apply(data.leftCols(1), first.leftCols(1));
+  body.apply(data.leftCols(1), first.leftCols(1), work);
   EXPECT_NEAR(first(0, 0), data(0, 0) / 2.0, 1e-14);  // s = k w on a floating bar
   for (int i = 0; i < 20; ++i) {
-    body.apply(data, first);
+    body.apply(data, first, work);
     EXPECT_LT((first - 0.5 * data).norm(), 1e-13 * data.norm());
   }
 }

@@ -11,8 +11,8 @@
 #include "latin/interface/pointwise.hpp"
 
 using latin::Matrix;
-using latin::ParameterField;
 using latin::Vector;
+using latin::interface::ParameterField;
 
 namespace {
 
@@ -21,7 +21,7 @@ struct Asked {
   Matrix jump = (Matrix(4, 2) << 0.3, -1.0, 0.2, 0.5, -0.4, 2.0, 0.1, 0.0).finished();
   Vector flexibility = (Vector(4) << 0.5, 0.5, 2.0, 2.0).finished();
 
-  [[nodiscard]] Matrix resolve(const latin::Law& law) const {
+  [[nodiscard]] Matrix resolve(const latin::interface::Law& law) const {
     Matrix force(4, 2);
     law.resolve({2, jump, flexibility}, force);
     return force;
@@ -33,7 +33,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 }  // namespace
 
 TEST(Laws, ElasticSatisfiesItsEquationOnTheResolvent) {
-  const auto law = latin::make_law("elastic");
+  const auto law = latin::interface::make_law("elastic");
   law->set("normal", ParameterField((Matrix(2, 1) << 3.0, 0.0).finished()));
   law->set("tangential", ParameterField(7.0));
   law->set("jump", ParameterField((Matrix(4, 1) << -0.2, 0.0, 0.1, 0.0).finished()));
@@ -50,8 +50,8 @@ TEST(Laws, ElasticSatisfiesItsEquationOnTheResolvent) {
 }
 
 TEST(Laws, ElasticReachesThePerfectLawAtInfinity) {
-  const auto elastic = latin::make_law("elastic");
-  const auto perfect = latin::make_law("perfect");
+  const auto elastic = latin::interface::make_law("elastic");
+  const auto perfect = latin::interface::make_law("perfect");
   const Asked asked;
   for (const double stiffness : {1e16, 1e300, infinity}) {
     elastic->set("normal", ParameterField(stiffness));
@@ -61,12 +61,12 @@ TEST(Laws, ElasticReachesThePerfectLawAtInfinity) {
 }
 
 TEST(Laws, ElasticVanishesWithoutStiffness) {
-  const auto law = latin::make_law("elastic");
+  const auto law = latin::interface::make_law("elastic");
   EXPECT_EQ(Asked{}.resolve(*law).norm(), 0.0);
 }
 
 TEST(Laws, ForceIgnoresTheJump) {
-  const auto law = latin::make_law("force");
+  const auto law = latin::interface::make_law("force");
   law->set("force", ParameterField((Matrix(4, 1) << 1.0, 2.0, 3.0, 4.0).finished()));
   const Matrix force = Asked{}.resolve(*law);
   EXPECT_EQ(force.col(0), force.col(1));
@@ -74,8 +74,8 @@ TEST(Laws, ForceIgnoresTheJump) {
 }
 
 TEST(Laws, RefuseWhatTheyCannotTake) {
-  EXPECT_THROW(latin::make_law("glue"), latin::InputError);
-  const auto law = latin::make_law("elastic");
+  EXPECT_THROW(latin::interface::make_law("glue"), latin::InputError);
+  const auto law = latin::interface::make_law("elastic");
   EXPECT_THROW(law->set("stifness", ParameterField(1.0)), latin::InputError);
   EXPECT_THROW(law->set("normal", ParameterField(-1.0)), latin::InputError);
   EXPECT_THROW(law->set("normal", ParameterField(std::nan(""))), latin::InputError);
@@ -83,7 +83,7 @@ TEST(Laws, RefuseWhatTheyCannotTake) {
 }
 
 TEST(Laws, ContactIsComplementary) {
-  const auto law = latin::make_law("contact");
+  const auto law = latin::interface::make_law("contact");
   law->set("gap", ParameterField((Matrix(2, 1) << 0.05, -0.1).finished()));
   for (const double compliance : {0.0, 0.7}) {
     law->set("compliance", ParameterField(compliance));
@@ -106,7 +106,7 @@ TEST(Laws, ContactIsComplementary) {
 }
 
 TEST(Laws, CoulombSticksSlipsAndRemembers) {
-  const auto law = latin::make_law("coulomb");
+  const auto law = latin::interface::make_law("coulomb");
   law->set("friction", ParameterField(0.3));
   // one point, pressed by -2 in every step, sheared by a cycle; c = 1
   const Matrix jump = (Matrix(2, 5) << -2, -2, -2, -2, -2, 0.5, 1.0, 2.0, 0.0, 1.4).finished();
@@ -132,8 +132,8 @@ TEST(Laws, CoulombSticksSlipsAndRemembers) {
 }
 
 TEST(Laws, CoulombLimits) {
-  const auto law = latin::make_law("coulomb");
-  const auto contact = latin::make_law("contact");
+  const auto law = latin::interface::make_law("coulomb");
+  const auto contact = latin::interface::make_law("contact");
   const Asked asked;
   EXPECT_EQ((asked.resolve(*law) - asked.resolve(*contact)).norm(), 0.0);  // mu = 0
   law->set("friction", ParameterField(1e12));
@@ -156,7 +156,7 @@ TEST(Laws, DebondingHoldsItsEquationsOverRandomHistories) {
   const double strength = 2.0;
   const double opening = 0.5;
   const double first = strength / normal;
-  const auto law = latin::make_law("debonding");
+  const auto law = latin::interface::make_law("debonding");
   EXPECT_TRUE(law->history());
   std::mt19937 random(3);
   std::uniform_real_distribution<double> any(-1.0, 1.0);
@@ -208,7 +208,7 @@ TEST(Laws, DebondingHoldsItsEquationsOverRandomHistories) {
 
 TEST(Laws, DebondingTakesItsEnergyInEveryMode) {
   const double energy = 0.4;
-  const auto law = latin::make_law("debonding");
+  const auto law = latin::interface::make_law("debonding");
   law->set("normal", ParameterField(50.0));
   law->set("tangential", ParameterField(30.0));
   law->set("strength", ParameterField(2.0));
@@ -235,7 +235,7 @@ TEST(Laws, DebondingTakesItsEnergyInEveryMode) {
 }
 
 TEST(Laws, DebondingAsksForAUniqueAnswer) {
-  const auto law = latin::make_law("debonding");
+  const auto law = latin::interface::make_law("debonding");
   law->set("normal", ParameterField(50.0));
   law->set("strength", ParameterField(2.0));
   law->set("opening", ParameterField(0.5));
@@ -258,7 +258,7 @@ TEST(Laws, DebondingAsksForAUniqueAnswer) {
 }
 
 TEST(Laws, PreloadIsAForceThenALength) {
-  const auto law = latin::make_law("preload");
+  const auto law = latin::interface::make_law("preload");
   law->set("force", ParameterField(5.0));
   law->set("locked", ParameterField((Matrix(1, 8) << 0, 0, 1, 1, 1, 0, 1, 1).finished()));
   const Vector c = (Vector(2) << 0.25, 2.0).finished();
@@ -281,10 +281,10 @@ namespace {
 /// Contact, as a user would write it.
 struct Stop {
   static constexpr const char* name = "stop";
-  static constexpr std::array parameters{latin::Parameter{"gap"},
-                                         latin::Parameter{"compliance", 0.0}};
-  static void resolve(latin::PointValues jump, latin::PointValues flexibility,
-                      const std::array<double, 2>& p, latin::PointForce force) {
+  static constexpr std::array parameters{latin::interface::Parameter{"gap"},
+                                         latin::interface::Parameter{"compliance", 0.0}};
+  static void resolve(latin::interface::PointValues jump, latin::interface::PointValues flexibility,
+                      const std::array<double, 2>& p, latin::interface::PointForce force) {
     std::ranges::fill(force, 0.0);
     force[0] = std::min(0.0, (jump[0] + p[0]) / (flexibility[0] + p[1]));
   }
@@ -293,11 +293,12 @@ struct Stop {
 /// Counts its steps, and fails when it is told to.
 struct Counter {
   static constexpr const char* name = "counter";
-  static constexpr std::array<latin::Parameter, 1> parameters{latin::Parameter{"fail"}};
+  static constexpr std::array<latin::interface::Parameter, 1> parameters{
+      latin::interface::Parameter{"fail"}};
   static constexpr std::size_t memory = 1;
-  static void resolve(latin::PointValues jump, latin::PointValues /*flexibility*/,
-                      const std::array<double, 1>& p, std::array<double, 1>& state,
-                      latin::PointForce force) {
+  static void resolve(latin::interface::PointValues jump,
+                      latin::interface::PointValues /*flexibility*/, const std::array<double, 1>& p,
+                      std::array<double, 1>& state, latin::interface::PointForce force) {
     if (p[0] == 1.0) {
       throw std::runtime_error("no more");
     }
@@ -307,16 +308,16 @@ struct Counter {
   }
 };
 
-static_assert(latin::PointwiseLaw<Stop>);
-static_assert(latin::PointwiseLaw<Counter>);
+static_assert(latin::interface::PointwiseLaw<Stop>);
+static_assert(latin::interface::PointwiseLaw<Counter>);
 struct Nothing {};
-static_assert(!latin::PointwiseLaw<Nothing>);
+static_assert(!latin::interface::PointwiseLaw<Nothing>);
 
 }  // namespace
 
 TEST(PointwiseLaw, EqualsTheBatchedLaw) {
-  const auto own = latin::make_law(*latin::law_factory<Stop>());
-  const auto contact = latin::make_law("contact");
+  const auto own = latin::interface::make_law(*latin::interface::law_factory<Stop>());
+  const auto contact = latin::interface::make_law("contact");
   for (const auto& law : {own.get(), contact.get()}) {
     law->set("gap", ParameterField((Matrix(2, 1) << 0.05, -0.1).finished()));
     law->set("compliance", ParameterField(0.7));
@@ -330,7 +331,7 @@ TEST(PointwiseLaw, EqualsTheBatchedLaw) {
 }
 
 TEST(PointwiseLaw, RemembersWithinAHistory) {
-  const latin::PointwiseLawAdapter<Counter> law;
+  const latin::interface::PointwiseLawAdapter<Counter> law;
   EXPECT_TRUE(law.history());
   Matrix force(4, 6);
   law.resolve({2, Matrix::Ones(4, 6), Vector::Ones(4), 3}, force);
@@ -339,7 +340,7 @@ TEST(PointwiseLaw, RemembersWithinAHistory) {
 }
 
 TEST(PointwiseLaw, NamesWhereItFails) {
-  latin::PointwiseLawAdapter<Counter> law;
+  latin::interface::PointwiseLawAdapter<Counter> law;
   Matrix force(4, 1);
   for (const double how : {1.0, 2.0}) {
     law.set("fail", ParameterField((Matrix(2, 1) << 0.0, how).finished()));
@@ -358,8 +359,8 @@ TEST(PointwiseLaw, NamesWhereItFails) {
 }
 
 TEST(PointwiseLaw, OfAnotherCompilationIsRefused) {
-  const latin::LawFactory other{"laws 0", nullptr};
-  EXPECT_THROW(latin::make_law(other), latin::InputError);
+  const latin::interface::LawFactory other{"laws 0", nullptr};
+  EXPECT_THROW(latin::interface::make_law(other), latin::InputError);
 }
 
 TEST(Interface, LocalFrameRotatesRowsAndDropsComponents) {
@@ -370,7 +371,8 @@ TEST(Interface, LocalFrameRotatesRowsAndDropsComponents) {
   trace.insert(3, 1) = 0.5;
   trace.makeCompressed();
   const Matrix frames = (Matrix(2, 2) << 0.6, 0.8, -0.8, 0.6).finished();  // one row a point
-  const Matrix local = latin::to_local_frame(trace, frames, "joint");
+  const Matrix local = latin::interface::to_local_frame(trace, frames, "joint");
   EXPECT_LT((local - (Matrix(2, 2) << 0.6, 0.8, -0.4, 0.3).finished()).norm(), 1e-15);
-  EXPECT_THROW(latin::to_local_frame(trace, Matrix::Ones(3, 2), "joint"), latin::InputError);
+  EXPECT_THROW(latin::interface::to_local_frame(trace, Matrix::Ones(3, 2), "joint"),
+               latin::InputError);
 }

@@ -7,12 +7,12 @@
 #include <type_traits>
 #include <vector>
 
+#include "latin/algebra/factor.hpp"
+#include "latin/algebra/handle.hpp"
 #include "latin/common/error.hpp"
-#include "latin/petsc/factor.hpp"
-#include "latin/petsc/handle.hpp"
 
-using latin::petsc::MatHandle;
-using latin::petsc::VecHandle;
+using latin::algebra::MatHandle;
+using latin::algebra::VecHandle;
 
 namespace {
 
@@ -20,8 +20,8 @@ namespace {
 template <typename Object>
 PetscInt references(Object object) {
   PetscInt count = 0;
-  latin::petsc::check(PetscObjectGetReference(reinterpret_cast<PetscObject>(object), &count),
-                      "count references");
+  latin::algebra::check(PetscObjectGetReference(reinterpret_cast<PetscObject>(object), &count),
+                        "count references");
   return count;
 }
 
@@ -29,17 +29,17 @@ PetscInt references(Object object) {
 /// ( 0 2 x )  with an explicit zero at (0, 1), and more empty rows if asked for.
 Mat example(double x, PetscInt rows = 2) {
   Mat matrix = nullptr;
-  latin::petsc::check(MatCreateSeqAIJ(PETSC_COMM_SELF, rows, 3, 3, nullptr, &matrix),
-                      "create a matrix");
+  latin::algebra::check(MatCreateSeqAIJ(PETSC_COMM_SELF, rows, 3, 3, nullptr, &matrix),
+                        "create a matrix");
   const auto set = [matrix](PetscInt row, PetscInt column, double value) {
-    latin::petsc::check(MatSetValue(matrix, row, column, value, INSERT_VALUES), "set a value");
+    latin::algebra::check(MatSetValue(matrix, row, column, value, INSERT_VALUES), "set a value");
   };
   set(0, 0, 1.0);
   set(0, 1, 0.0);
   set(1, 1, 2.0);
   set(1, 2, x);
-  latin::petsc::check(MatAssemblyBegin(matrix, MAT_FINAL_ASSEMBLY), "assemble");
-  latin::petsc::check(MatAssemblyEnd(matrix, MAT_FINAL_ASSEMBLY), "assemble");
+  latin::algebra::check(MatAssemblyBegin(matrix, MAT_FINAL_ASSEMBLY), "assemble");
+  latin::algebra::check(MatAssemblyEnd(matrix, MAT_FINAL_ASSEMBLY), "assemble");
   return matrix;
 }
 
@@ -91,8 +91,8 @@ TEST(Factor, SolvesAndCondensesInEitherOrder) {
   for (const int n : {4, 17}) {
     const latin::SparseColumns matrix = block_grid(n);
     const latin::Index trailing = 3 * n;
-    const auto factor =
-        latin::petsc::factorise(matrix, trailing, latin::petsc::FactorBackend::automatic, "grid");
+    const auto factor = latin::algebra::factorise(matrix, trailing,
+                                                  latin::algebra::FactorBackend::automatic, "grid");
     const latin::Index size = matrix.rows();
     latin::Matrix x(size, 2);
     x << latin::Vector::LinSpaced(size, -1.0, 2.0), latin::Vector::Ones(size);
@@ -113,13 +113,13 @@ TEST(Factor, SolvesAndCondensesInEitherOrder) {
 
 TEST(View, LooksAtAndKeepsPetscsOwnArrays) {
   Mat matrix = example(3.0, 3);
-  const auto view = latin::petsc::view_sparse(matrix, "part");
+  const auto view = latin::algebra::view_sparse(matrix, "part");
   const double* values = nullptr;
-  latin::petsc::check(MatSeqAIJGetArrayRead(matrix, &values), "read values");
+  latin::algebra::check(MatSeqAIJGetArrayRead(matrix, &values), "read values");
   EXPECT_EQ(view->valuePtr(), values);
-  latin::petsc::check(MatSeqAIJRestoreArrayRead(matrix, &values), "release values");
-  latin::petsc::check(MatDestroy(&matrix), "destroy");  // the view has a reference of its own
-  EXPECT_EQ(view->nonZeros(), 4);                       // the explicit zero is there
+  latin::algebra::check(MatSeqAIJRestoreArrayRead(matrix, &values), "release values");
+  latin::algebra::check(MatDestroy(&matrix), "destroy");  // the view has a reference of its own
+  EXPECT_EQ(view->nonZeros(), 4);                         // the explicit zero is there
   const latin::Matrix dense = *view * latin::Matrix::Identity(3, 3);
   EXPECT_EQ(dense, (latin::Matrix(3, 3) << 1, 0, 0, 0, 2, 3, 0, 0, 0).finished());
 }
@@ -127,7 +127,7 @@ TEST(View, LooksAtAndKeepsPetscsOwnArrays) {
 TEST(View, RefusesNanWithItsRow) {
   const MatHandle bad = MatHandle::adopt(example(std::numeric_limits<double>::quiet_NaN(), 3));
   EXPECT_NE(message<latin::InputError>([&] {
-              static_cast<void>(latin::petsc::view_sparse(bad.get(), "part"));
+              static_cast<void>(latin::algebra::view_sparse(bad.get(), "part"));
             }).find("'part' holds a NaN or infinity in row 1"),
             std::string::npos);
 }
@@ -135,7 +135,7 @@ TEST(View, RefusesNanWithItsRow) {
 TEST(Handle, AdoptTakesOverTheReference) {
   Mat raw = example(3.0);
   Mat witness = raw;
-  latin::petsc::check(PetscObjectReference(reinterpret_cast<PetscObject>(raw)), "reference");
+  latin::algebra::check(PetscObjectReference(reinterpret_cast<PetscObject>(raw)), "reference");
   ASSERT_EQ(references(witness), 2);
   {
     const MatHandle handle = MatHandle::adopt(raw);
@@ -143,7 +143,7 @@ TEST(Handle, AdoptTakesOverTheReference) {
     EXPECT_EQ(references(witness), 2);
   }
   EXPECT_EQ(references(witness), 1);
-  latin::petsc::check(MatDestroy(&witness), "destroy");
+  latin::algebra::check(MatDestroy(&witness), "destroy");
 }
 
 TEST(Handle, BorrowTakesAnotherOne) {
@@ -179,40 +179,40 @@ TEST(Handle, MovesWithoutCounting) {
 TEST(Handle, ReceivesWhatPetscCreates) {
   VecHandle vector;
   EXPECT_EQ(vector.get(), nullptr);
-  latin::petsc::check(VecCreateSeq(PETSC_COMM_SELF, 4, vector.out()), "create a vector");
+  latin::algebra::check(VecCreateSeq(PETSC_COMM_SELF, 4, vector.out()), "create a vector");
   PetscInt size = 0;
-  latin::petsc::check(VecGetSize(vector.get(), &size), "measure a vector");
+  latin::algebra::check(VecGetSize(vector.get(), &size), "measure a vector");
   EXPECT_EQ(size, 4);
   EXPECT_EQ(references(vector.get()), 1);
 }
 
 TEST(Check, SaysWhatWasAttempted) {
-  EXPECT_NO_THROW(latin::petsc::check(PETSC_SUCCESS, "breathe"));
+  EXPECT_NO_THROW(latin::algebra::check(PETSC_SUCCESS, "breathe"));
   const std::string text = message<latin::NumericalError>(
-      [] { latin::petsc::check(PETSC_ERR_MEM, "factorise 'cover'"); });
+      [] { latin::algebra::check(PETSC_ERR_MEM, "factorise 'cover'"); });
   EXPECT_NE(text.find("could not factorise 'cover'"), std::string::npos) << text;
   EXPECT_NE(text.find(std::to_string(static_cast<int>(PETSC_ERR_MEM))), std::string::npos) << text;
 }
 
 TEST(ToSparse, CopiesWithoutExplicitZeros) {
   const MatHandle matrix = MatHandle::adopt(example(3.0));
-  const latin::SparseRows copy = latin::petsc::to_sparse(matrix.get(), "cover");
+  const latin::SparseRows copy = latin::algebra::to_sparse(matrix.get(), "cover");
   EXPECT_EQ(references(matrix.get()), 1);
   EXPECT_EQ(copy.rows(), 2);
   EXPECT_EQ(copy.cols(), 3);
   EXPECT_EQ(copy.nonZeros(), 3);
   EXPECT_EQ(latin::Matrix(copy), (latin::Matrix(2, 3) << 1.0, 0.0, 0.0, 0.0, 2.0, 3.0).finished());
   // a copy: the matrix may change afterwards
-  latin::petsc::check(MatScale(matrix.get(), -1.0), "scale");
+  latin::algebra::check(MatScale(matrix.get(), -1.0), "scale");
   EXPECT_EQ(copy.coeff(0, 0), 1.0);
 }
 
 TEST(ToSparse, AcceptsAMatrixWithoutEntries) {
   MatHandle matrix;
-  latin::petsc::check(MatCreateSeqAIJ(PETSC_COMM_SELF, 3, 2, 0, nullptr, matrix.out()), "create");
-  latin::petsc::check(MatAssemblyBegin(matrix.get(), MAT_FINAL_ASSEMBLY), "assemble");
-  latin::petsc::check(MatAssemblyEnd(matrix.get(), MAT_FINAL_ASSEMBLY), "assemble");
-  const latin::SparseRows copy = latin::petsc::to_sparse(matrix.get(), "void");
+  latin::algebra::check(MatCreateSeqAIJ(PETSC_COMM_SELF, 3, 2, 0, nullptr, matrix.out()), "create");
+  latin::algebra::check(MatAssemblyBegin(matrix.get(), MAT_FINAL_ASSEMBLY), "assemble");
+  latin::algebra::check(MatAssemblyEnd(matrix.get(), MAT_FINAL_ASSEMBLY), "assemble");
+  const latin::SparseRows copy = latin::algebra::to_sparse(matrix.get(), "void");
   EXPECT_EQ(copy.rows(), 3);
   EXPECT_EQ(copy.nonZeros(), 0);
 }
@@ -221,11 +221,11 @@ TEST(ToSparse, RefusesWhatIsNotANumber) {
   for (const double bad : {std::nan(""), std::numeric_limits<double>::infinity()}) {
     const MatHandle matrix = MatHandle::adopt(example(bad));
     const std::string text = message<latin::InputError>(
-        [&matrix] { static_cast<void>(latin::petsc::to_sparse(matrix.get(), "cover")); });
+        [&matrix] { static_cast<void>(latin::algebra::to_sparse(matrix.get(), "cover")); });
     EXPECT_NE(text.find("'cover' holds a NaN or infinity in row 1"), std::string::npos) << text;
     // the row was given back: the matrix can still be read
     PetscScalar value = 0.0;
-    latin::petsc::check(MatGetValue(matrix.get(), 0, 0, &value), "read a value");
+    latin::algebra::check(MatGetValue(matrix.get(), 0, 0, &value), "read a value");
     EXPECT_EQ(value, 1.0);
     EXPECT_EQ(references(matrix.get()), 1);
   }

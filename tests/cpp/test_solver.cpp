@@ -5,19 +5,20 @@
 
 #include "chain.hpp"
 #include "latin/common/error.hpp"
-#include "latin/latin/sweep.hpp"
+#include "latin/iteration/sweep.hpp"
 
 using latin::Index;
 using latin::Matrix;
-using latin::State;
-using latin::Status;
 using latin::Vector;
+using latin::iteration::State;
+using latin::iteration::Status;
 
 namespace {
 
-latin::Summary run(const latin::Problem& problem, State& state, const latin::Options& options,
-                   const latin::Callback& callback = {}) {
-  return latin::solve(problem, options, Matrix::Ones(1, 1), state, {}, callback);
+latin::iteration::Summary run(const latin::substructure::Laws& laws, State& state,
+                              const latin::iteration::Options& options,
+                              const latin::iteration::Callback& callback = {}) {
+  return latin::iteration::solve(laws, options, Matrix::Ones(1, 1), state, {}, callback);
 }
 
 }  // namespace
@@ -31,11 +32,11 @@ TEST_P(Chain, MatchesTheSeriesOfSpringsForEveryDirection) {
     scene.stiffness = stiffness;
     scene.jump = 0.1;
     scene.direction = GetParam();
-    const latin::Problem problem = scene.build();
+    const latin::substructure::Laws laws = scene.build();
     State state;
-    const auto summary = run(problem, state, chain::options());
+    const auto summary = run(laws, state, chain::options());
     EXPECT_EQ(summary.status, Status::converged);
-    EXPECT_NEAR(chain::end_displacement(problem, state), scene.exact(), 1e-8 * scene.exact());
+    EXPECT_NEAR(chain::end_displacement(laws, state), scene.exact(), 1e-8 * scene.exact());
   }
 }
 
@@ -43,23 +44,25 @@ INSTANTIATE_TEST_SUITE_P(Directions, Chain, testing::Values(1e-2, 1.0, 1e2));
 
 TEST(Solver, PlainIterationReachesTheSameAnswer) {
   const chain::Scene scene;
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
-  const auto summary = run(problem, state, chain::options(0));
+  const auto summary = run(laws, state, chain::options(0));
   EXPECT_EQ(summary.status, Status::converged);
-  EXPECT_NEAR(chain::end_displacement(problem, state), scene.exact(), 1e-9 * scene.exact());
+  EXPECT_NEAR(chain::end_displacement(laws, state), scene.exact(), 1e-9 * scene.exact());
 }
 
 TEST(Solver, EstimateIsCloseToTheErrorOfThePlainIteration) {
   const chain::Scene scene;
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State exact;
-  run(problem, exact, chain::options(10, 1e-14));
+  run(laws, exact, chain::options(10, 1e-14));
   for (const double rtol : {1e-2, 1e-4, 1e-6}) {
     State state;
-    const auto summary = run(problem, state, chain::options(0, rtol));
-    const auto truth = problem.difference_size(state.data - exact.data, state.traces - exact.traces)
-                           .relative_to(problem.size(exact.data, exact.traces, Matrix::Ones(1, 1)));
+    const auto summary = run(laws, state, chain::options(0, rtol));
+    const auto truth = latin::substructure::difference_size(
+                           laws.structure(), state.data - exact.data, state.traces - exact.traces)
+                           .relative_to(latin::substructure::GlobalStage(laws).size(
+                               exact.data, exact.traces, Matrix::Ones(1, 1)));
     EXPECT_GT(summary.error, truth / 3.0);
     EXPECT_LT(summary.error, truth * 3.0);
   }
@@ -68,76 +71,76 @@ TEST(Solver, EstimateIsCloseToTheErrorOfThePlainIteration) {
 TEST(Solver, SaysWhenItDidNotConverge) {
   chain::Scene scene;
   scene.stiffness = 1e6;  // far from k: the plain iteration creeps
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
   auto options = chain::options(0);
-  EXPECT_EQ(run(problem, state, options).status, Status::stagnated);
+  EXPECT_EQ(run(laws, state, options).status, Status::stagnated);
   options.max_iterations = 3;
   State other;
-  EXPECT_EQ(run(problem, other, options).status, Status::max_iterations);
+  EXPECT_EQ(run(laws, other, options).status, Status::max_iterations);
 }
 
 TEST(Solver, ZeroLoadIsSolvedAtOnce) {
   chain::Scene scene;
   scene.force = 0.0;
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
-  const auto summary = run(problem, state, chain::options());
+  const auto summary = run(laws, state, chain::options());
   EXPECT_EQ(summary.status, Status::converged);
-  EXPECT_EQ(chain::end_displacement(problem, state), 0.0);
+  EXPECT_EQ(chain::end_displacement(laws, state), 0.0);
 }
 
 TEST(Solver, NanEndsTheRunAsDiverged) {
-  chain::Scene scene;
-  scene.force = std::numeric_limits<double>::quiet_NaN();
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = chain::Scene{}.build();
   State state;
-  EXPECT_EQ(run(problem, state, chain::options()).status, Status::diverged);
+  const Matrix lost = Matrix::Constant(1, 1, std::numeric_limits<double>::quiet_NaN());
+  EXPECT_EQ(latin::iteration::solve(laws, chain::options(), lost, state, {}, {}).status,
+            Status::diverged);
 }
 
 TEST(Solver, CallbackSeesEveryIterationAndMayStopTheRun) {
   const chain::Scene scene;
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
   std::vector<Index> seen;
-  const auto summary =
-      run(problem, state, chain::options(),
-          [&seen](const latin::Iteration& iteration) { seen.push_back(iteration.number); });
+  const auto summary = run(
+      laws, state, chain::options(),
+      [&seen](const latin::iteration::Iteration& iteration) { seen.push_back(iteration.number); });
   EXPECT_EQ(static_cast<Index>(seen.size()), summary.iterations);
   State stopped;
-  EXPECT_THROW(run(problem, stopped, chain::options(),
-                   [](const latin::Iteration&) { throw std::runtime_error("stop"); }),
+  EXPECT_THROW(run(laws, stopped, chain::options(),
+                   [](const latin::iteration::Iteration&) { throw std::runtime_error("stop"); }),
                std::runtime_error);
 }
 
 TEST(Solver, CallbackMayAskForWhatIsDoneSoFar) {
   const chain::Scene scene;
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   auto options = chain::options(0);
   options.rtol = 1e-14;
   State state;
-  const auto summary = run(problem, state, options, [](const latin::Iteration& iteration) {
+  const auto summary = run(laws, state, options, [](const latin::iteration::Iteration& iteration) {
     if (iteration.number == 3) {
-      throw latin::Interrupted();
+      throw latin::iteration::Interrupted();
     }
   });
   EXPECT_EQ(summary.status, Status::interrupted);
   EXPECT_EQ(summary.iterations, 3);
   options.max_iterations = 3;
   State other;
-  run(problem, other, options);
+  run(laws, other, options);
   EXPECT_EQ(state.data, other.data);
   EXPECT_EQ(to_string(summary.status), "interrupted");
 }
 
 TEST(Solver, ColumnsAreIndependentRightHandSides) {
   const chain::Scene scene;
-  const latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   const Matrix amplitudes = (Matrix(1, 3) << 1.0, 0.0, -2.0).finished();
   State state;
-  const auto summary = latin::solve(problem, chain::options(), amplitudes, state, {}, {});
+  const auto summary = latin::iteration::solve(laws, chain::options(), amplitudes, state, {}, {});
   EXPECT_EQ(summary.status, Status::converged);
-  const auto fields = problem.displacements(state.data, amplitudes);
+  const auto fields = latin::substructure::displacements(laws, state.data, amplitudes);
   for (Index column = 0; column < 3; ++column) {
     EXPECT_NEAR(fields.back().second(4, column), amplitudes(0, column) * scene.exact(), 1e-8);
   }
@@ -145,58 +148,62 @@ TEST(Solver, ColumnsAreIndependentRightHandSides) {
 
 TEST(Solver, RefusesOptionsOutOfRange) {
   const chain::Scene scene;
-  const latin::Problem problem = scene.build();
-  for (const auto& change : std::vector<std::function<void(latin::Options&)>>{
+  const latin::substructure::Laws laws = scene.build();
+  for (const auto& change : std::vector<std::function<void(latin::iteration::Options&)>>{
            [](auto& o) { o.rtol = 0.0; }, [](auto& o) { o.max_iterations = 0; },
            [](auto& o) { o.acceleration = -1; }, [](auto& o) { o.relaxation = 1.5; }}) {
     auto options = chain::options();
     change(options);
     State state;
-    EXPECT_THROW(run(problem, state, options), latin::InputError);
+    EXPECT_THROW(run(laws, state, options), latin::InputError);
   }
   State wrong{Matrix::Zero(1, 1), Matrix::Zero(1, 1)};
-  EXPECT_THROW(run(problem, wrong, chain::options()), latin::InputError);
+  EXPECT_THROW(run(laws, wrong, chain::options()), latin::InputError);
 }
 
 TEST(Sweep, EveryPointMatchesAndLaterPointsAreCheap) {
   chain::Scene scene;
   scene.parts = 4;
-  latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   const Index points = 12;
   const Vector values = Vector::LinSpaced(points, 0.5, 5.0);
-  std::vector<latin::SweptParameter> swept;
+  std::vector<latin::iteration::SweptParameter> swept;
   for (int joint = 1; joint < 4; ++joint) {
     swept.push_back(
         {"joint" + std::to_string(joint), "normal", Matrix::Ones(1, 1), values.transpose()});
   }
   std::vector<Index> iterations(points);
-  latin::sweep(problem, chain::options(), Matrix::Ones(1, 1), swept, latin::snake_order({points}),
-               {}, {}, {}, [&](Index point, const latin::Summary& summary, const State& state) {
-                 EXPECT_EQ(summary.status, Status::converged);
-                 iterations[static_cast<std::size_t>(point)] = summary.iterations;
-                 chain::Scene exact = scene;
-                 exact.stiffness = values(point);
-                 EXPECT_NEAR(chain::end_displacement(problem, state), exact.exact(), 1e-7);
-               });
+  latin::iteration::sweep(laws, chain::options(), Matrix::Ones(1, 1), swept,
+                          latin::iteration::snake_order({points}), {}, {}, {},
+                          [&](Index point, const latin::substructure::Laws& of_point,
+                              const latin::iteration::Summary& summary, const State& state) {
+                            EXPECT_EQ(of_point.parameter("joint1", "normal")(0, 0), values(point));
+                            EXPECT_EQ(summary.status, Status::converged);
+                            iterations[static_cast<std::size_t>(point)] = summary.iterations;
+                            chain::Scene exact = scene;
+                            exact.stiffness = values(point);
+                            EXPECT_NEAR(chain::end_displacement(laws, state), exact.exact(), 1e-7);
+                          });
   EXPECT_LT(std::accumulate(iterations.begin() + 1, iterations.end(), Index{0}),
             (points - 1) * iterations[0]);
 }
 
 TEST(Sweep, StartsFromStatesOfAnEarlierRun) {
   const chain::Scene scene;
-  latin::Problem problem = scene.build();
+  const latin::substructure::Laws laws = scene.build();
   State state;
-  run(problem, state, chain::options());
-  const std::vector<latin::SweptParameter> swept{
+  run(laws, state, chain::options());
+  const std::vector<latin::iteration::SweptParameter> swept{
       {"joint1", "normal", Matrix::Ones(1, 1), Matrix::Constant(1, 1, scene.stiffness)}};
-  latin::sweep(
-      problem, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0}, {state}, {0}, {},
-      [](Index, const latin::Summary& summary, const State&) { EXPECT_LE(summary.iterations, 3); });
+  latin::iteration::sweep(
+      laws, chain::options(10, 1e-8), Matrix::Ones(1, 1), swept, {0}, {state}, {0}, {},
+      [](Index, const latin::substructure::Laws&, const latin::iteration::Summary& summary,
+         const State&) { EXPECT_LE(summary.iterations, 3); });
 }
 
 TEST(SnakeOrder, VisitsAllPointsInSingleSteps) {
   const std::vector<Index> shape{3, 4, 5};
-  const auto order = latin::snake_order(shape);
+  const auto order = latin::iteration::snake_order(shape);
   EXPECT_EQ(std::set<Index>(order.begin(), order.end()).size(), 60U);
   for (std::size_t i = 1; i < order.size(); ++i) {
     Index a = order[i - 1];
@@ -209,5 +216,5 @@ TEST(SnakeOrder, VisitsAllPointsInSingleSteps) {
     }
     EXPECT_EQ(steps, 1) << "from position " << i - 1;
   }
-  EXPECT_THROW(latin::snake_order({3, 0}), latin::InputError);
+  EXPECT_THROW(latin::iteration::snake_order({3, 0}), latin::InputError);
 }

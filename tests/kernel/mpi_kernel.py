@@ -36,7 +36,8 @@ def end(node: int) -> Any:
 
 def problem(owner: list[int], rank: int, comm: int | None, spoil: int = -1) -> Any:
     """The chain's parts of this rank; every part also hangs on a soft spring, so that contact may open."""
-    bodies, interfaces, values = [], [], []
+    bodies, interfaces = [], []
+    values: dict[str, dict[str, Any]] = {}
     ones = np.ones((1, 1), order="F")
     for part in range(PARTS):
         if owner[part] == rank:
@@ -76,8 +77,8 @@ def problem(owner: list[int], rank: int, comm: int | None, spoil: int = -1) -> A
                 paired=False,
             )
         )
-        values += [(name, key, value * ones) for key, value in given.items()]
-    core = _core.Problem(
+        values[name] = {key: value * ones for key, value in given.items()}
+    core = _core.Structure(
         bodies=bodies,
         interfaces=interfaces,
         operator="automatic",
@@ -85,9 +86,7 @@ def problem(owner: list[int], rank: int, comm: int | None, spoil: int = -1) -> A
         memory_limit=0.0,
         comm=comm,
     )
-    for name, key, value in values:
-        core.set_parameter(name, key, value)
-    return core
+    return core, core.laws(parameters=values)
 
 
 def fails(world: MPI.Comm, work: Any, message: str, on: int) -> None:
@@ -106,32 +105,41 @@ def main() -> None:
     """Compare, and fail on one rank."""
     world = MPI.COMM_WORLD
     owner = [p * world.size // PARTS for p in range(PARTS)]
-    mine = problem(owner, world.rank, world.py2f())
+    mine, laws = problem(owner, world.rank, world.py2f())
     settings: dict[str, Any] = {
-        "options": Options(rtol=1e-12, newton=0).kernel(),
+        "options": Options(rtol=1e-12, newton=0),
         "amplitudes": np.eye(COLUMNS, order="F"),
-        "start": [],
     }
-    summary, state = mine.solve(**settings, callback=None)
-    whole = problem([0] * PARTS, 0, None)
-    reference, state_0 = whole.solve(**settings, callback=None)
+    summary, state = mine.solve(laws, **settings)
+    whole, laws_0 = problem([0] * PARTS, 0, None)
+    reference, state_0 = whole.solve(laws_0, **settings)
     assert summary.status == reference.status == "converged"
     assert summary.iterations == reference.iterations, (summary.iterations, reference.iterations)
-    u, exact = (c.displacements(s, settings["amplitudes"]) for c, s in ((mine, state), (whole, state_0)))
+    u, exact = (
+        c.displacements(given, s, settings["amplitudes"])
+        for c, given, s in ((mine, laws, state), (whole, laws_0, state_0))
+    )
     assert sorted(u) == [f"bar{p}" for p in range(PARTS) if owner[p] == world.rank]
     size = max(np.abs(v).max() for v in exact.values())
     off = max(np.abs(u[n] - exact[n]).max() for n in u) / size
     assert off < 1e-10, off
     for p in range(1, PARTS):
         if world.rank in (owner[p - 1], owner[p]):
-            pairs = zip(mine.local_fields(f"joint{p}", state), whole.local_fields(f"joint{p}", state_0))
+            pairs = zip(
+                mine.local_fields(laws, f"joint{p}", state),
+                whole.local_fields(laws_0, f"joint{p}", state_0),
+            )
             assert all(np.abs(a - b).max() < 1e-9 * size for a, b in pairs)
-    gaps = [whole.local_fields(f"joint{p}", state_0)[1] for p in range(1, PARTS) if LAWS[p % 4] == "contact"]
+    gaps = [
+        whole.local_fields(laws_0, f"joint{p}", state_0)[1]
+        for p in range(1, PARTS)
+        if LAWS[p % 4] == "contact"
+    ]
     assert any(np.any(g > 1e-3) for g in gaps) and any(np.any(g < 1e-9) for g in gaps)
     total = world.allreduce(mine.rows)
     assert total == mine.total_rows == whole.rows
     # the kernel's Newton steps are those of one rank: asked for, they are not taken
-    asked, _ = mine.solve(**{**settings, "options": Options(rtol=1e-12).kernel()}, callback=None)
+    asked, _ = mine.solve(laws, **{**settings, "options": Options(rtol=1e-12)})
     assert asked.newton_steps == 0 and asked.iterations == summary.iterations
     threads = _core.bound_threads(world.py2f())
     assert threads >= 1 and threads * world.size <= max(os.cpu_count() or 1, world.size)
@@ -141,14 +149,14 @@ def main() -> None:
         if world.rank == 1 and iteration.number == 3:
             raise ValueError("the callback of rank 1 stops here")
 
-    fails(world, lambda: mine.solve(**settings, callback=stop), "rank 1 stops here", 1)
+    fails(world, lambda: mine.solve(laws, **settings, callback=stop), "rank 1 stops here", 1)
     fails(
         world,
         lambda: problem(owner, world.rank, world.py2f(), spoil=1),
         "'joint4': search direction has 1 values for 2 rows",
         1,
     )
-    again, _ = mine.solve(**settings, callback=None)  # nothing was left on its way
+    again, _ = mine.solve(laws, **settings)  # nothing was left on its way
     assert again.iterations == summary.iterations
     print(f"failed together on rank {world.rank}", flush=True)
 

@@ -26,7 +26,7 @@ from dolfinx_frontend.scene.laws import Elastic
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
-from latin_core import InputError, Options, State, _core
+from latin_core import InputError, State, _core
 
 PETSc: Any = _PETSc
 EPS = np.finfo(float).eps
@@ -84,9 +84,7 @@ def test_references_are_given_back(problem, active):
     before = [(m.refcount, sys.getrefcount(m)) for m in owned]
     core = build(problem, make_plan(problem, active=active))
     assert [(m.refcount, sys.getrefcount(m)) for m in owned] == before
-    core.solve(
-        options=Options().kernel(), amplitudes=np.ones((1, 1)), start=[], callback=None
-    )
+    core.solve(bridge.laws(core, problem, make_plan(problem, active=active)), amplitudes=np.ones((1, 1)))
     del core
     gc.collect()
     assert [(m.refcount, sys.getrefcount(m)) for m in owned] == before
@@ -110,21 +108,22 @@ def test_the_kernel_keeps_what_it_needs(problem):
     assert matrix.getRefCount() > before
     kept = matrix.copy()
     matrix.destroy()
-    core = _core.Problem(
+    core = _core.Structure(
         bodies=[body], interfaces=[], operator="automatic", backend="automatic", memory_limit=0.0
     )
     assert core.unknowns == 2 and core.rows == 0
     body = _core.Body(
         name="bar", size=2, members=[member(kept, load=np.array([[0.0], [1.0]]))], springs=[]
     )
-    core = _core.Problem(
+    core = _core.Structure(
         bodies=[body], interfaces=[], operator="automatic", backend="automatic", memory_limit=0.0
     )
 
     def pulled() -> Any:
         one = np.ones((1, 1))
-        _, state = core.solve(options=Options().kernel(), amplitudes=one, start=[], callback=None)
-        return core.displacements(state, one)["bar"][:, 0]
+        laws = core.laws()
+        _, state = core.solve(laws, amplitudes=one)
+        return core.displacements(laws, state, one)["bar"][:, 0]
 
     assert np.allclose(pulled(), np.linalg.solve(BAR, [0.0, 1.0]))
     kept.scale(-1.0)
@@ -227,7 +226,7 @@ def test_shapes_that_disagree(change):
     wrong = member(**({"stiffness": sequential(BAR)} | change))
     body = _core.Body(name="bar", size=2, members=[wrong], springs=[])
     with pytest.raises(InputError, match=r"substructure 'bar': .* do not fit a body of 2 unknowns"):
-        _core.Problem(
+        _core.Structure(
             bodies=[body],
             interfaces=[],
             operator="automatic",
@@ -252,7 +251,7 @@ def interface(trace: Any, **changes: Any) -> Any:
         (side if key in side else given)[key] = value
     given["sides"] = [_core.Side(**each) for each in given["sides"]]
     body = _core.Body(name="bar", size=2, members=[member(sequential(BAR))], springs=[])
-    return _core.Problem(
+    return _core.Structure(
         bodies=[body],
         interfaces=[_core.Interface(**given)],
         operator="automatic",
@@ -283,17 +282,21 @@ def test_interfaces_that_make_no_sense(changes, message):
 
 
 def test_parameters_are_checked(problem):
-    core = build(problem, make_plan(problem, active="all"))
-    bridge.apply(core, bridge.laws(problem, make_plan(problem, active="all")), None)
+    plan = make_plan(problem, active="all")
+    laws = bridge.laws(build(problem, plan), problem, plan)
+
+    def changed(interface: str, parameter: str, values: Any) -> Any:
+        return laws.with_(parameters={interface: {parameter: values}})
+
     with pytest.raises(InputError, match="no active interface 'jiont'; active: .*joint"):
-        core.set_parameter("jiont", "normal", np.ones((1, 1)))
+        changed("jiont", "normal", np.ones((1, 1)))
     with pytest.raises(InputError, match="interface 'joint': .*'norml'"):
-        core.set_parameter("joint", "norml", np.ones((1, 1)))
+        changed("joint", "norml", np.ones((1, 1)))
     with pytest.raises(InputError, match="'normal' has 2 rows, expected"):
-        core.set_parameter("joint", "normal", np.ones((2, 1)))
+        changed("joint", "normal", np.ones((2, 1)))
     with pytest.raises(InputError, match="interface 'joint': .*normal"):
-        core.set_parameter("joint", "normal", -np.ones((1, 1)))
-    assert core.parameter("joint", "normal") == pytest.approx(10.0)
+        changed("joint", "normal", -np.ones((1, 1)))
+    assert laws.parameter("joint", "normal") == pytest.approx(10.0)
 
 
 # ---------------------------------------------------------------------------------------------

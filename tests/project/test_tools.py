@@ -37,13 +37,13 @@ INCLUDE = "latin_core/include/latin"
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        (f"{INCLUDE}/interface/law.hpp", '#include "latin/petsc/mat.hpp"\n'),
+        (f"{INCLUDE}/interface/law.hpp", '#include "latin/algebra/mat.hpp"\n'),
         (f"{INCLUDE}/interface/law.hpp", '#include "latin/interface/points.hpp"\n'),
-        (f"{INCLUDE}/petsc/mat.hpp", '#include "latin/common/types.hpp"\n'),
-        ("latin_core/src/latin/solver.cpp", '#include "latin/substructure/body.hpp"\n'),
-        ("latin_core/src/latin/solver.cpp", '#include "detail.hpp"\n'),
-        ("latin_core/bindings/core.cpp", '#include "latin/latin/solver.hpp"\n'),
-        (f"{INCLUDE}/all.hpp", '#include "latin/latin/solver.hpp"\n'),
+        (f"{INCLUDE}/algebra/mat.hpp", '#include "latin/common/types.hpp"\n'),
+        ("latin_core/src/iteration/solver.cpp", '#include "latin/substructure/body.hpp"\n'),
+        ("latin_core/src/iteration/solver.cpp", '#include "detail.hpp"\n'),
+        ("latin_core/bindings/core.cpp", '#include "latin/iteration/solver.hpp"\n'),
+        (f"{INCLUDE}/all.hpp", '#include "latin/iteration/solver.hpp"\n'),
         ("latin_core/python/latin_core/run.py", "from . import _core\n"),
         ("dolfinx_frontend/kernel/bridge.py", "from latin_core import _core\n"),
         ("dolfinx_frontend/solving.py", "import latin_core\n"),
@@ -64,14 +64,14 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
     ("name", "text", "offence"),
     [
         (
-            f"{INCLUDE}/petsc/mat.hpp",
+            f"{INCLUDE}/algebra/mat.hpp",
             '#pragma once\n#include "latin/interface/law.hpp"\n',
-            "2: layer petsc must not include latin/interface/law.hpp (layer interface)",
+            "2: layer algebra must not include latin/interface/law.hpp (layer interface)",
         ),
         (
             "latin_core/src/interface/law.cpp",
-            "#include <latin/latin/solver.hpp>\n",
-            "1: layer interface must not include latin/latin/solver.hpp (layer latin)",
+            "#include <latin/iteration/solver.hpp>\n",
+            "1: layer interface must not include latin/iteration/solver.hpp (layer iteration)",
         ),
         (
             "latin_core/src/stochastic/chaos.cpp",
@@ -80,16 +80,16 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
         ),
         (
             f"{INCLUDE}/common/types.hpp",
-            '#include "latin/petsc/mat.hpp"\n',
-            "1: layer common must not include latin/petsc/mat.hpp (layer petsc)",
+            '#include "latin/algebra/mat.hpp"\n',
+            "1: layer common must not include latin/algebra/mat.hpp (layer algebra)",
         ),
         (
-            "latin_core/src/latin/solver.cpp",
+            "latin_core/src/iteration/solver.cpp",
             '#include "latin/all.hpp"\n',
             "1: latin/all.hpp belongs to no layer: include what is used",
         ),
         (
-            "latin_core/src/latin/solver.cpp",
+            "latin_core/src/iteration/solver.cpp",
             '#include "latin/extras/x.hpp"\n',
             "1: latin/extras/x.hpp belongs to no known layer",
         ),
@@ -97,7 +97,7 @@ def test_uses_along_the_arrow_pass(tmp_path: Path, name: str, text: str) -> None
             "latin_core/src/extras/x.cpp",
             "",
             "1: folder extras is no layer; the layers are "
-            "common, petsc, interface, stochastic, substructure, latin",
+            "common, algebra, interface, stochastic, substructure, iteration",
         ),
         (
             "latin_core/bindings/core.cpp",
@@ -324,7 +324,7 @@ def test_message_names_three_ways_to_dolfinx() -> None:
 
 
 def test_build_is_repeated_when_its_sources_change(tmp_path: Path) -> None:
-    for name in ("latin_core/src/petsc/a.cpp", "dolfinx_frontend/a.py", "CMakeLists.txt"):
+    for name in ("latin_core/src/algebra/a.cpp", "dolfinx_frontend/a.py", "CMakeLists.txt"):
         write(tmp_path, name, "")
     built = "is_built out && echo yes || echo no"
     stamp = f'cd "{tmp_path}"; mkdir -p out; build_inputs > out/stamp; {built}'
@@ -333,10 +333,10 @@ def test_build_is_repeated_when_its_sources_change(tmp_path: Path) -> None:
     later = (tmp_path / "out/stamp").stat().st_mtime + 10
     os.utime(tmp_path / "dolfinx_frontend/a.py", (later, later))
     assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "yes", "Python files are only linked"
-    os.utime(tmp_path / "latin_core/src/petsc/a.cpp", (later, later))
+    os.utime(tmp_path / "latin_core/src/algebra/a.cpp", (later, later))
     assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "no"
     write(tmp_path, "dolfinx_frontend/b.py", "")
-    os.utime(tmp_path / "latin_core/src/petsc/a.cpp", (0, 0))
+    os.utime(tmp_path / "latin_core/src/algebra/a.cpp", (0, 0))
     assert answer(f'cd "{tmp_path}"; {built}', tmp_path) == "no"
 
 

@@ -15,7 +15,8 @@ from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.saved import ResultFileError, load
+from dolfinx_frontend.results.saved import load
+from dolfinx_frontend.results.writing import ResultFileError
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Contact, Elastic
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic

@@ -1,9 +1,15 @@
 """LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks.
 
 The package knows PETSc matrices and NumPy arrays, and nothing of how they were made:
-``dolfinx_frontend`` assembles scenes into them.
+``dolfinx_frontend`` assembles scenes into them. In short::
+
+    structure = latin_core.Structure(bodies=[Body(...), ...], interfaces=[Interface(...), ...])
+    laws = structure.laws(parameters={"joint": {"normal": 100.0}})
+    summary, state = structure.solve(laws)
+    u = structure.displacements(laws, state)
 """
 
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +20,25 @@ from petsc4py import PETSc
 
 from latin_core import _core
 from latin_core._core import (
+    Body,
     InputError,
+    Interface,
     Iteration,
+    Law,
+    Laws,
+    Member,
     NumericalError,
-    Problem,
     RemoteError,
+    Side,
+    Spring,
     State,
+    Structure,
     Summary,
+    available_backends,
+    bound_threads,
+    compiled_law,
+    python_law,
+    snake_order,
 )
 from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
@@ -33,9 +51,7 @@ if not np.issubdtype(_petsc.ScalarType, np.floating):
         "(Debian: python3-petsc4py-real; conda: petsc=*=real*)"
     )
 
-bound_threads = _core.bound_threads
-snake_order = _core.snake_order
-available_backends = _core.available_backends
+__version__ = metadata.version("latin-core")
 
 
 def get_include() -> str:
@@ -44,21 +60,30 @@ def get_include() -> str:
 
 
 __all__ = [
+    "Body",
     "Checkpoint",
     "CheckpointError",
     "InputError",
+    "Interface",
     "Iteration",
+    "Law",
+    "Laws",
+    "Member",
     "NumericalError",
     "Options",
-    "Problem",
     "RemoteError",
+    "Side",
+    "Spring",
     "State",
+    "Structure",
     "Summary",
     "SweepPoints",
     "SweptParameter",
     "available_backends",
     "bound_threads",
+    "compiled_law",
     "get_include",
+    "python_law",
     "snake_order",
     "sweep",
 ]

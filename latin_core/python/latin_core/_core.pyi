@@ -1,14 +1,17 @@
-"""Types of the compiled kernel. Blocks are float64, (rows, columns), Fortran order preferred.
+"""Types of the compiled kernel. Blocks are float64, (rows, columns), Fortran order preferred; (n,) is one column.
 
-Arguments have no defaults: those live in ``latin_core.options``. Every function raises ``InputError``
-on what cannot be used and ``NumericalError`` where arithmetic broke down.
+Every function raises ``TypeError`` or ``InputError`` on what cannot be used and ``NumericalError`` where arithmetic
+broke down. The docstrings are in the module itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, TypedDict, overload
 
 import numpy as np
 import numpy.typing as npt
+
+from latin_core.options import Options
+from latin_core.sweep import SweptParameter
 
 Array: TypeAlias = npt.NDArray[np.float64]
 IndexTable: TypeAlias = npt.NDArray[np.int32]
@@ -35,8 +38,8 @@ class Law:
 def python_law(
     *,
     name: str,
-    parameters: Sequence[tuple[str, float]],  # name, smallest admissible value
-    history: bool,
+    parameters: Sequence[tuple[str, float]] = (),  # name, smallest admissible value
+    history: bool = False,
     # (jump (points, components, columns), flexibility (points, components, 1),
     #  parameters {name: (points, columns)}, steps) -> force (points, components, columns)
     resolve: Callable[[Array, Array, dict[str, Array], int], npt.ArrayLike],
@@ -49,9 +52,9 @@ class Member:
         *,
         name: str,
         stiffness: Mat,  # (n, n), force / length
-        prolongation: Sparse | None,  # (n, unknowns of the body); None: the identity
-        load: Array,  # (n, loads), force
-        offset: Array | None,  # (n, loads), length
+        load: npt.ArrayLike,  # (n, loads), force
+        prolongation: Sparse | None = None,  # (n, unknowns of the body); None: the identity
+        offset: npt.ArrayLike | None = None,  # (n, loads), length
     ) -> None: ...
 
 class Spring:
@@ -61,27 +64,25 @@ class Spring:
         name: str,
         members: Sequence[int],
         traces: Sequence[Mat],  # (d * points, n) each, global components
-        frames: Array,  # (components * points, d)
-        stiffness: Array,  # (components * points,), times the weights
-        jump: Array,  # (components * points, l), length, one column a load pattern
+        frames: npt.ArrayLike,  # (components * points, d)
+        stiffness: npt.ArrayLike,  # (components * points,), times the weights
+        jump: npt.ArrayLike,  # (components * points, l), length, one column a load pattern
     ) -> None: ...
 
 class Body:
     def __init__(
-        self, *, name: str, size: int, members: Sequence[Member], springs: Sequence[Spring]
+        self, *, name: str, size: int, members: Sequence[Member], springs: Sequence[Spring] = ()
     ) -> None: ...
 
 class Side:
-    @overload
-    def __init__(self, *, member: str) -> None: ...  # a side on another rank
-    @overload
     def __init__(
         self,
         *,
         member: str,
-        trace: Mat,  # (d * points, n), global components
-        direction: Array,  # (components * points,), force / length^3
-        scale: float,  # modulus / length
+        # None, all of them: a side on another rank
+        trace: Mat | None = None,  # (d * points, n), global components
+        direction: npt.ArrayLike | None = None,  # (components * points,), force / length^3
+        scale: float | None = None,  # modulus / length
     ) -> None: ...
 
 class Interface:
@@ -90,11 +91,11 @@ class Interface:
         *,
         name: str,
         law: str | Law,
-        weights: Array,  # (points,), areas
-        frames: Array,  # (components * points, d)
+        weights: npt.ArrayLike,  # (points,), areas
+        frames: npt.ArrayLike,  # (components * points, d)
         sides: Sequence[Side],
-        basis: Array | None,  # (components * points, moments) of the coarse problem; None: not in it
-        paired: bool,  # residual solved for, with both bodies
+        basis: npt.ArrayLike | None = None,  # (components * points, moments) of the coarse problem
+        paired: bool = False,  # residual solved for, with both bodies
     ) -> None: ...
 
 class Iteration:
@@ -136,38 +137,11 @@ class Summary:
     def history(self) -> list[Iteration]: ...
 
 class State:
-    def __init__(self, data: Array, traces: Array) -> None: ...
+    def __init__(self, data: npt.ArrayLike, traces: npt.ArrayLike) -> None: ...
     @property
     def data(self) -> Array: ...
     @property
     def traces(self) -> Array: ...
-
-class SweptParameter:
-    def __init__(
-        self,
-        *,
-        interface: str,
-        parameter: str,
-        pattern: Array,  # (rows * columns, r); rows may be 1
-        values: Array,  # (r, points)
-        columns: int,
-    ) -> None: ...
-
-class Options:
-    def __init__(
-        self,
-        *,
-        rtol: float,
-        stop_on_indicator: bool,
-        max_iterations: int,
-        acceleration: int,
-        relaxation: float,
-        stagnation_window: int,
-        newton: int,
-        snapshots: int,
-        together: int,
-        single_precision: bool,
-    ) -> None: ...
 
 class BodyCost(TypedDict):
     """What a body took; an ordinary dictionary at run time."""
@@ -184,19 +158,37 @@ class BodyCost(TypedDict):
     factor_numbers: float
     dense_numbers: float
 
-LawColumns: TypeAlias = dict[str, Any]
+LawColumns: TypeAlias = Mapping[str, Any]
 """begin, end: components; forward: no, one or one a point (c, q); backward: (q, c); parameters."""
 
-class Problem:
+Parameters: TypeAlias = Mapping[str, Mapping[str, npt.ArrayLike]]
+"""interface -> name -> values."""
+
+class Laws:
+    @property
+    def steps(self) -> int: ...
+    @property
+    def interfaces(self) -> dict[str, str]: ...  # interface -> name of its law
+    def parameter(self, interface: str, name: str) -> Array: ...
+    def with_(
+        self,
+        *,
+        steps: int | None = None,
+        parameters: Parameters | None = None,
+        columns: Mapping[str, Sequence[LawColumns]] | None = None,
+        extra_loads: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> Laws: ...
+
+class Structure:
     def __init__(
         self,
         *,
         bodies: Sequence[Body],
-        interfaces: Sequence[Interface],
-        operator: Operator,
-        backend: Backend,
-        memory_limit: float,
-        comm: int | None = None,  # Fortran handle of an MPI communicator; None: this rank alone
+        interfaces: Sequence[Interface] = (),
+        operator: Operator = "automatic",
+        backend: Backend = "automatic",
+        memory_limit: float = 0.0,
+        comm: Any = None,  # mpi4py communicator or its Fortran handle; None: this rank alone
     ) -> None: ...
     @property
     def rows(self) -> int: ...
@@ -215,44 +207,57 @@ class Problem:
     @property
     def directions(self) -> Array: ...
     @property
+    def interfaces(self) -> list[str]: ...
+    @property
     def costs(self) -> list[BodyCost]: ...
-    def set_parameter(self, interface: str, parameter: str, values: Array) -> None: ...
-    # substructure -> forces (n, loads) on top of the load patterns, in place of all given before
-    def set_extra_loads(self, loads: dict[str, Array]) -> None: ...
-    def set_steps(self, steps: int) -> None: ...
-    def parameter(self, interface: str, parameter: str) -> Array: ...
-    def set_columns(self, interface: str, groups: list[LawColumns]) -> None: ...
-    def global_stage(self, data: Array, amplitudes: Array) -> Array: ...
-    def local_stage(self, data: Array, traces: Array) -> Array: ...
-    def local_fields(self, interface: str, state: State) -> tuple[Array, Array]: ...
-    def resolve_samples(
-        self, interface: str, free_jump: Array, parameters: Sequence[tuple[str, Array]]
-    ) -> tuple[Array, Array]: ...
     def first_rows(self, interface: str) -> list[int]: ...
     def flexibility(self, interface: str) -> Array: ...
-    def displacements(self, state: State, amplitudes: Array) -> dict[str, Array]: ...
+    def laws(
+        self,
+        steps: int = 1,
+        parameters: Parameters | None = None,
+        columns: Mapping[str, Sequence[LawColumns]] | None = None,
+        extra_loads: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> Laws: ...
     def solve(
         self,
+        laws: Laws,
         *,
-        options: Options,
-        amplitudes: Array,
-        start: Sequence[State],
-        callback: Callable[[Iteration], object] | None,
+        options: Options | None = None,
+        amplitudes: npt.ArrayLike | None = None,
+        start: Sequence[State] = (),
+        callback: Callable[[Iteration], object] | None = None,
     ) -> tuple[Summary, State]: ...
     def sweep(
         self,
+        laws: Laws,
         *,
-        options: Options,
-        amplitudes: Array,
+        options: Options | None = None,
+        amplitudes: npt.ArrayLike | None = None,
         parameters: Sequence[SweptParameter],
         order: Sequence[int],
-        known: Sequence[State],
-        known_points: Sequence[int],
-        callback: Callable[[Iteration], object] | None,
-        point_callback: Callable[[int, Summary, State], object],
+        known: Sequence[State] = (),
+        known_points: Sequence[int] = (),
+        callback: Callable[[Iteration], object] | None = None,
+        point_callback: Callable[[int, Laws, Summary, State], object] | None = None,
     ) -> None: ...
+    def global_stage(
+        self, laws: Laws, data: npt.ArrayLike, amplitudes: npt.ArrayLike | None = None
+    ) -> Array: ...
+    def local_stage(self, laws: Laws, data: npt.ArrayLike, traces: npt.ArrayLike) -> Array: ...
+    def local_fields(self, laws: Laws, interface: str, state: State) -> tuple[Array, Array]: ...
+    def resolve_samples(
+        self,
+        laws: Laws,
+        interface: str,
+        free_jump: npt.ArrayLike,
+        parameters: Mapping[str, npt.ArrayLike] | None = None,
+    ) -> tuple[Array, Array]: ...
+    def displacements(
+        self, laws: Laws, state: State, amplitudes: npt.ArrayLike | None = None
+    ) -> dict[str, Array]: ...
 
-def bound_threads(comm: int) -> int: ...  # Fortran handle; threads that a rank may use
+def bound_threads(comm: Any) -> int: ...  # mpi4py communicator or its Fortran handle
 def snake_order(shape: Sequence[int]) -> list[int]: ...
 def available_backends() -> str: ...
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from latin_core import _core
-
 __all__ = ["Options"]
 
 
@@ -33,7 +31,7 @@ class Options:
         Iterations without progress after which a run ends as ``"stagnated"``.
     newton
         Most interface unknowns (points times components) for which Newton steps on the dense flexibility
-        of the interfaces are mixed into the accelerated iteration; only where a law is not linear and
+        of the interfaces are mixed into the accelerated iteration; only where a law is nonlinear and
         every body is condensed. The work of a step counts as iterations: on one of T columns 1/T of its
         stages. 0: never.
     snapshots
@@ -114,17 +112,6 @@ class Options:
                 f"directions {self.directions!r} is not known: use 'automatic', 'diagonal' or 'matrix'"
             )
 
-    def kernel(self) -> _core.Options:
-        """The kernel's view of the settings; it checks their ranges when it solves."""
-        return _core.Options(
-            rtol=self.rtol,
-            stop_on_indicator=self.criterion == "indicator",
-            max_iterations=self.max_iterations,
-            acceleration=self.acceleration,
-            relaxation=self.relaxation,
-            stagnation_window=self.stagnation_window,
-            newton=self.newton,
-            snapshots=self.snapshots,
-            together=self.together,
-            single_precision=self.precision == "single",
-        )
+    def kernel(self) -> Options:
+        """Temporary: itself, which is what the kernel takes."""
+        return self

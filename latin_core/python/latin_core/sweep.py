@@ -1,9 +1,10 @@
-"""Multiresolution: one problem, many parameter sets (paper, section 3)."""
+"""Multiresolution: one structure, many parameter sets (paper, section 3)."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from latin_core import _core
-from latin_core.checkpoint import Checkpoint
+from latin_core.checkpoint import Checkpoint, CheckpointError
 from latin_core.options import Options
 
 __all__ = ["SweepPoints", "SweptParameter", "sweep"]
@@ -27,7 +28,7 @@ class SweptParameter:
     Attributes
     ----------
     interface, parameter
-        Names, as :meth:`latin_core.Problem.set_parameter` takes them.
+        Names, as :meth:`latin_core.Structure.laws` takes them.
     pattern
         (rows * columns, r), rows may be 1: the parameter field at a point is ``pattern @ values[:, point]``,
         one block of rows after the other.
@@ -42,6 +43,15 @@ class SweptParameter:
     pattern: Array
     values: Array
     columns: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("pattern", "values"):
+            shape = np.shape(getattr(self, name))
+            if len(shape) != 2:
+                raise _core.InputError(
+                    f"swept parameter {self.interface}.{self.parameter}: {name} has shape {shape}, "
+                    "an array of two dimensions is wanted"
+                )
 
     def __repr__(self) -> str:
         return f"SweptParameter({self.interface}.{self.parameter}, {self.values.shape[1]} points)"
@@ -89,16 +99,23 @@ class SweepPoints:
         )
 
 
+def _check_points(name: str, numbers: Iterable[int], points: int) -> None:
+    for number in numbers:
+        if not 0 <= operator.index(number) < points:
+            raise _core.InputError(f"{name}: point {number} is none of {points} (0 to {points - 1})")
+
+
 Fields = dict[str, tuple[Array, Array]]
 """Interface -> its local-stage force and jump, (rows, columns) each."""
 
 
 def sweep(
-    problem: _core.Problem,
+    structure: _core.Structure,
+    laws: _core.Laws,
     amplitudes: Array,
     parameters: Sequence[SweptParameter],
     order: Sequence[int],
-    interfaces: Sequence[str],
+    interfaces: Sequence[str] = (),
     options: Options | None = None,
     checkpoint: str | Path | None = None,
     header: dict[str, Any] | None = None,
@@ -113,8 +130,12 @@ def sweep(
 
     Parameters
     ----------
+    structure, laws
+        What is solved, and its laws but for what is swept.
     amplitudes
         (loads, columns) of the load patterns.
+    parameters
+        What changes from point to point.
     order
         Points in the order of solution, see :func:`latin_core.snake_order`.
     interfaces
@@ -138,6 +159,8 @@ def sweep(
 
     Raises
     ------
+    InputError
+        Shapes that disagree, or a point that there is not.
     CheckpointError
         The file is damaged or of another run.
     KeyboardInterrupt
@@ -146,6 +169,11 @@ def sweep(
     options = options or Options()
     log = logging.getLogger(__name__)
     points = parameters[0].values.shape[1] if parameters else 1
+    amplitudes = np.asarray(amplitudes)
+    if amplitudes.ndim != 2:
+        raise _core.InputError(f"amplitudes: shape (loads, columns) is wanted, got {amplitudes.shape}")
+    _check_points("order", order, points)
+    _check_points("start", start or (), points)
     result = SweepPoints(
         iterations=np.full(points, -1, dtype=np.int64),
         error=np.full(points, np.nan),
@@ -154,7 +182,7 @@ def sweep(
         forces={},
         jumps={},
         states=(
-            np.full((points, 2, problem.rows, amplitudes.shape[1]), np.nan) if keep_states else None
+            np.full((points, 2, structure.rows, amplitudes.shape[1]), np.nan) if keep_states else None
         ),
     )
     outputs = outputs or {}
@@ -189,12 +217,16 @@ def sweep(
     file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
     try:
         for number, arrays in file or ():
+            if not 0 <= number < points:
+                raise CheckpointError(f"{checkpoint} holds point {number}, this sweep has {points} points")
             keep(number, arrays)
             if str(arrays["status"]) == "converged":
                 known.append(_core.State(arrays["data"], arrays["traces"]))
                 known_points.append(number)
 
-        def finished(point: int, summary: _core.Summary, state: _core.State) -> None:
+        def finished(
+            point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State
+        ) -> None:
             arrays: dict[str, Any] = {
                 "iterations": summary.iterations,
                 "error": summary.error,
@@ -203,7 +235,7 @@ def sweep(
             }
             fields: Fields = {}
             for name in interfaces if keep_fields or outputs else ():
-                fields[name] = problem.local_fields(name, state)
+                fields[name] = structure.local_fields(laws, name, state)
                 if keep_fields:
                     arrays[f"force:{name}"], arrays[f"jump:{name}"] = (f.T for f in fields[name])
             for name, function in outputs.items():
@@ -219,19 +251,11 @@ def sweep(
             if progress is not None:
                 progress(point, summary)
 
-        problem.sweep(
-            options=options.kernel(),
+        structure.sweep(
+            laws,
+            options=options,
             amplitudes=amplitudes,
-            parameters=[
-                _core.SweptParameter(
-                    interface=each.interface,
-                    parameter=each.parameter,
-                    pattern=each.pattern,
-                    values=each.values,
-                    columns=each.columns,
-                )
-                for each in parameters
-            ],
+            parameters=parameters,
             order=[p for p in order if result.iterations[p] < 0],
             known=known,
             known_points=known_points,

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <cstdio>
 
-namespace latin {
+namespace latin::interface {
 namespace {
 
 std::string number(double value) {
@@ -107,4 +107,4 @@ void Debonding::resolve(PointValues jump, PointValues flexibility, const std::ar
   }
 }
 
-}  // namespace latin
+}  // namespace latin::interface

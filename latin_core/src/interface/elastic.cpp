@@ -2,7 +2,7 @@
 
 #include <limits>
 
-namespace latin {
+namespace latin::interface {
 
 std::vector<Law::ParameterInfo> ElasticLaw::parameters() const {
   return {{"normal", Shape::per_point, 0.0},
@@ -42,4 +42,4 @@ void ElasticLaw::resolve(const LocalProblem& problem, MatrixRef force) const {
   }
 }
 
-}  // namespace latin
+}  // namespace latin::interface

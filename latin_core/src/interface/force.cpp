@@ -2,7 +2,7 @@
 
 #include <limits>
 
-namespace latin {
+namespace latin::interface {
 
 std::vector<Law::ParameterInfo> ForceLaw::parameters() const {
   return {{"force", Shape::per_row, -std::numeric_limits<double>::infinity()}};
@@ -17,4 +17,4 @@ void ForceLaw::resolve(const LocalProblem& /*problem*/, MatrixRef force) const {
   }
 }
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -2,11 +2,11 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 SparseRows to_local_frame(const SparseRows& trace, ConstMatrixRef frames, const std::string& name) {
   const Index dim = frames.cols();
-  const Index points = trace.rows() / dim;
+  const Index points = dim > 0 ? trace.rows() / dim : 0;
   if (trace.rows() != dim * points || points == 0 || frames.rows() % points != 0 ||
       frames.rows() > trace.rows()) {
     throw InputError("interface '" + name + "': a trace of " + std::to_string(trace.rows()) +
@@ -32,4 +32,4 @@ SparseRows to_local_frame(const SparseRows& trace, ConstMatrixRef frames, const 
   return local;
 }
 
-}  // namespace latin
+}  // namespace latin::interface

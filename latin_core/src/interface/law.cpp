@@ -10,7 +10,7 @@
 #include "latin/interface/perfect.hpp"
 #include "latin/interface/preload.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 std::unique_ptr<Law> make_law(const std::string& name) {
   if (name == "contact") {
@@ -48,4 +48,4 @@ std::unique_ptr<Law> make_law(const LawFactory& factory) {
   return factory.make();
 }
 
-}  // namespace latin
+}  // namespace latin::interface

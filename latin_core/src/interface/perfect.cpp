@@ -2,7 +2,7 @@
 
 #include <limits>
 
-namespace latin {
+namespace latin::interface {
 
 std::vector<Law::ParameterInfo> PerfectLaw::parameters() const {
   return {{"jump", Shape::per_row, -std::numeric_limits<double>::infinity()}};
@@ -18,4 +18,4 @@ void PerfectLaw::resolve(const LocalProblem& problem, MatrixRef force) const {
   }
 }
 
-}  // namespace latin
+}  // namespace latin::interface

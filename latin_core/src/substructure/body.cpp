@@ -10,7 +10,7 @@
 
 #include "latin/common/error.hpp"
 
-namespace latin {
+namespace latin::substructure {
 namespace {
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
@@ -143,7 +143,7 @@ bool dense_is_cheaper(Index size, Index active) {
 
 /// out = a * x with a symmetric. With few columns it is memory that costs: the lower triangle is read once, in
 /// panels that stay in the cache for both of their products.
-void multiply_symmetric(const Matrix& a, const Matrix& x, MatrixRef out) {
+void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out) {
   constexpr Index few = 8;
   constexpr Index panel = 32;
   if (x.cols() > few) {
@@ -197,7 +197,43 @@ void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out
   }
 }
 
-void check_shapes(const BodyDescription& body) {
+std::string shape_of(Index rows, Index cols) {
+  return std::to_string(rows) + " x " + std::to_string(cols);
+}
+
+/// Only the lower triangle of a stiffness is used: another matrix would be solved in silence.
+void check_symmetry(const Member& member) {
+  /// Of the sums over a row and over a column, beside the sum of their magnitudes.
+  constexpr double unequal = 1e-8;
+  const SparseView& matrix = *member.stiffness;
+  const Index n = matrix.rows();
+  Vector x(n);  // numbers without a pattern, so that nothing cancels
+  for (Index row = 0; row < n; ++row) {
+    x(row) = 1.0 + std::fmod(0.7548776662 * static_cast<double>(row), 1.0);
+  }
+  Vector difference = Vector::Zero(n);  // K x - K^T x
+  Vector size = Vector::Zero(n);
+  for (Index row = 0; row < n; ++row) {
+    for (SparseView::InnerIterator it(matrix, row); it; ++it) {
+      difference(row) += it.value() * x(it.col());
+      difference(it.col()) -= it.value() * x(row);
+      size(row) += std::abs(it.value());
+      size(it.col()) += std::abs(it.value());
+    }
+  }
+  for (Index row = 0; row < n; ++row) {
+    if (std::abs(difference(row)) > unequal * size(row)) {
+      throw InputError("substructure '" + member.name + "': its stiffness is not symmetric (row " +
+                       std::to_string(row) + " differs from column " + std::to_string(row) +
+                       "): give a symmetric form");
+    }
+  }
+}
+
+void check_members(const BodyDescription& body) {
+  if (body.size < 0) {
+    throw InputError("body '" + body.name + "' has " + std::to_string(body.size) + " unknowns");
+  }
   for (const Member& member : body.members) {
     if (member.stiffness == nullptr) {
       throw InputError("substructure '" + member.name + "' has no stiffness");
@@ -210,15 +246,65 @@ void check_shapes(const BodyDescription& body) {
         (member.prolongation.size() > 0
              ? (member.prolongation.rows() != n || member.prolongation.cols() != body.size)
              : n != body.size)) {
-      throw InputError("substructure '" + member.name + "': stiffness " + std::to_string(n) +
-                       " x " + std::to_string(member.stiffness->cols()) + ", load " +
-                       std::to_string(member.load.rows()) + " x " +
-                       std::to_string(member.load.cols()) + " and prolongation " +
-                       std::to_string(member.prolongation.rows()) + " x " +
-                       std::to_string(member.prolongation.cols()) + " do not fit a body of " +
-                       std::to_string(body.size) + " unknowns");
+      throw InputError("substructure '" + member.name + "': stiffness " +
+                       shape_of(n, member.stiffness->cols()) + ", load " +
+                       shape_of(member.load.rows(), member.load.cols()) + ", offset " +
+                       shape_of(member.offset.rows(), member.offset.cols()) + " and prolongation " +
+                       shape_of(member.prolongation.rows(), member.prolongation.cols()) +
+                       " do not fit a body of " + std::to_string(body.size) + " unknowns with " +
+                       std::to_string(loads) + " load patterns");
+    }
+    if (!member.load.allFinite() || !member.offset.allFinite()) {
+      throw InputError("substructure '" + member.name + "': its load or offset is not finite");
+    }
+    check_symmetry(member);
+  }
+}
+
+void check_springs(const BodyDescription& body) {
+  const auto members = static_cast<Index>(body.members.size());
+  for (const Spring& spring : body.springs) {
+    const auto fail = [&spring](const std::string& text) {
+      throw InputError("spring '" + spring.name + "': " + text);
+    };
+    if (spring.members.empty() || spring.members.size() > 2 ||
+        spring.members.size() != spring.traces.size()) {
+      fail(std::to_string(spring.members.size()) + " members and " +
+           std::to_string(spring.traces.size()) + " traces: give one of each (ground) or two");
+    }
+    for (std::size_t s = 0; s < spring.members.size(); ++s) {
+      const Index member = spring.members[s];
+      if (member < 0 || member >= members) {
+        fail("member " + std::to_string(member) + " of a body of " + std::to_string(members));
+      }
+      const Index n = body.members[static_cast<std::size_t>(member)].stiffness->rows();
+      if (spring.traces[s].rows() != spring.stiffness.size() || spring.traces[s].cols() != n) {
+        fail("a trace " + shape_of(spring.traces[s].rows(), spring.traces[s].cols()) +
+             ", expected " + shape_of(spring.stiffness.size(), n));
+      }
+    }
+    if (!spring.stiffness.allFinite() || !spring.jump.allFinite()) {
+      fail("its stiffness or jump is not finite");
     }
   }
+}
+
+void check_sides(const BodyDescription& body, const std::vector<BodySide>& sides) {
+  for (const BodySide& side : sides) {
+    const Member& member = body.members.at(static_cast<std::size_t>(side.member));
+    if (side.trace.cols() != member.stiffness->rows() || side.trace.rows() != side.weights.size() ||
+        side.trace.rows() != side.direction.size()) {
+      throw InputError("substructure '" + member.name + "': a trace " +
+                       shape_of(side.trace.rows(), side.trace.cols()) + ", expected " +
+                       shape_of(side.weights.size(), member.stiffness->rows()));
+    }
+  }
+}
+
+void check_shapes(const BodyDescription& body, const std::vector<BodySide>& sides) {
+  check_members(body);
+  check_springs(body);
+  check_sides(body, sides);
 }
 
 }  // namespace
@@ -227,7 +313,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
            const OperatorOptions& options)
     : name_(std::move(description.name)), size_(description.size) {
   const auto start = std::chrono::steady_clock::now();
-  check_shapes(description);
+  check_shapes(description, sides);
   std::vector<Member>& members = description.members;
   for (Member& member : members) {
     prolongations_.push_back(member.prolongation.size() > 0 ? member.prolongation
@@ -340,7 +426,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     condense = dense_is_cheaper(size_, active_) &&
                (options.memory_limit <= 0.0 || dense_bytes <= options.memory_limit);
   }
-  factor_ = petsc::factorise(lower, condense ? active_ : 0, options.backend, name_);
+  factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   cost_.factorise_s = seconds_since(factorising);
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
@@ -368,34 +454,38 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     work_ = load + 2.0 * of_offset;
   }
   offset_energy_ = std::move(offset_energy);
-  respond();
+  response_ = respond({});
   cost_.condense_s = seconds_since(condensing);
 }
 
-void Body::respond() {
+LoadResponse Body::respond(Matrix extra) const {
+  LoadResponse answer;
+  answer.extra = std::move(extra);
   if (loads() == 0) {
-    load_traces_ = Matrix::Zero(rows(), 0);
-    work_loads_ = Matrix::Zero(0, 0);
-    work_traces_ = Matrix::Zero(rows(), 0);
-    return;
+    answer.traces = Matrix::Zero(rows(), 0);
+    answer.work_loads = Matrix::Zero(0, 0);
+    answer.work_traces = Matrix::Zero(rows(), 0);
+    return answer;
   }
   Matrix load = load_;
   Matrix work = work_;
-  if (extra_.size() > 0) {
-    load += extra_;
+  if (answer.extra.size() > 0) {
+    load += answer.extra;
     if (work.size() > 0) {
-      work += extra_;
+      work += answer.extra;
     }
   }
   const Matrix response = factor_->solve(load);
-  load_traces_ = traces_ * response + offset_traces_;
+  answer.traces = traces_ * response + offset_traces_;
   // u^T K u = q^T K_r q + 2 q^T Z^T K u0 + u0^T K u0, and K_r q = F_r + T^T W f
   const bool shifted = work.size() > 0;
-  work_loads_ = (shifted ? work : load).transpose() * response + offset_energy_;
-  work_traces_ = weights_.asDiagonal() * (traces_ * (shifted ? factor_->solve(work) : response));
+  answer.work_loads = (shifted ? work : load).transpose() * response + offset_energy_;
+  answer.work_traces =
+      weights_.asDiagonal() * (traces_ * (shifted ? factor_->solve(work) : response));
+  return answer;
 }
 
-void Body::set_extra_loads(const std::vector<Matrix>& loads) {
+LoadResponse Body::response_with(const std::vector<Matrix>& loads) const {
   Matrix sum;
   for (std::size_t e = 0; e < loads.size(); ++e) {
     const Matrix& load = loads[e];
@@ -413,64 +503,73 @@ void Body::set_extra_loads(const std::vector<Matrix>& loads) {
     }
     sum += prolongation.transpose() * load;
   }
-  if (sum.size() > 0 || extra_.size() > 0) {
-    extra_ = std::move(sum);
-    respond();
-  }
+  return sum.size() > 0 ? respond(std::move(sum)) : response_;
 }
 
-bool Body::compliance_pays(Index columns) const {
-  if (compliance_.size() > 0 || rows() >= active_) {
-    return compliance_.size() > 0;
+const Matrix* Body::compliance(Index columns) const {
+  if (rows() >= active_) {
+    return nullptr;
   }
-  // rent until the rent equals the price: a column costs active^2 numbers read twice, the product about
-  // active^2 rows + active rows^2 operations in blocks, each a third of one that waits for memory
-  applied_ += static_cast<double>(columns);
+  if (const Matrix* made = compliance_.made()) {
+    return made;
+  }
+  // it is formed once the products so far have cost as much as forming it: a column costs active^2 numbers
+  // read twice, the product about active^2 rows + active rows^2 operations in blocks, each a third of one
+  // that waits for memory
+  const auto applied = static_cast<double>(applied_.add(columns));
   const auto rows_on_active = static_cast<double>(rows()) / static_cast<double>(active_);
-  return applied_ > 0.3 * static_cast<double>(rows()) * (1.0 + rows_on_active);
-}
-
-void Body::apply(ConstMatrixRef data, MatrixRef traces) const {
-  if (condensed() && compliance_pays(data.cols())) {
-    if (compliance_.size() == 0) {
-      Matrix half = Matrix(active_traces_.transpose());
-      condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
-      compliance_.noalias() = half.transpose() * half;
-    }
-    weighted_ = weights_.asDiagonal() * data;
-    multiply_symmetric(compliance_, weighted_, traces);
-  } else if (condensed()) {
-    unknowns_.resize(active_, data.cols());
-    multiply_sparse(active_loads_, data, unknowns_);
-    condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns_);
-    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_);
-    multiply_sparse(active_traces_, unknowns_, traces);
-  } else {
-    traces = traces_ * factor_->solve(traces_.transpose() * (weights_.asDiagonal() * data));
+  if (applied <= 0.3 * static_cast<double>(rows()) * (1.0 + rows_on_active)) {
+    return nullptr;
   }
+  return &compliance_.get([this] {
+    Matrix half = Matrix(active_traces_.transpose());
+    condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
+    Matrix product(rows(), rows());
+    product.noalias() = half.transpose() * half;
+    return product;
+  });
 }
 
-void Body::apply_single(ConstMatrixRef data, MatrixRef traces) const {
-  if (!condensed() || compliance_pays(data.cols())) {
-    apply(data, traces);
+void Body::apply(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const {
+  if (!condensed()) {
+    traces = traces_ * factor_->solve(traces_.transpose() * (weights_.asDiagonal() * data));
     return;
   }
-  if (condensed_single_.size() == 0) {
-    condensed_single_ = condensed_.cast<float>();
+  if (const Matrix* dense = compliance(data.cols())) {
+    Eigen::Map<Matrix> weighted = work.weighted.shaped(rows(), data.cols());
+    weighted = weights_.asDiagonal() * data;
+    multiply_symmetric(*dense, weighted, traces);
+    return;
   }
-  unknowns_.resize(active_, data.cols());
-  multiply_sparse(active_loads_, data, unknowns_);
+  Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
+  multiply_sparse(active_loads_, data, unknowns);
+  condensed_.triangularView<Eigen::Lower>().solveInPlace(unknowns);
+  condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
+  multiply_sparse(active_traces_, unknowns, traces);
+}
+
+void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const {
+  if (!condensed() || compliance(0) != nullptr) {
+    apply(data, traces, work);
+    return;
+  }
+  static_cast<void>(applied_.add(data.cols()));
+  const Eigen::MatrixXf& factor =
+      condensed_single_.get([this] { return Eigen::MatrixXf(condensed_.cast<float>()); });
+  Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
+  multiply_sparse(active_loads_, data, unknowns);
   // scaled, because changes of the data may be far below what single precision can hold
-  const double scale = unknowns_.cwiseAbs().maxCoeff();
+  const double scale = unknowns.cwiseAbs().maxCoeff();
   if (!(scale > 0.0)) {
     traces.setConstant(scale);  // zero, or not a number
     return;
   }
-  unknowns_single_ = (unknowns_ * (1.0 / scale)).cast<float>();
-  condensed_single_.triangularView<Eigen::Lower>().solveInPlace(unknowns_single_);
-  condensed_single_.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns_single_);
-  unknowns_ = scale * unknowns_single_.cast<double>();
-  multiply_sparse(active_traces_, unknowns_, traces);
+  Eigen::Map<Eigen::MatrixXf> single = work.unknowns_single.shaped(active_, data.cols());
+  single = (unknowns * (1.0 / scale)).cast<float>();
+  factor.triangularView<Eigen::Lower>().solveInPlace(single);
+  factor.triangularView<Eigen::Lower>().transpose().solveInPlace(single);
+  unknowns = scale * single.cast<double>();
+  multiply_sparse(active_traces_, unknowns, traces);
 }
 
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
@@ -488,19 +587,16 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   return unit.transpose() * unit;
 }
 
-Matrix Body::right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
+std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                        const LoadResponse& loads) const {
   Matrix rhs = load_ * amplitudes;
-  if (extra_.size() > 0) {
-    rhs += extra_ * amplitudes;
+  if (loads.extra.size() > 0) {
+    rhs += loads.extra * amplitudes;
   }
   if (rows() > 0) {
     rhs += traces_.transpose() * (weights_.asDiagonal() * data);
   }
-  return rhs;
-}
-
-std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
-  const Matrix unknowns = factor_->solve(right_hand_side(data, amplitudes));
+  const Matrix unknowns = factor_->solve(rhs);
   std::vector<Matrix> fields;
   fields.reserve(prolongations_.size());
   for (std::size_t e = 0; e < prolongations_.size(); ++e) {
@@ -513,26 +609,28 @@ std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef ampl
 }
 
 double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
-                    ConstMatrixRef amplitudes) const {
+                    ConstMatrixRef amplitudes, const LoadResponse& loads, BodyWork& work) const {
   double energy = 0.0;
-  const bool loaded = loads() > 0;  // BLAS does not take empty blocks
+  const bool loaded = this->loads() > 0;  // BLAS does not take empty blocks
+  Eigen::Map<Matrix> relative = work.relative.shaped(rows(), 1);
+  Eigen::Map<Matrix> of_loads = work.of_loads.shaped(this->loads(), 1);
   for (Index column = 0; column < traces.cols(); ++column) {
     if (rows() > 0) {
-      relative_ = traces.col(column);
+      relative.col(0) = traces.col(column);
       if (loaded) {
-        relative_.noalias() -= offset_traces_ * amplitudes.col(column);
+        relative.col(0).noalias() -= offset_traces_ * amplitudes.col(column);
       }
-      energy += relative_.cwiseProduct(forces.col(column)).dot(weights_);
+      energy += relative.col(0).cwiseProduct(forces.col(column)).dot(weights_);
     }
     if (loaded) {
-      of_loads_.noalias() = work_loads_ * amplitudes.col(column);
+      of_loads.col(0).noalias() = loads.work_loads * amplitudes.col(column);
       if (rows() > 0) {
-        of_loads_.noalias() += work_traces_.transpose() * data.col(column);
+        of_loads.col(0).noalias() += loads.work_traces.transpose() * data.col(column);
       }
-      energy += of_loads_.dot(amplitudes.col(column));
+      energy += of_loads.col(0).dot(amplitudes.col(column));
     }
   }
   return energy;
 }
 
-}  // namespace latin
+}  // namespace latin::substructure

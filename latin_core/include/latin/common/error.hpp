@@ -8,7 +8,7 @@
 
 namespace latin {
 
-/// What a user gave cannot be used. The message names the thing, its value and the mend.
+/// What a user gave cannot be used. The message names the thing, its value and the remedy.
 class LATIN_SHARED InputError : public std::invalid_argument {
  public:
   using std::invalid_argument::invalid_argument;

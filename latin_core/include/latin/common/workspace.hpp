@@ -4,11 +4,15 @@
 
 namespace latin {
 
-/// Memory of a working block that many shapes share: it grows to the largest and is kept.
-class Workspace {
+/// Memory of a working block that many shapes share: it grows to the largest and is kept. One object serves
+/// one thread.
+template <class Number>
+class WorkspaceOf {
  public:
+  using Block = Eigen::Matrix<Number, Eigen::Dynamic, Eigen::Dynamic>;
+
   /// The block, not initialised; it is valid until the next call.
-  [[nodiscard]] Eigen::Map<Matrix> shaped(Index rows, Index columns) {
+  [[nodiscard]] Eigen::Map<Block> shaped(Index rows, Index columns) {
     if (store_.size() < rows * columns) {
       store_.resize(rows * columns);
     }
@@ -16,7 +20,9 @@ class Workspace {
   }
 
  private:
-  Vector store_;
+  Eigen::Matrix<Number, Eigen::Dynamic, 1> store_;
 };
+
+using Workspace = WorkspaceOf<double>;
 
 }  // namespace latin

@@ -5,7 +5,7 @@
 
 #include "latin/interface/pointwise.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Unilateral contact without friction. With the opening g = j_n + g0 (and Delta = 0):
 ///
@@ -35,4 +35,4 @@ struct Contact {
 
 using ContactLaw = PointwiseLawAdapter<Contact>;
 
-}  // namespace latin
+}  // namespace latin::interface

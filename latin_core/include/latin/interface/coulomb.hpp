@@ -6,7 +6,7 @@
 
 #include "latin/interface/pointwise.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Contact as in Contact, with dry friction. The columns of a history are its time steps; with j_t' the
 /// tangential jump at the step before (0 before the first):
@@ -75,4 +75,4 @@ struct Coulomb {
 
 using CoulombLaw = PointwiseLawAdapter<Coulomb>;
 
-}  // namespace latin
+}  // namespace latin::interface

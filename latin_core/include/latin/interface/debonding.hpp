@@ -4,7 +4,7 @@
 
 #include "latin/interface/pointwise.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Elastic with a limit: linear softening to separation, contact with the undamaged stiffness always. With
 /// <x> = max(x, 0), kappa_n = `normal`, kappa_t = `tangential`, beta^2 = kappa_t / kappa_n:
@@ -40,4 +40,4 @@ struct Debonding {
 
 using DebondingLaw = PointwiseLawAdapter<Debonding>;
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -2,7 +2,7 @@
 
 #include "latin/interface/law.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Elastic interface with imposed jump:  f = kappa (j - Delta)  (paper, equation 10).
 ///
@@ -19,4 +19,4 @@ class ElasticLaw final : public Law {
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -2,7 +2,7 @@
 
 #include "latin/interface/law.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Given force per unit area:  f = g  (pressure: g_n = -p; traction: g in the local frame).
 ///
@@ -16,4 +16,4 @@ class ForceLaw final : public Law {
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 
-}  // namespace latin
+}  // namespace latin::interface

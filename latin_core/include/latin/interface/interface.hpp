@@ -8,16 +8,16 @@
 #include "latin/common/types.hpp"
 #include "latin/interface/law.hpp"
 
-namespace latin {
+namespace latin::interface {
 
-/// Geometry and law of one interface (or boundary interface). Rows of its fields are point-major in the
+/// Geometry of one interface (or boundary interface), and what kind of law it has. Rows of its fields are point-major in the
 /// local frame: row = components * point + component.
 struct Interface {
   std::string name;
   Index points;
-  Index components;  ///< unknown components at a point, at most the space dimension
-  Vector weights;    ///< (rows) area of the point, repeated for its components
-  std::shared_ptr<Law> law;
+  Index components;                ///< unknown components at a point, at most the space dimension
+  Vector weights;                  ///< (rows) area of the point, repeated for its components
+  std::shared_ptr<const Law> law;  ///< its kind: the parameters belong to those who ask it
 };
 
 /// Restrict a trace operator to the local frame: rows `components * point + a` are
@@ -27,4 +27,4 @@ struct Interface {
 /// @throws InputError with `name` if shapes disagree
 SparseRows to_local_frame(const SparseRows& trace, ConstMatrixRef frames, const std::string& name);
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -12,22 +12,30 @@
 #include "latin/common/error.hpp"
 #include "latin/common/types.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Values of one law parameter: rows x columns, where a single row or column stands for all of them.
+/// Immutable; a copy shares the values.
 class ParameterField {
  public:
-  ParameterField() : values_(Matrix::Zero(1, 1)) {}
-  explicit ParameterField(double value) : values_(Matrix::Constant(1, 1, value)) {}
-  explicit ParameterField(Matrix values) : values_(std::move(values)) {}
+  ParameterField() : ParameterField(0.0) {}
+  explicit ParameterField(double value) : ParameterField(Matrix(Matrix::Constant(1, 1, value))) {}
+  explicit ParameterField(Matrix values)
+      : values_(std::make_shared<const Matrix>(std::move(values))),
+        first_(values_->data()),
+        down_(values_->rows() == 1 ? 0 : 1),
+        across_(values_->cols() == 1 ? 0 : values_->rows()) {}
 
   [[nodiscard]] double operator()(Index row, Index column) const {
-    return values_(values_.rows() == 1 ? 0 : row, values_.cols() == 1 ? 0 : column);
+    return first_[row * down_ + column * across_];
   }
-  [[nodiscard]] const Matrix& values() const { return values_; }
+  [[nodiscard]] const Matrix& values() const { return *values_; }
 
  private:
-  Matrix values_;
+  std::shared_ptr<const Matrix> values_;
+  const double* first_;
+  Index down_;    ///< from one row to the next
+  Index across_;  ///< from one column to the next
 };
 
 /// What a law is asked at the points of one interface, for all columns at once.
@@ -124,6 +132,12 @@ class LATIN_SHARED Law {
     }
     fields_[parameter] = std::move(field);
   }
+  /// A law of the same kind with the same parameters.
+  [[nodiscard]] std::unique_ptr<Law> copy() const {
+    std::unique_ptr<Law> law = blank();
+    law->fields_ = fields_;
+    return law;
+  }
   /// A parameter; zero as long as it was not set.
   [[nodiscard]] const ParameterField& get(const std::string& parameter) const {
     static const ParameterField zero;
@@ -146,7 +160,7 @@ std::unique_ptr<Law> make_law(const std::string& name);
 /// What a module of a user and the kernel must have in common: layout of Law, of Eigen's matrices and of
 /// the standard library. Both see this macro, each compiled in its own way.
 inline constexpr const char* law_abi =
-    "laws 2, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
+    "laws 3, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
         EIGEN_MAJOR_VERSION) "." LATIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " LATIN_TEXT(EIGEN_MAX_ALIGN_BYTES)
 #ifdef _GLIBCXX_USE_CXX11_ABI
         ", strings " LATIN_TEXT(_GLIBCXX_USE_CXX11_ABI)
@@ -178,4 +192,4 @@ class LawSource {
   std::shared_ptr<const Law> kind_;
 };
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -2,7 +2,7 @@
 
 #include "latin/interface/law.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// Perfect connection with imposed jump:  j = Delta  (paper, equation 7, with Delta = 0).
 ///
@@ -19,4 +19,4 @@ class PerfectLaw final : public Law {
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
 };
 
-}  // namespace latin
+}  // namespace latin::interface

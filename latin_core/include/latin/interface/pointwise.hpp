@@ -14,7 +14,7 @@
 
 #include "latin/interface/law.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// A parameter of a pointwise law: one value a point, zero until it is set.
 struct Parameter {
@@ -238,4 +238,4 @@ const LawFactory* law_factory() {
   return &factory;
 }
 
-}  // namespace latin
+}  // namespace latin::interface

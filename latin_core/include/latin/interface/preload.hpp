@@ -4,7 +4,7 @@
 
 #include "latin/interface/pointwise.hpp"
 
-namespace latin {
+namespace latin::interface {
 
 /// A bolt's pretension section: loaded by a force, then fixed at the length that it has (with Delta = 0):
 ///
@@ -35,4 +35,4 @@ struct Preload {
 
 using PreloadLaw = PointwiseLawAdapter<Preload>;
 
-}  // namespace latin
+}  // namespace latin::interface

@@ -4,11 +4,13 @@
 #include <string>
 #include <vector>
 
+#include "latin/algebra/factor.hpp"
+#include "latin/common/lazy.hpp"
 #include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
-#include "latin/petsc/factor.hpp"
+#include "latin/common/workspace.hpp"
 
-namespace latin {
+namespace latin::substructure {
 
 /// One substructure of a body: u = Z q + u0, with q the unknowns of the body.
 struct Member {
@@ -54,7 +56,7 @@ enum class OperatorKind {
 
 struct OperatorOptions {
   OperatorKind kind = OperatorKind::automatic;
-  petsc::FactorBackend backend = petsc::FactorBackend::automatic;
+  algebra::FactorBackend backend = algebra::FactorBackend::automatic;
   double memory_limit = 0.0;  ///< bytes for the dense blocks of all bodies; 0: no limit
 };
 
@@ -67,11 +69,30 @@ struct BodyCost {
   double dense_numbers = 0.0;   ///< doubles in the condensed block
 };
 
+/// What a body answers to its load patterns alone, and to forces that were added to them.
+struct LoadResponse {
+  Matrix extra;   ///< (n_body, l) forces beside those of the body itself; empty: none
+  Matrix traces;  ///< (rows, l) at s = 0
+  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energy()
+  Matrix work_loads;
+  Matrix work_traces;
+};
+
+/// Working blocks of the operators of bodies: those of one thread.
+struct BodyWork {
+  Workspace weighted;
+  Workspace unknowns;
+  WorkspaceOf<float> unknowns_single;
+  Workspace relative;
+  Workspace of_loads;
+};
+
 /// Substructures glued together, with the Robin terms of the active interfaces on them, factorised once:
 ///
 ///     (K + sum T^T W k T) q = F + sum T^T W s,   w = T u,   f = s - k w.       (DESIGN, global stage)
 ///
-/// All fields on its sides are stacked: block (rows, c), sides in the order given.
+/// All fields on its sides are stacked: block (rows, c), sides in the order given. Constant once it is built: several
+/// threads may use it, each with working blocks of its own.
 class Body {
  public:
   /// @throws InputError on shapes that disagree, NumericalError if the operator is not definite.
@@ -93,39 +114,39 @@ class Body {
 
   /// Response of the traces to the interface data alone: w = T A^-1 T^T W s.
   /// @param data s (rows, c)  @param traces w (rows, c), overwritten
-  void apply(ConstMatrixRef data, MatrixRef traces) const;
+  void apply(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const;
   /// As apply(), with the condensed factor in single precision where there is one: what it is fast for are
   /// changes of the data, whose own error shrinks with them. The copy is made when first asked for.
-  void apply_single(ConstMatrixRef data, MatrixRef traces) const;
+  void apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const;
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
-  /// Traces of the load patterns (rows, l) with s = 0.
-  [[nodiscard]] const Matrix& load_traces() const { return load_traces_; }
 
-  /// Add forces on members to the load patterns, instead of those added before.
+  /// The answer to the load patterns.
+  [[nodiscard]] const LoadResponse& response() const { return response_; }
+  /// The answer to the load patterns and forces added to them.
   /// @param loads (n, l), force, for each member, or empty: none
   /// @throws InputError on a shape that does not fit
-  void set_extra_loads(const std::vector<Matrix>& loads);
+  [[nodiscard]] LoadResponse response_with(const std::vector<Matrix>& loads) const;
 
-  /// Displacements of one member, (n, c).
+  /// Displacements of each member, (n, c).
   /// @param data s (rows, c)  @param amplitudes (l, c) of the load patterns
-  [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data,
-                                                  ConstMatrixRef amplitudes) const;
+  [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                                  const LoadResponse& loads) const;
 
   /// Twice the strain energy u^T K u of the global-stage solution, summed over columns.
   /// @param data s, traces w, forces f (rows, c)  @param amplitudes (l, c)
   [[nodiscard]] double energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
-                              ConstMatrixRef amplitudes) const;
+                              ConstMatrixRef amplitudes, const LoadResponse& loads,
+                              BodyWork& work) const;
 
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
  private:
-  /// Whether T A^-1 T^T as a dense matrix is the cheaper operator from now on.
-  [[nodiscard]] bool compliance_pays(Index columns) const;
-  [[nodiscard]] Matrix right_hand_side(ConstMatrixRef data, ConstMatrixRef amplitudes) const;
-  /// Solve for the load patterns.
-  void respond();
+  /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
+  [[nodiscard]] const Matrix* compliance(Index columns) const;
+  /// Solve for the load patterns and the forces added to them.
+  [[nodiscard]] LoadResponse respond(Matrix extra) const;
 
   std::string name_;
   Index size_ = 0;
@@ -137,28 +158,18 @@ class Body {
   SparseRows active_loads_;   ///< Z^T T^T W in these unknowns, (active, rows)
   Vector weights_;
   Vector direction_;
-  std::unique_ptr<petsc::Factor> factor_;
+  std::unique_ptr<algebra::Factor> factor_;
   Matrix condensed_;  ///< L of the Schur complement, or empty
   // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), formed after many products
-  mutable Matrix compliance_;
-  mutable double applied_ = 0.0;  ///< columns so far
-  Matrix load_;                   ///< right-hand side of the load patterns, with offsets
-  Matrix work_;                   ///< load + 2 Z^T K u0; empty where there are no offsets
-  Matrix offset_energy_;          ///< u0^T K u0
-  Matrix extra_;                  ///< sum of Z^T times the extra loads, or empty
-  Matrix load_traces_;            ///< T u of the load patterns at s = 0
-  Matrix offset_traces_;          ///< T u0
-  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see energy()
-  Matrix work_loads_;
-  Matrix work_traces_;
-  // working blocks of apply() and energy()
-  mutable Matrix weighted_;
-  mutable Matrix unknowns_;
-  mutable Eigen::MatrixXf condensed_single_;
-  mutable Eigen::MatrixXf unknowns_single_;
-  mutable Vector relative_;
-  mutable Vector of_loads_;
+  Lazy<Matrix> compliance_;
+  mutable Counter applied_;  ///< columns so far
+  Lazy<Eigen::MatrixXf> condensed_single_;
+  Matrix load_;           ///< right-hand side of the load patterns, with offsets
+  Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
+  Matrix offset_energy_;  ///< u0^T K u0
+  Matrix offset_traces_;  ///< T u0
+  LoadResponse response_;
   BodyCost cost_;
 };
 
-}  // namespace latin
+}  // namespace latin::substructure

@@ -1,0 +1,573 @@
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+
+#include "arguments.hpp"
+#include "latin/algebra/factor.hpp"
+#include "latin/common/error.hpp"
+#include "latin/iteration/solver.hpp"
+#include "latin/iteration/sweep.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/local_stage.hpp"
+
+namespace py = pybind11;
+using namespace py::literals;
+using namespace latin_bindings;
+using namespace latin::substructure;
+using latin::iteration::State;
+using latin::iteration::Summary;
+
+namespace {
+
+constexpr const char* structure_doc =
+    R"doc(Bodies and active interfaces, factorised: all that stays constant.
+
+What may change between two runs, parameters above all, is a value: :class:`Laws`, made by :meth:`laws`. Several
+threads may use one structure at once. Blocks of interface data are (rows, columns): bodies in order, the sides of
+a body in the order of their interfaces.
+
+Parameters
+----------
+bodies, interfaces
+    Sequences of :class:`Body` and :class:`Interface`.
+operator
+    ``"condensed"`` (dense factor of the Schur complement on the active unknowns), ``"factored"`` (sparse solves)
+    or ``"automatic"``.
+backend
+    ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
+memory_limit
+    Bytes that one condensed block may take before ``"automatic"`` goes sparse; 0: no limit.
+comm
+    An mpi4py communicator (or its Fortran handle) over which the bodies are spread, each on one rank; None: this
+    rank alone.
+
+Raises
+------
+InputError
+    Shapes that disagree, unknown names, a stiffness that is not symmetric; with the name of the part.
+NumericalError
+    A body can move rigidly, or its stiffness is not positive definite.
+)doc";
+
+constexpr const char* laws_doc =
+    R"doc(What may change between two runs on one :class:`Structure`: a value.
+
+Parameters of the laws, transforms of their columns, the number of time steps, extra loads. It never changes;
+:meth:`with_` returns a changed copy, which shares the rest. Made by :meth:`Structure.laws`.
+)doc";
+
+constexpr const char* make_laws_doc =
+    R"doc(Laws of the active interfaces; what is not given is zero.
+
+Parameters
+----------
+steps
+    Columns that are the time steps of one history, in order. With chaos modes beside them the time steps run
+    fastest.
+parameters
+    interface -> name -> values: (points, columns), or (points * components, columns) for ``jump`` and ``force``;
+    one row or one column stands for all.
+columns
+    interface -> groups, each a mapping ``begin``, ``end`` (its components), ``forward`` (none, one, or one a point
+    of matrices (c, q)), ``backward`` ((q, c)), ``parameters`` (name -> values of q columns): how the columns of a
+    run become columns in which the law is deterministic, and back.
+extra_loads
+    substructure -> forces (n, loads) that are added to its load patterns.
+
+Raises
+------
+InputError
+    Naming the interface (substructure) and what does not fit.
+)doc";
+
+constexpr const char* with_doc = R"doc(A changed copy; None leaves things as they are.
+
+Arguments are those of :meth:`Structure.laws`. A parameter reaches transformed columns, too; one that their groups
+give is refused. ``columns={name: []}`` takes transforms away; `extra_loads` replaces all extra loads.
+)doc";
+
+constexpr const char* solve_doc = R"doc(Iterate to the answer.
+
+Parameters
+----------
+laws
+    Of this structure.
+options
+    A :class:`latin_core.Options`; None: its defaults.
+amplitudes
+    (loads, columns) of the load patterns; None: all of them once, in one column.
+start
+    States of other parameter sets under the same loads; the run starts from the combination with the smallest
+    residual. Empty: from zero.
+callback
+    Called with an :class:`Iteration` after each; what it raises ends the run, and StopIteration ends it with what
+    is done so far.
+
+Returns
+-------
+(Summary, State)
+)doc";
+
+constexpr const char* sweep_doc =
+    R"doc(Solve for many parameter sets, each started from its nearest solved neighbours.
+
+Parameters
+----------
+laws
+    Of all points, but for what is swept.
+options, amplitudes, callback
+    As in :meth:`solve`.
+parameters
+    Sequence of :class:`SweptParameter`.
+order
+    Points to solve, in this order.
+known, known_points
+    States that were found earlier, and their points: start material.
+point_callback
+    Called with the point, its Laws, its Summary and its State. What it raises ends the sweep; StopIteration ends it
+    with the points that are finished.
+)doc";
+
+constexpr const char* local_fields_doc =
+    R"doc(Force and jump of an interface as the law leaves them.
+
+Returns
+-------
+force, jump
+    (points * components, columns) each: force / area on the first side, and w2 - w1. Collective among the ranks
+    of the interface.
+)doc";
+
+constexpr const char* samples_doc =
+    R"doc(The law of one interface, column by column and without transforms.
+
+Parameters
+----------
+interface
+    Name.
+free_jump
+    (points * components, columns): the jump without any interface force.
+parameters
+    name -> values that replace those of `laws`, with as many columns or one.
+
+Returns
+-------
+force, jump
+    (points * components, columns) each.
+)doc";
+
+std::string shape_of(const latin::Matrix& matrix) {
+  return "(" + std::to_string(matrix.rows()) + ", " + std::to_string(matrix.cols()) + ")";
+}
+
+OperatorOptions operator_options(const std::string& kind, const std::string& backend,
+                                 double memory_limit) {
+  OperatorOptions options;
+  if (!(memory_limit >= 0.0)) {
+    throw latin::InputError("memory_limit is " + std::to_string(memory_limit) +
+                            ": it must not be negative");
+  }
+  options.memory_limit = memory_limit;
+  if (kind == "condensed") {
+    options.kind = OperatorKind::condensed;
+  } else if (kind == "factored") {
+    options.kind = OperatorKind::factored;
+  } else if (kind != "automatic") {
+    throw latin::InputError("operator '" + kind + "': use 'automatic', 'condensed' or 'factored'");
+  }
+  if (backend == "cholmod") {
+    options.backend = latin::algebra::FactorBackend::cholmod;
+  } else if (backend == "mumps") {
+    options.backend = latin::algebra::FactorBackend::mumps;
+  } else if (backend != "automatic") {
+    throw latin::InputError("backend '" + backend + "': use 'automatic' or one of " +
+                            latin::algebra::available_backends());
+  }
+  return options;
+}
+
+std::shared_ptr<Structure> make_structure(py::handle bodies, py::handle interfaces,
+                                          const std::string& kind, const std::string& backend,
+                                          py::handle memory_limit, py::handle comm) {
+  const OperatorOptions options =
+      operator_options(kind, backend, to_number(memory_limit, "memory_limit"));
+  auto all_bodies = to_values<BodyDescription>(bodies, "bodies", "Body");
+  auto all_interfaces = to_values<InterfaceDescription>(interfaces, "interfaces", "Interface");
+  const latin::Communicator ranks = to_communicator(comm);
+  const py::gil_scoped_release release;
+  return std::make_shared<Structure>(std::move(all_bodies), std::move(all_interfaces), options,
+                                     ranks);
+}
+
+py::dict cost_of(const Body& body) {
+  const BodyCost& cost = body.cost();
+  return py::dict("body"_a = body.name(), "unknowns"_a = body.size(), "active"_a = body.active(),
+                  "rows"_a = body.rows(), "condensed"_a = body.condensed(),
+                  "backend"_a = body.backend(), "assemble_s"_a = cost.assemble_s,
+                  "factorise_s"_a = cost.factorise_s, "condense_s"_a = cost.condense_s,
+                  "factor_numbers"_a = cost.factor_numbers, "dense_numbers"_a = cost.dense_numbers);
+}
+
+/// Changes of laws as Python gives them; None: as it is.
+Laws changed(Laws laws, py::handle steps, py::handle parameters, py::handle columns,
+             py::handle extra_loads) {
+  const Structure& structure = laws.structure();
+  std::vector<std::pair<std::string, std::vector<LawColumns>>> groups;
+  if (!columns.is_none()) {
+    for (const auto& [name, given] : to_entries(columns, "columns")) {
+      groups.emplace_back(name, to_columns(given, "columns['" + name + "']"));
+    }
+  }
+  std::vector<LawParameter> values;
+  if (!parameters.is_none()) {
+    values = to_parameters(parameters);
+  }
+  std::map<std::string, latin::Matrix> loads;
+  if (!extra_loads.is_none()) {
+    for (const auto& [name, load] : to_entries(extra_loads, "extra_loads")) {
+      loads.emplace(name, to_matrix(load, "extra_loads['" + name + "']", any, structure.loads()));
+    }
+  }
+  const Index count = steps.is_none() ? laws.steps() : to_index(steps, "steps");
+  const bool keeps_loads = extra_loads.is_none();
+  const py::gil_scoped_release release;
+  laws = laws.with_steps(count);
+  // new groups take the place of old ones, which would hide parameters
+  for (const auto& [name, group] : groups) {
+    laws = laws.with_columns(name, {});
+  }
+  laws = laws.with_parameters(values);
+  for (auto& [name, group] : groups) {
+    laws = laws.with_columns(name, std::move(group));
+  }
+  return keeps_loads ? laws : laws.with_extra_loads(loads);
+}
+
+/// @throws InputError if the laws are those of another structure
+const Structure& check_laws(const Structure& structure, const Laws& laws) {
+  if (&laws.structure() != &structure) {
+    throw latin::InputError("laws: they belong to another structure; make them by its laws()");
+  }
+  return structure;
+}
+
+/// @throws InputError if a state is not one of the structure; columns: any
+void check_state(const Structure& structure, const State& state, const std::string& name,
+                 Index columns) {
+  for (const latin::Matrix* block : {&state.data, &state.traces}) {
+    if (block->rows() != structure.rows() || block->cols() != state.data.cols() ||
+        (columns != any && block->cols() != columns)) {
+      throw latin::InputError(name + " has shape " + shape_of(*block) + ", this problem needs (" +
+                              std::to_string(structure.rows()) + ", " +
+                              (columns == any ? "any" : std::to_string(columns)) + ")");
+    }
+  }
+}
+
+py::tuple pair_of(LocalFields fields) {
+  return py::make_tuple(std::move(fields.force), std::move(fields.jump));
+}
+
+latin::Matrix global_stage(const Structure& structure, const Laws& laws, py::handle data,
+                           py::handle amplitudes) {
+  check_laws(structure, laws);
+  const latin::Matrix factors = to_amplitudes(amplitudes, structure);
+  const latin::Matrix s = to_matrix(data, "data", structure.rows(), factors.cols());
+  latin::Matrix traces(s.rows(), s.cols());
+  const py::gil_scoped_release release;
+  GlobalStage(laws).apply(s, factors, traces);
+  return traces;
+}
+
+latin::Matrix local_stage(const Structure& structure, const Laws& laws, py::handle data,
+                          py::handle traces) {
+  check_laws(structure, laws);
+  const latin::Matrix s = to_matrix(data, "data", structure.rows());
+  const latin::Matrix w = to_matrix(traces, "traces", structure.rows(), s.cols());
+  latin::Matrix residual(s.rows(), s.cols());
+  const py::gil_scoped_release release;
+  LocalStage(laws, s.cols()).apply(s, w, residual);
+  return residual;
+}
+
+LocalFields local_fields(const Structure& structure, const Laws& laws, const std::string& interface,
+                         const State& state) {
+  check_laws(structure, laws);
+  check_state(structure, state, "state: it", any);
+  const py::gil_scoped_release release;
+  return LocalStage(laws, state.data.cols())
+      .fields(structure.find_interface(interface), state.data, state.traces);
+}
+
+LocalFields samples(const Structure& structure, const Laws& laws, const std::string& interface,
+                    py::handle free_jump, py::handle parameters) {
+  check_laws(structure, laws);
+  const latin::Matrix jump = to_matrix(free_jump, "free_jump");
+  std::vector<std::pair<std::string, latin::Matrix>> values;
+  if (!parameters.is_none()) {
+    for (const auto& [name, given] : to_entries(parameters, "parameters")) {
+      values.emplace_back(name, to_matrix(given, "parameters['" + name + "']"));
+    }
+  }
+  const py::gil_scoped_release release;
+  return resolve_samples(laws, structure.find_interface(interface), jump, values);
+}
+
+py::dict displacement_fields(const Structure& structure, const Laws& laws, const State& state,
+                             py::handle amplitudes) {
+  check_laws(structure, laws);
+  const latin::Matrix factors = to_amplitudes(amplitudes, structure);
+  check_state(structure, state, "state: it", factors.cols());
+  std::vector<std::pair<std::string, latin::Matrix>> fields;
+  {
+    const py::gil_scoped_release release;
+    fields = displacements(laws, state.data, factors);
+  }
+  py::dict named;
+  for (auto& [name, values] : fields) {
+    named[py::str(name)] = std::move(values);
+  }
+  return named;
+}
+
+/// Put Python's own handler of Ctrl-C back: some extension modules (OpenTURNS) leave theirs installed, which
+/// ends the process instead of raising KeyboardInterrupt.
+void answer_interrupts() {
+  const auto signal = py::module_::import("signal");
+  const auto threading = py::module_::import("threading");
+  const py::object number = signal.attr("SIGINT");
+  const py::object handler = signal.attr("getsignal")(number);
+  if (threading.attr("current_thread")().is(threading.attr("main_thread")()) &&
+      PyCallable_Check(handler.ptr()) != 0) {
+    signal.attr("signal")(number, handler);
+  }
+}
+
+/// Run what calls the user's Python; StopIteration ends a run with what is done so far (as in SciPy's minimize).
+template <class Call>
+void interruptible(Call&& call) {
+  try {
+    std::forward<Call>(call)();
+  } catch (const py::error_already_set& error) {
+    if (error.matches(PyExc_StopIteration)) {
+      throw latin::iteration::Interrupted();
+    }
+    throw;
+  }
+}
+
+/// Signals are answered at every iteration, with or without a callback of the user, which must outlive it.
+latin::iteration::Callback guarded(const py::object& callback) {
+  check_callable(callback, "callback");
+  answer_interrupts();
+  return [&callback](const latin::iteration::Iteration& iteration) {
+    const py::gil_scoped_acquire gil;
+    if (PyErr_CheckSignals() != 0) {
+      throw py::error_already_set();
+    }
+    if (!callback.is_none()) {
+      interruptible([&] { callback(iteration); });
+    }
+  };
+}
+
+py::tuple solve(const Structure& structure, const Laws& laws, const py::object& options,
+                py::handle amplitudes, py::handle start, const py::object& callback) {
+  check_laws(structure, laws);
+  const latin::iteration::Options settings = to_options(options);
+  const latin::Matrix factors = to_amplitudes(amplitudes, structure);
+  const std::vector<py::object> held = to_items(start, "start");
+  std::vector<const State*> snapshots;
+  for (std::size_t i = 0; i < held.size(); ++i) {
+    snapshots.push_back(&to_object<State>(held, i, "start", "State"));
+    check_state(structure, *snapshots.back(), "start[" + std::to_string(i) + "]: a start state",
+                factors.cols());
+  }
+  const auto guard = guarded(callback);
+  State state;
+  Summary summary;
+  {
+    const py::gil_scoped_release release;
+    summary = latin::iteration::solve(laws, settings, factors, state, snapshots, guard);
+  }
+  return py::make_tuple(std::move(summary), std::move(state));
+}
+
+void sweep(const Structure& structure, const Laws& laws, const py::object& options,
+           py::handle amplitudes, py::handle parameters, py::handle order, py::handle known,
+           py::handle known_points, const py::object& callback, const py::object& point_callback) {
+  check_laws(structure, laws);
+  const latin::iteration::Options settings = to_options(options);
+  const latin::Matrix factors = to_amplitudes(amplitudes, structure);
+  const auto swept = to_swept(parameters);
+  const std::vector<Index> points = to_indices(order, "order");
+  auto states = to_values<State>(known, "known", "State");
+  auto positions = to_indices(known_points, "known_points");
+  check_callable(point_callback, "point_callback");
+  const auto guard = guarded(callback);
+  const latin::iteration::PointCallback finished = [&point_callback](
+                                                       Index point, const Laws& of_point,
+                                                       const Summary& summary, const State& state) {
+    const py::gil_scoped_acquire gil;
+    if (!point_callback.is_none()) {
+      interruptible([&] { point_callback(point, of_point, summary, state); });
+    }
+  };
+  const py::gil_scoped_release release;
+  latin::iteration::sweep(laws, settings, factors, swept, points, std::move(states),
+                          std::move(positions), guard, finished);
+}
+
+/// Pickling refused, with what to do instead.
+template <class T>
+void refuse_pickle(py::class_<T, std::shared_ptr<T>>& cls, const std::string& why) {
+  cls.def("__reduce__", [why](const T&) -> py::object { throw py::type_error(why); });
+}
+
+void bind_one_structure(py::module_& m) {
+  py::class_<Structure, std::shared_ptr<Structure>> cls(m, "Structure", structure_doc);
+  refuse_pickle(
+      cls,
+      "a Structure holds factorised matrices and cannot be pickled or copied: keep what it was "
+      "built from");
+  cls.def(py::init(&make_structure), py::kw_only(), "bodies"_a, "interfaces"_a = py::tuple(),
+          "operator"_a = "automatic", "backend"_a = "automatic", "memory_limit"_a = 0.0,
+          "comm"_a = py::none())
+      .def("__repr__",
+           [](const Structure& s) {
+             return "Structure(" + std::to_string(s.bodies().size()) + " bodies with " +
+                    std::to_string(s.unknowns()) + " unknowns, " +
+                    std::to_string(s.interfaces().size()) + " active interfaces with " +
+                    std::to_string(s.rows()) + " rows)";
+           })
+      .def_property_readonly("rows", &Structure::rows, "Rows of a block of interface data.")
+      .def_property_readonly("total_rows", &Structure::total_rows, "Rows of all ranks.")
+      .def_property_readonly("loads", &Structure::loads, "Number of load patterns.")
+      .def_property_readonly("unknowns", &Structure::unknowns, "Unknowns of all bodies.")
+      .def_property_readonly("active_unknowns", &Structure::active_unknowns,
+                             "Unknowns that a side touches.")
+      .def_property_readonly("macro_size", &Structure::macro_size,
+                             "Unknowns of the coarse problem; 0: there is none.")
+      .def_property_readonly("weights", &Structure::weights, "(rows,) areas, read-only.")
+      .def_property_readonly("directions", &Structure::directions,
+                             "(rows,) search directions k, force / length^3, read-only.")
+      .def_property_readonly(
+          "interfaces",
+          [](const Structure& s) {
+            std::vector<std::string> names;
+            for (const ActiveInterface& each : s.interfaces()) {
+              names.push_back(each.name());
+            }
+            return names;
+          },
+          "Names of the active interfaces of this rank.")
+      .def_property_readonly(
+          "costs",
+          [](const Structure& s) {
+            py::list costs;
+            for (const Body& body : s.bodies()) {
+              costs.append(cost_of(body));
+            }
+            return costs;
+          },
+          "What every body took: seconds and numbers, a dictionary each.")
+      .def(
+          "first_rows",
+          [](const Structure& s, const std::string& interface) {
+            return s.interface(s.find_interface(interface)).rows;
+          },
+          "interface"_a,
+          "First row of each side of an interface in a block; -1 for a side on another rank.")
+      .def(
+          "flexibility",
+          [](const Structure& s, const std::string& interface) {
+            return latin::Vector(s.interface(s.find_interface(interface)).flexibility);
+          },
+          "interface"_a,
+          "(points * components,) 1/k1 (+ 1/k2): how much a unit force closes a jump.")
+      .def(
+          "laws",
+          [](const std::shared_ptr<Structure>& self, py::handle steps, py::handle parameters,
+             py::handle columns, py::handle extra_loads) {
+            return changed(Laws(self), steps, parameters, columns, extra_loads);
+          },
+          "steps"_a = 1, "parameters"_a = py::none(), "columns"_a = py::none(),
+          "extra_loads"_a = py::none(), make_laws_doc)
+      .def("solve", &solve, "laws"_a, py::kw_only(), "options"_a = py::none(),
+           "amplitudes"_a = py::none(), "start"_a = py::tuple(), "callback"_a = py::none(),
+           solve_doc)
+      .def("sweep", &sweep, "laws"_a, py::kw_only(), "options"_a = py::none(),
+           "amplitudes"_a = py::none(), "parameters"_a, "order"_a, "known"_a = py::tuple(),
+           "known_points"_a = py::tuple(), "callback"_a = py::none(),
+           "point_callback"_a = py::none(), sweep_doc)
+      .def("global_stage", &global_stage, "laws"_a, "data"_a, "amplitudes"_a = py::none(),
+           "Traces w (rows, columns) that data s (rows, columns) and loads (loads, columns) leave.")
+      .def("local_stage", &local_stage, "laws"_a, "data"_a, "traces"_a,
+           "Residual (rows, columns) of the laws: what the next data differ by. Collective among "
+           "neighbours.")
+      .def(
+          "local_fields",
+          [](const Structure& s, const Laws& laws, const std::string& interface,
+             const State& state) { return pair_of(local_fields(s, laws, interface, state)); },
+          "laws"_a, "interface"_a, "state"_a, local_fields_doc)
+      .def(
+          "resolve_samples",
+          [](const Structure& s, const Laws& laws, const std::string& interface,
+             py::handle free_jump, py::handle parameters) {
+            return pair_of(samples(s, laws, interface, free_jump, parameters));
+          },
+          "laws"_a, "interface"_a, "free_jump"_a, "parameters"_a = py::none(), samples_doc)
+      .def("displacements", &displacement_fields, "laws"_a, "state"_a, "amplitudes"_a = py::none(),
+           "Displacements (n, columns) of every substructure of this rank, by its name.");
+}
+
+void bind_laws_value(py::module_& m) {
+  py::class_<Laws, std::shared_ptr<Laws>> cls(m, "Laws", laws_doc);
+  refuse_pickle(
+      cls, "Laws belong to a Structure, which cannot be pickled: keep what both were made from");
+  cls.def("__repr__",
+          [](const Laws& laws) {
+            return "Laws(" + std::to_string(laws.structure().interfaces().size()) +
+                   " interfaces, " + std::to_string(laws.steps()) + " steps" +
+                   (laws.transformed() ? ", transformed columns)" : ")");
+          })
+      .def("__copy__", [](const Laws& laws) { return laws; })
+      .def("__deepcopy__", [](const Laws& laws, const py::object&) { return laws; })
+      .def_property_readonly("steps", &Laws::steps, "Columns that are the steps of one history.")
+      .def_property_readonly(
+          "interfaces",
+          [](const Laws& laws) {
+            py::dict names;
+            for (std::size_t i = 0; i < laws.structure().interfaces().size(); ++i) {
+              names[py::str(laws.structure().interface(i).name())] = laws.of(i).law->name();
+            }
+            return names;
+          },
+          "Names of the laws by interface.")
+      .def(
+          "parameter",
+          [](const Laws& laws, const std::string& interface, const std::string& name) {
+            return latin::Matrix(laws.parameter(interface, name));
+          },
+          "interface"_a, "name"_a, "A parameter without transforms, as it was set; a copy.")
+      .def(
+          "with_",
+          [](const Laws& laws, py::handle steps, py::handle parameters, py::handle columns,
+             py::handle extra_loads) {
+            return changed(laws, steps, parameters, columns, extra_loads);
+          },
+          py::kw_only(), "steps"_a = py::none(), "parameters"_a = py::none(),
+          "columns"_a = py::none(), "extra_loads"_a = py::none(), with_doc);
+}
+
+}  // namespace
+
+void bind_structure(py::module_& m) {
+  bind_laws_value(m);
+  bind_one_structure(m);
+}

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "latin/common/types.hpp"
+
+namespace latin::algebra {
+
+/// Which library factorises. `automatic` is CHOLMOD where it was built in, else MUMPS through PETSc.
+enum class FactorBackend { automatic, cholmod, mumps };
+
+/// A symmetric positive definite matrix, factorised once.
+///
+/// With `trailing` > 0 the last `trailing` unknowns are ordered last, and the trailing block of the
+/// factor is the Cholesky factor of the Schur complement on them: condensation at the price of the
+/// factorisation itself.
+class Factor {
+ public:
+  virtual ~Factor() = default;
+  Factor() = default;
+  Factor(const Factor&) = delete;
+  Factor& operator=(const Factor&) = delete;
+  Factor(Factor&&) = delete;
+  Factor& operator=(Factor&&) = delete;
+
+  [[nodiscard]] virtual Index size() const = 0;
+  /// X = A^-1 B for a block of columns at once, shape (size, c).
+  [[nodiscard]] virtual Matrix solve(ConstMatrixRef rhs) const = 0;
+  /// Lower triangular (trailing, trailing) factor L of the Schur complement S = L L^T on the trailing
+  /// unknowns, in their given order.
+  [[nodiscard]] virtual Matrix trailing_factor() const = 0;
+  /// True where trailing_factor() is available.
+  [[nodiscard]] virtual bool condenses() const = 0;
+  /// Numbers stored in the factor.
+  [[nodiscard]] virtual double nonzeros() const = 0;
+  [[nodiscard]] virtual std::string backend() const = 0;
+};
+
+/// Factorise the symmetric matrix of which `lower` holds the lower triangle (columns sorted by row).
+/// @param trailing number of last unknowns to keep last in the elimination order
+/// @param name     named in error messages
+/// @throws NumericalError if the matrix is not positive definite (with the pivot's position)
+std::unique_ptr<Factor> factorise(const SparseColumns& lower, Index trailing, FactorBackend backend,
+                                  const std::string& name);
+
+/// Backends that this build has, the default one first.
+std::string available_backends();
+
+}  // namespace latin::algebra

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <vector>
+
+#include "latin/iteration/solver.hpp"
+
+namespace latin::iteration {
+
+/// A point of a sweep after one iteration.
+struct Advanced {
+  State state;
+  double error = 0.0;      ///< as `Summary::error`; infinity where the history explains too little
+  double indicator = 0.0;  ///< as `Summary::indicator`
+  double residual = 0.0;
+  double energy = 0.0;
+};
+
+/// One iteration for many parameter sets at once, all from the best combination of the same snapshots: what
+/// `solve` does with a point whose first iterate already is the answer, with the columns of all points
+/// in one global stage. There a matrix is read once and not once a point.
+///
+/// @param laws       parameters of all sets side by side, the columns of a set together
+/// @param sets       parameter sets
+/// @param snapshots  two states or more, (rows, c) each
+/// @param amplitudes (loads, c), the same for all sets
+/// @throws InputError naming an interface whose columns are transformed
+std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
+                                       const Matrix& amplitudes, Index sets,
+                                       const std::vector<const State*>& snapshots);
+
+}  // namespace latin::iteration

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "latin/iteration/solver.hpp"
+
+namespace latin::iteration {
+
+/// A law parameter that changes from point to point: field = pattern * values.col(point), whose `columns`
+/// blocks of rows are the columns of the field (time steps; one: the same in all).
+struct SweptParameter {
+  std::string interface;
+  std::string parameter;
+  Matrix pattern;  ///< (rows * columns, r): r = 1 for a number, more for a random field
+  Matrix values;   ///< (r, points)
+  Index columns = 1;
+};
+
+/// Called after each finished point with its position, its laws, its summary and its state.
+using PointCallback =
+    std::function<void(Index point, const substructure::Laws&, const Summary&, const State&)>;
+
+/// Multiresolution (paper, section 3): solve for many parameter sets, each started from the interface
+/// states of the nearest points that are solved already.
+///
+/// A state that the combination of others reproduced at once is not kept as start material: it adds nothing.
+///
+/// @param laws       of all points, but for what changes from one to the next
+/// @param order      points to solve, in this order (a restarted sweep leaves out finished ones)
+/// @param known      states of points solved earlier: start material, e.g. from a checkpoint
+/// @param known_points their positions
+/// A callback that throws Interrupted ends the sweep: points that are finished by then have been handed out.
+///
+/// @throws InputError on shapes and positions that do not fit, naming the interface
+/// @throws whatever else a callback throws, after the point it was called for
+void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+           const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
+           std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
+           const PointCallback& point_callback);
+
+/// Order in which a grid is walked: neighbours in the order differ in one parameter by one step
+/// (boustrophedon), the last axis fastest.
+std::vector<Index> snake_order(const std::vector<Index>& shape);
+
+}  // namespace latin::iteration

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/interface/law.hpp"
+
+namespace latin::substructure {
+
+/// One side of an interface, as the caller describes it. Of a side on another rank only the member is
+/// given: the rest comes from there.
+struct SideDescription {
+  std::string member;  ///< substructure that the side belongs to
+  SparseRows trace;    ///< T (dim * points, n), global components
+  Vector direction;    ///< search direction k per row (components * points), > 0
+  double scale;        ///< modulus / length of the body: what a displacement is measured with, > 0
+};
+
+/// An active interface: the caller's description. One side: boundary interface. An interface whose sides
+/// lie on two ranks is described on both, alike.
+struct InterfaceDescription {
+  std::string name;
+  interface::LawSource law;            ///< a name, see make_law(), or a law of the caller
+  Vector weights;                      ///< (points) areas, > 0
+  Matrix frames;                       ///< (components * points, dim), orthonormal rows
+  std::vector<SideDescription> sides;  ///< one or two
+  /// Z (components * points, moments) of the coarse problem, any unit; empty: not in it. On a boundary
+  /// interface the forces are balanced against those of its law, which must not depend on the jump.
+  // NOLINTNEXTLINE(readability-redundant-member-init): callers may leave it out
+  Matrix basis{};
+  /// Whether its residual is solved for instead of taken as it is (Pair); for linear laws. On a boundary
+  /// interface half the residual is taken: the step for a k far above (prescribed displacement) or below
+  /// (prescribed force) the stiffness of the body.
+  bool paired = false;
+};
+
+}  // namespace latin::substructure

@@ -1,0 +1,87 @@
+#pragma once
+
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/substructure/body.hpp"
+
+namespace latin::substructure {
+
+/// Dense flexibility of the interfaces of condensed bodies: what Newton's step needs of the global stage.
+///
+/// With A the global stage, N = 1 + mu - k A and E the map of a force per area of an interface to its sides
+/// (+1 on side 1, -1 on side 2), N^-1 is a body on springs mu k instead of k, factorised here. Modes that only
+/// those springs hold (rigid motions of a floating body, very soft ones) would hide all others behind their
+/// 1 / mu; they are kept apart:
+///
+///     N^-1 v = N+ v + k V theta^-1 V^T W v / (1 + mu),
+///
+/// V (rows, r) their traces and theta (r) their stiffness. E^T k^-1 N+ E is the matrix (unknowns, unknowns).
+class Flexibility {
+ public:
+  /// Share of the search direction that holds the bodies.
+  static constexpr double mu = 1e-7;
+
+  /// @param first_rows  first row of every body in the stacked blocks
+  /// @param unknown     (rows) the unknown (point and component of an interface) that a row belongs to
+  /// @param sign        (rows) +1 on side 1, -1 on side 2
+  /// @param components  (unknowns) of the point that the unknown belongs to
+  /// @throws NumericalError naming a body that is not definite
+  Flexibility(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
+              std::vector<Index> unknown, Vector sign, const std::vector<Index>& components);
+
+  [[nodiscard]] Index unknowns() const { return matrix_.rows(); }
+  /// E^T k^-1 N+ E
+  [[nodiscard]] const Matrix& matrix() const { return matrix_; }
+  /// E^T k^-1 E
+  [[nodiscard]] const Vector& direct() const { return direct_; }
+  /// (unknowns) how much a unit force at a point closes its jump by the give of the bodies alone: the mean over
+  /// the components, and where that is next to nothing a hundredth of the mean over all points.
+  [[nodiscard]] const Vector& own() const { return own_; }
+  /// (unknowns) areas
+  [[nodiscard]] const Vector& areas() const { return areas_; }
+  /// N+ v, (rows, c)
+  [[nodiscard]] Matrix solve(ConstMatrixRef v) const;
+  /// theta (r), without the springs mu k
+  [[nodiscard]] const Vector& modal_stiffness() const { return modal_stiffness_; }
+  /// E^T V, (unknowns, r)
+  [[nodiscard]] const Matrix& modal_jumps() const { return modal_jumps_; }
+  /// V^T W v, (r, c)
+  [[nodiscard]] Matrix modal_loads(ConstMatrixRef v) const;
+  /// k V a / (1 + mu), (rows, c)
+  [[nodiscard]] Matrix modal_data(ConstMatrixRef amplitudes) const;
+  /// E y: (unknowns, c) -> (rows, c)
+  [[nodiscard]] Matrix spread(ConstMatrixRef y) const;
+  /// Mean of the sides, with their signs: (rows) -> (unknowns)
+  [[nodiscard]] Vector force(ConstVectorRef v) const;
+  /// E^T k^-1 v: (rows, c) -> (unknowns, c)
+  [[nodiscard]] Matrix jump(ConstMatrixRef v) const;
+
+ private:
+  struct Part {
+    const Body* body;
+    Index first_row;
+    Matrix factor;  ///< L of K = (1 + mu) S + mu T^T W k T
+    Matrix
+        modes;  ///< Z: those of K Z = T^T W k T Z theta with a small theta, Z^T (T^T W k T) Z = 1
+    Matrix springs;  ///< T^T W k T Z
+  };
+  void find_modes(Part& part, const SparseRows& springs);
+  void add_matrix(const Part& part);
+  void find_own(const std::vector<Index>& components);
+
+  std::vector<Part> parts_;
+  std::vector<Index> unknown_;
+  Vector sign_;
+  Vector inverse_direction_;
+  Vector weights_;
+  Vector direct_;
+  Vector areas_;
+  Vector own_;
+  Matrix matrix_;
+  Matrix modal_traces_;  ///< V
+  Matrix modal_jumps_;
+  Vector modal_stiffness_;
+};
+
+}  // namespace latin::substructure

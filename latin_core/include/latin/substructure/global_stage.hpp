@@ -1,0 +1,51 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "latin/common/workspace.hpp"
+#include "latin/substructure/laws.hpp"
+#include "latin/substructure/local_stage.hpp"
+#include "latin/substructure/size.hpp"
+
+namespace latin::substructure {
+
+/// The global stage of one run: what the bodies answer to interface data and loads.
+///
+/// It keeps working blocks from one call to the next, so that the iteration allocates none. One object serves
+/// one thread.
+class GlobalStage {
+ public:
+  explicit GlobalStage(Laws laws) : laws_(std::move(laws)) {}
+
+  [[nodiscard]] const Laws& laws() const { return laws_; }
+
+  /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
+  /// @param amplitudes (l, c) of the load patterns
+  void apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces);
+  /// Add to the traces what a change of the data (rows, c) adds to them, in single precision.
+  void change(ConstMatrixRef change, MatrixRef traces);
+  /// Balance the moments of the interface forces after a global stage, see Macro; only where the structure has
+  /// a coarse problem.
+  /// @param local  of the same laws: what the boundary interfaces have to carry
+  /// @return what was added to the data, (rows, c)
+  [[nodiscard]] Matrix balance(LocalStage& local, MatrixRef data, MatrixRef traces) const;
+  /// This rank's share of size(): to be summed, then positive().
+  [[nodiscard]] Size share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
+                                   ConstMatrixRef amplitudes);
+  /// Size of the global-stage solution with the given data and traces. Collective.
+  [[nodiscard]] Size size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes);
+
+ private:
+  Laws laws_;
+  BodyWork work_;
+  Workspace block_;
+};
+
+/// Displacements (n, c) of every substructure of this rank, by name.
+[[nodiscard]] std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws,
+                                                                        ConstMatrixRef data,
+                                                                        ConstMatrixRef amplitudes);
+
+}  // namespace latin::substructure

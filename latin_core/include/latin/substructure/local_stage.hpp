@@ -1,0 +1,75 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "latin/common/communicator.hpp"
+#include "latin/common/workspace.hpp"
+#include "latin/substructure/laws.hpp"
+
+namespace latin::substructure {
+
+/// What a side on this rank adds to (side 2: takes from) the free jump of its interface: s / k - 2 w, (rows, c).
+void share_of_jump(const Structure& structure, const ActiveInterface& interface, std::size_t side,
+                   ConstMatrixRef data, ConstMatrixRef traces, MatrixRef share);
+
+/// f^ of one interface on its first side and the jump w^2 - w^1, both (components * points, c), as the
+/// local stage leaves them: the law holds exactly between them.
+struct LocalFields {
+  Matrix force;
+  Matrix jump;
+};
+
+/// The local stage of one run: the laws, point by point, for blocks of a fixed number of columns.
+///
+/// It keeps working blocks from one call to the next, so that the iteration allocates none. One object serves
+/// one thread.
+class LocalStage {
+ public:
+  /// @throws InputError naming the interface if the laws do not fit so many columns
+  LocalStage(Laws laws, Index columns);
+
+  [[nodiscard]] const Laws& laws() const { return laws_; }
+  [[nodiscard]] Index columns() const { return columns_; }
+
+  /// r = f^ + k w^ - s, (rows, c). Collective among neighbours.
+  void apply(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef residual);
+  /// Collective among the interface's ranks.
+  [[nodiscard]] LocalFields fields(std::size_t interface, ConstMatrixRef data,
+                                   ConstMatrixRef traces);
+  /// Force f^ of an interface whose sides are on this rank; valid until the next call.
+  [[nodiscard]] Eigen::Map<Matrix> force(std::size_t interface, ConstMatrixRef data,
+                                         ConstMatrixRef traces);
+
+ private:
+  using Block = Eigen::Map<Matrix>;
+  [[nodiscard]] Block free_jump(const ActiveInterface& interface, ConstMatrixRef data,
+                                ConstMatrixRef traces, ConstMatrixRef away);
+  [[nodiscard]] Block resolve(std::size_t interface, const Block& free_jump);
+  [[nodiscard]] Block ask(const ActiveInterface& interface, const interface::Law& law,
+                          const Block& jump, Workspace& work);
+  void apply(std::size_t interface, ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef away,
+             MatrixRef residual);
+
+  Laws laws_;
+  Index columns_;
+  Exchange exchange_;
+  std::vector<std::size_t> slots_;  ///< in the exchange, of the shared interfaces in their order
+  Workspace jump_;
+  Workspace share_;
+  Workspace force_;
+  Workspace samples_;
+  Workspace sample_forces_;
+  Workspace back_;
+};
+
+/// The law of one interface, column by column and without transforms, for a given free jump j0
+/// (components * points, c): what a chaos is evaluated with sample by sample.
+/// @param parameters replace those of the law, c columns or one each
+/// @throws InputError naming the interface on a wrong name, shape or value
+[[nodiscard]] LocalFields resolve_samples(
+    const Laws& laws, std::size_t interface, ConstMatrixRef free_jump,
+    const std::vector<std::pair<std::string, Matrix>>& parameters);
+
+}  // namespace latin::substructure

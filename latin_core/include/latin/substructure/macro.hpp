@@ -1,0 +1,56 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "latin/algebra/factor.hpp"
+#include "latin/substructure/body.hpp"
+
+namespace latin::substructure {
+
+/// An interface in the coarse problem.
+struct MacroInterface {
+  std::vector<Index> rows;  ///< first row of each of its sides in the stacked blocks
+  Matrix basis;             ///< Z (rows of a side, moments): displacements that both sides share
+};
+
+/// Coarse (macro) problem: forces of the interfaces that are in balance, in the mean and in their moments.
+///
+/// The global stage leaves f = s - k w on every side by itself. Here a few displacements Z lambda of the
+/// interfaces, the same for both sides, are added to it, so that
+///
+///     sum over sides  Z^T W f = 0,      f = s + k Z lambda - k w,      w = A (s + k Z lambda) + loads
+///
+/// (Ladeveze, Nouy 2003: multiscale LATIN). It holds for the answer whatever the law between the sides is,
+/// where lambda vanishes: the answer is not changed, but what would travel one substructure an iteration
+/// is told to all of them at once. The matrix is that of the structure with every body homogenised to its
+/// moments and held by the springs k; it is sparse and factorised once.
+class Macro {
+ public:
+  /// @param first_rows of the bodies in the stacked blocks
+  /// @throws NumericalError if a coarse motion costs no energy: nothing holds the structure
+  Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
+        const std::vector<MacroInterface>& interfaces);
+
+  [[nodiscard]] Index size() const { return size_; }
+  /// Balance the forces.
+  /// @param forces f (rows, c), less what a boundary interface has to carry
+  /// @param data   s (rows, c), corrected  @param traces w (rows, c), corrected
+  /// @return what was added to the data (rows, c)
+  [[nodiscard]] Matrix correct(ConstMatrixRef forces, MatrixRef data, MatrixRef traces) const;
+
+ private:
+  struct Part {
+    Index first_row;
+    std::vector<Index> moments;  ///< coarse unknowns that the body sees
+    Matrix basis;                ///< W Z (rows of the body, moments)
+    Matrix data;                 ///< k Z
+    Matrix traces;               ///< A k Z
+  };
+
+  Index size_ = 0;
+  std::vector<Part> parts_;
+  std::unique_ptr<algebra::Factor> factor_;
+};
+
+}  // namespace latin::substructure

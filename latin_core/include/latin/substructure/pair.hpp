@@ -1,0 +1,50 @@
+#pragma once
+
+#include <array>
+
+#include "latin/substructure/body.hpp"
+
+namespace latin::substructure {
+
+/// One side of an interface on its body.
+struct PairSide {
+  const Body* body;
+  Index row_in_body;  ///< first row of the side among those of the body
+  Index row;          ///< and in the stacked blocks
+};
+
+/// Matrix search directions of a linear interface: its residual is solved for with both of its bodies.
+///
+/// With diagonal k an iteration passes on what the springs k let through. The exact search direction of one
+/// side is the Steklov operator of what lies behind the other, which no diagonal is near. Both sides and the
+/// law of one interface are solved here at once, as if the data of all others stayed (their springs k close
+/// the bodies there): with the Schur complements S of the bodies on the unknowns that the sides touch,
+///
+///     (S_i (1 + mu) - T^T W k T) q_i = T^T W (+-f + r_i / 2),   f = kappa (rho + w_2 - w_1),   w_i = T q_i
+///
+/// and the step on the data is +-f + r_i / 2 + k w_i. The directions k stay diagonal in both stages and in
+/// every measure of error: this is a step of the iteration, not another iteration.
+class Pair {
+ public:
+  /// @param stiffness kappa of the law (rows) force / length^3; infinite: perfect
+  Pair(const std::array<PairSide, 2>& sides, const Vector& weights, const Vector& stiffness);
+
+  /// Replace the residual (all rows, c) of this interface by the step that makes it vanish.
+  void apply(MatrixRef residual) const;
+  /// kappa that it was made with.
+  [[nodiscard]] const Vector& stiffness() const { return of_law_; }
+
+ private:
+  struct Side {
+    Index row;
+    Vector direction;
+    SparseRows trace;  ///< (rows, unknowns that the side touches)
+  };
+  std::array<Side, 2> sides_;
+  Vector weights_;
+  Vector of_law_;
+  Vector stiffness_;  ///< of the law, softened where that is perfect
+  Matrix lower_;      ///< L of both bodies and the law
+};
+
+}  // namespace latin::substructure

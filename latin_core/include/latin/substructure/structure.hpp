@@ -1,0 +1,147 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "latin/common/communicator.hpp"
+#include "latin/common/lazy.hpp"
+#include "latin/interface/interface.hpp"
+#include "latin/substructure/body.hpp"
+#include "latin/substructure/description.hpp"
+#include "latin/substructure/flexibility.hpp"
+#include "latin/substructure/macro.hpp"
+
+namespace latin::substructure {
+
+/// An interface that is iterated on, where it lies in the stacked blocks.
+struct ActiveInterface {
+  interface::Interface geometry;
+  std::vector<Index>
+      rows;  ///< first row of each side in the stacked blocks; -1 for a side on another rank
+  Vector flexibility;       ///< 1/k1 (+ 1/k2), (components * points)
+  Index first_unknown = 0;  ///< among the points and components of all interfaces
+  Matrix basis;             ///< of the coarse problem; empty: not in it
+  bool paired = false;
+  /// The side on another rank; rank -1: none.
+  struct Away {
+    std::size_t side = 0;
+    int rank = -1;
+  } away;
+
+  [[nodiscard]] const std::string& name() const { return geometry.name; }
+  /// Rows of one side: components * points.
+  [[nodiscard]] Index size() const { return flexibility.size(); }
+  [[nodiscard]] bool shared() const { return away.rank >= 0; }
+  /// The side on this rank of a shared interface.
+  [[nodiscard]] std::size_t here() const { return 1 - away.side; }
+};
+
+/// Substructures and active interfaces, factorised: everything of a scene that stays constant while
+/// laws, parameters and columns change. What changes is in Laws; a run adds the working blocks of its two stages,
+/// GlobalStage and LocalStage.
+///
+/// Interface data of all sides are stacked into one block (rows, c): bodies in order, the sides of a body
+/// in the order of their interfaces. One iteration is
+///
+///     w = global stage(s)          f = s - k w                 one solve a body, c right-hand sides
+///     s + r = local stage(s, w)    r = f^ + k w^ - s           laws, point by point
+///
+/// On several ranks each holds some of the bodies, with the interfaces that touch them. All rows here are
+/// those of the rank's own bodies. The local stage of an interface between two ranks is done on both, from
+/// the same numbers: what they swap is each side's share of the free jump.
+///
+/// Constant once it is built: several threads may use it.
+class Structure {
+ public:
+  /// Collective. @throws InputError or NumericalError naming the body or interface
+  Structure(std::vector<BodyDescription> bodies, std::vector<InterfaceDescription> interfaces,
+            const OperatorOptions& options, const Communicator& communicator = {});
+  Structure(const Structure&) = delete;
+  Structure(Structure&&) = delete;
+  Structure& operator=(const Structure&) = delete;
+  Structure& operator=(Structure&&) = delete;
+  ~Structure() = default;
+
+  [[nodiscard]] const Communicator& communicator() const { return communicator_; }
+  [[nodiscard]] Index rows() const { return rows_; }
+  /// Rows of all ranks.
+  [[nodiscard]] Index total_rows() const { return total_rows_; }
+  /// Load patterns.
+  [[nodiscard]] Index loads() const { return loads_; }
+  [[nodiscard]] Index unknowns() const;
+  [[nodiscard]] Index active_unknowns() const;
+
+  [[nodiscard]] const std::vector<Body>& bodies() const { return bodies_; }
+  /// First row of every body in the stacked blocks.
+  [[nodiscard]] const std::vector<Index>& body_rows() const { return body_rows_; }
+  /// Names of the substructures of every body.
+  [[nodiscard]] const std::vector<std::vector<std::string>>& members() const { return members_; }
+
+  [[nodiscard]] const std::vector<ActiveInterface>& interfaces() const { return interfaces_; }
+  [[nodiscard]] const ActiveInterface& interface(std::size_t i) const { return interfaces_.at(i); }
+  /// @throws InputError with the known names
+  [[nodiscard]] std::size_t find_interface(const std::string& name) const;
+  [[nodiscard]] bool has_interface(const std::string& name) const;
+  /// Interfaces that this rank shares with another, in the order in which both go through them.
+  [[nodiscard]] const std::vector<std::size_t>& shared_interfaces() const { return shared_; }
+  /// All interfaces as one: the points and components ("unknowns") of one after the other.
+  [[nodiscard]] Index interface_unknowns() const { return interface_unknowns_; }
+
+  /// Weights and search directions k of all rows.
+  [[nodiscard]] const Vector& weights() const { return weights_; }
+  [[nodiscard]] const Vector& directions() const { return directions_; }
+  [[nodiscard]] const Vector& inverse_directions() const { return inverse_directions_; }
+  /// scale * W: what displacements of the sides are measured with.
+  [[nodiscard]] const Vector& trace_metric() const { return trace_metric_; }
+
+  /// Number of coarse unknowns; 0: the global stage is not followed by a coarse problem.
+  [[nodiscard]] Index macro_size() const;
+  /// The coarse problem, factorised when first asked for.
+  [[nodiscard]] const Macro& macro() const;
+  /// Whether flexibility() can be made: every body with sides is condensed, and there is one rank.
+  [[nodiscard]] bool has_flexibility() const;
+  /// Dense flexibility of the interfaces, made when first asked for.
+  [[nodiscard]] const Flexibility& flexibility() const;
+
+ private:
+  /// Where a substructure is; body and position among its members on its own rank only.
+  struct Place {
+    int rank = 0;
+    std::size_t body = 0;
+    Index member = 0;
+  };
+  using Owners = std::map<std::string, Place>;
+  /// Sides of the bodies while they are gathered, with the interface and side that each is.
+  struct Sides {
+    std::vector<std::vector<BodySide>> of_body;
+    std::vector<std::vector<std::pair<std::size_t, std::size_t>>> owner;
+  };
+  [[nodiscard]] Owners find_owners() const;
+  void add_interface(InterfaceDescription description, const Owners& owners, Sides& sides);
+  void build_bodies(std::vector<BodyDescription> bodies, Sides sides,
+                    const OperatorOptions& options);
+  void stack_metrics(const std::vector<std::vector<double>>& scales);
+  void connect();
+  void check_neighbours() const;
+
+  Communicator communicator_;
+  std::vector<Body> bodies_;
+  std::vector<Index> body_rows_;
+  std::vector<std::vector<std::string>> members_;
+  std::vector<ActiveInterface> interfaces_;
+  std::vector<std::size_t> shared_;
+  Vector weights_;
+  Vector directions_;
+  Vector inverse_directions_;
+  Vector trace_metric_;
+  Index rows_ = 0;
+  Index total_rows_ = 0;
+  Index loads_ = 0;
+  Index interface_unknowns_ = 0;
+  Lazy<Macro> macro_;
+  Lazy<Flexibility> flexibility_;
+};
+
+}  // namespace latin::substructure

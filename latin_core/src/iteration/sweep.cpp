@@ -1,0 +1,341 @@
+#include "latin/iteration/sweep.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <span>
+
+#include "latin/common/error.hpp"
+#include "latin/iteration/batch.hpp"
+
+namespace latin::iteration {
+namespace {
+
+/// All swept values, one column a point, every one scaled by its range.
+Matrix coordinates(const std::vector<SweptParameter>& parameters) {
+  Index rows = 0;
+  for (const SweptParameter& each : parameters) {
+    rows += each.values.rows();
+  }
+  Matrix all(rows, parameters.empty() ? 1 : parameters.front().values.cols());
+  rows = 0;
+  for (const SweptParameter& each : parameters) {
+    if (each.values.cols() != all.cols() || each.pattern.cols() != each.values.rows()) {
+      throw InputError("sweep: parameter '" + each.parameter + "' of interface '" + each.interface +
+                       "' has a pattern of " + std::to_string(each.pattern.cols()) +
+                       " columns, values of shape (" + std::to_string(each.values.rows()) + ", " +
+                       std::to_string(each.values.cols()) + ") and " + std::to_string(all.cols()) +
+                       " points");
+    }
+    if (each.columns < 1 || each.pattern.rows() % each.columns != 0) {
+      throw InputError("sweep: parameter '" + each.parameter + "' of interface '" + each.interface +
+                       "' has a pattern of " + std::to_string(each.pattern.rows()) + " rows for " +
+                       std::to_string(each.columns) + " columns");
+    }
+    for (Index i = 0; i < each.values.rows(); ++i) {
+      const double range = each.values.row(i).maxCoeff() - each.values.row(i).minCoeff();
+      all.row(rows++) = (range > 0.0 ? 1.0 / range : 0.0) * each.values.row(i);
+    }
+  }
+  return all;
+}
+
+/// What the residuals of points that are tried together may take.
+constexpr double together_bytes = 64e6;
+/// Snapshots are left out while the error stays below this share of the tolerance.
+constexpr double spare_accuracy = 0.3;
+constexpr Index fewest_snapshots = 4;
+/// Points in a row that the first iterate answered, before several are tried together.
+constexpr Index streak_before_batch = 3;
+
+class Sweep {
+ public:
+  Sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+        const std::vector<SweptParameter>& parameters, std::vector<State> known,
+        std::vector<Index> known_points, const Callback& callback,
+        const PointCallback& point_callback)
+      : laws_(laws),
+        structure_(laws.structure()),
+        options_(options),
+        amplitudes_(amplitudes),
+        known_(std::move(known)),
+        known_points_(std::move(known_points)),
+        callback_(callback),
+        point_callback_(point_callback),
+        where_(coordinates(parameters)) {
+    // of the interfaces of other ranks only the values count: they say which points are near
+    for (const SweptParameter& each : parameters) {
+      const bool here = structure_.has_interface(each.interface);
+      const bool somewhere = structure_.communicator().maximum(here ? 1 : 0) > 0;
+      if (here || !somewhere) {  // setting a parameter of none names it
+        own_parameters_.push_back(&each);
+      }
+    }
+    const double bytes = 8.0 * static_cast<double>(structure_.rows() * amplitudes.cols()) *
+                         static_cast<double>(options.snapshots + 6);
+    most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
+    if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
+        structure_.rows() == 0 || laws.transformed()) {
+      most_together_ = 1;
+    }
+    most_together_ = std::max<Index>(most_together_, 1);
+  }
+
+  /// @throws InputError if positions or states do not fit; on every rank alike
+  void check(const std::vector<Index>& order) const {
+    const auto check_position = [this](Index point, const std::string& what) {
+      if (point < 0 || point >= where_.cols()) {
+        throw InputError("sweep: " + what + " " + std::to_string(point) + " is none of " +
+                         std::to_string(where_.cols()) + " points (0 to " +
+                         std::to_string(where_.cols() - 1) + ")");
+      }
+    };
+    for (const Index point : order) {
+      check_position(point, "point");
+    }
+    for (const Index point : known_points_) {
+      check_position(point, "position of a known state");
+    }
+    for (const State& state : known_) {
+      for (const Matrix* block : {&state.data, &state.traces}) {
+        if (block->rows() != structure_.rows() || block->cols() != amplitudes_.cols()) {
+          throw InputError("sweep: a known state of shape (" + std::to_string(block->rows()) +
+                           ", " + std::to_string(block->cols()) + "), expected (" +
+                           std::to_string(structure_.rows()) + ", " +
+                           std::to_string(amplitudes_.cols()) + ")");
+        }
+      }
+    }
+  }
+
+  void run(const std::vector<Index>& order) {
+    try {
+      walk(order);
+    } catch (const Interrupted&) {
+      return;  // finished points have been handed out
+    }
+  }
+
+ private:
+  void walk(const std::vector<Index>& order) {
+    for (std::size_t next = 0; next < order.size();) {
+      const auto left = static_cast<Index>(order.size() - next);
+      const Index together =
+          streak_ < streak_before_batch ? 1 : std::min({left, most_together_, 2 * (streak_ - 1)});
+      const std::span<const Index> points(order.data() + next, static_cast<std::size_t>(together));
+      if (together > 1) {
+        try_together(points);
+      } else {
+        solve_alone(points.front());
+      }
+      next += points.size();
+    }
+  }
+
+  /// The laws of some points side by side.
+  [[nodiscard]] substructure::Laws laws_of(const substructure::Laws& base,
+                                           std::span<const Index> points) const {
+    std::vector<substructure::LawParameter> changes;
+    for (const SweptParameter* each : own_parameters_) {
+      const auto sets = static_cast<Index>(points.size());
+      const bool in_time = each->columns > 1;
+      const Index copies = in_time || sets == 1 ? 1 : amplitudes_.cols();
+      const Index rows = each->pattern.rows() / each->columns;
+      Matrix field(rows, sets * each->columns * copies);
+      for (Index set = 0; set < sets; ++set) {
+        const Vector values =
+            each->pattern * each->values.col(points[static_cast<std::size_t>(set)]);
+        field.middleCols(set * each->columns * copies, each->columns * copies) =
+            values.reshaped(rows, each->columns).replicate(1, copies);
+      }
+      changes.push_back({each->interface, each->parameter, std::move(field)});
+    }
+    return base.with_parameters(changes);
+  }
+
+  /// The solved points nearest to a place.
+  [[nodiscard]] std::vector<const State*> nearest(const Vector& place, Index count) const {
+    std::vector<std::size_t> order(known_.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    const auto wanted =
+        std::min(known_.size(), static_cast<std::size_t>(std::max<Index>(count, 1)));
+    std::vector<double> away(known_.size());
+    for (std::size_t i = 0; i < known_.size(); ++i) {
+      away[i] = (place - where_.col(known_points_[i])).squaredNorm();
+    }
+    std::ranges::partial_sort(order, order.begin() + static_cast<std::ptrdiff_t>(wanted),
+                              [&away](std::size_t a, std::size_t b) { return away[a] < away[b]; });
+    std::vector<const State*> states;
+    states.reserve(wanted);
+    for (std::size_t i = 0; i < wanted; ++i) {
+      states.push_back(&known_[order[i]]);
+    }
+    return states;
+  }
+
+  /// @throws Interrupted if the run was interrupted
+  Summary solve_or_stop(const substructure::Laws& laws, State& state,
+                        const std::vector<const State*>& start) {
+    Summary summary = solve(laws, options_, amplitudes_, state, start, callback_);
+    if (summary.status == Status::interrupted) {
+      throw Interrupted();
+    }
+    return summary;
+  }
+
+  /// @throws Interrupted on all ranks if the callback of any of them does
+  void hand_out(Index point, const substructure::Laws& laws, const Summary& summary,
+                const State& state) {
+    bool stop = false;
+    structure_.communicator().together([&] {
+      try {
+        point_callback_(point, laws, summary, state);
+      } catch (const Interrupted&) {
+        stop = true;
+      }
+    });
+    if (structure_.communicator().maximum(stop ? 1 : 0) > 0) {
+      throw Interrupted();
+    }
+  }
+
+  /// @param wanted the state is start material even if others reproduce it: those near by did not
+  /// @param tried  iterations of the point before, which gave no answer
+  void solve_alone(Index point, bool wanted = false, Index tried = 0) {
+    std::optional<substructure::Laws> laws;
+    structure_.communicator().together([&] { laws = laws_of(laws_, {&point, 1}); });
+    const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
+    State state;
+    Summary summary = solve_or_stop(*laws, state, start);
+    if (summary.status != Status::converged && !start.empty()) {
+      // friction may keep a state of other parameters in a trap: from zero it is another way
+      State cold;
+      Summary again = solve_or_stop(*laws, cold, {});
+      again.iterations += summary.iterations;
+      if (again.status == Status::converged || again.error < summary.error) {
+        state = std::move(cold);
+        summary = std::move(again);
+      } else {
+        summary.iterations = again.iterations;
+      }
+    }
+    const bool at_once = summary.status == Status::converged && summary.iterations <= 1;
+    summary.iterations += tried;
+    hand_out(point, *laws, summary, state);
+    const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
+    const bool reproduced = at_once && full;
+    streak_ = reproduced ? streak_ + 1 : 0;
+    if (summary.status == Status::converged && (wanted || !reproduced)) {
+      known_.push_back(std::move(state));
+      known_points_.push_back(point);
+    }
+  }
+
+  /// One iteration for all of them; those that it does not answer are solved one by one.
+  void try_together(std::span<const Index> points) {
+    const auto start = std::chrono::steady_clock::now();
+    Vector centre = Vector::Zero(where_.rows());
+    for (const Index point : points) {
+      centre += where_.col(point) / static_cast<double>(points.size());
+    }
+    const auto sets = static_cast<Index>(points.size());
+    const std::vector<Advanced> answers =
+        advance_together(laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
+                         nearest(centre, together_from_));
+    const double seconds =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
+        static_cast<double>(sets);
+    std::vector<Index> missed;
+    double worst = 0.0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      const Advanced& answer = answers[i];
+      const double measure = options_.stop_on_indicator ? answer.indicator : answer.error;
+      worst = measure > worst || std::isnan(measure) ? measure : worst;
+      if (!(measure <= options_.rtol)) {
+        missed.push_back(points[i]);
+        continue;
+      }
+      Summary summary;
+      summary.status = Status::converged;
+      summary.iterations = 1;
+      summary.error = answer.error;
+      summary.indicator = answer.indicator;
+      summary.energy = answer.energy;
+      summary.history.push_back({1, answer.error, answer.indicator, answer.residual, seconds});
+      if (callback_) {
+        callback_(summary.history.back());
+      }
+      hand_out(points[i], laws_of(laws_, points.subspan(i, 1)), summary, answer.state);
+    }
+    // local stages of the snapshots are most of the work: no more of them than the tolerance asks for
+    if (worst < spare_accuracy * options_.rtol) {
+      together_from_ = std::max(fewest_snapshots, together_from_ - 1);
+    } else if (!missed.empty()) {
+      together_from_ = std::min(options_.snapshots, together_from_ + 3);
+    }
+    const Index answered = sets - static_cast<Index>(missed.size());
+    for (const Index point : missed) {
+      solve_alone(point, true, 1);
+    }
+    streak_ = 2 * answered > sets ? std::min(2 * sets, 2 * most_together_) : 0;
+  }
+
+  const substructure::Laws& laws_;
+  const substructure::Structure& structure_;
+  const Options& options_;
+  const Matrix& amplitudes_;
+  std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
+  std::vector<State> known_;
+  std::vector<Index> known_points_;
+  const Callback& callback_;
+  const PointCallback& point_callback_;
+  Matrix where_;
+  Index most_together_ = 1;
+  Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
+  Index streak_ = 0;                          ///< points in a row that needed one iteration
+};
+
+}  // namespace
+
+void sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
+           const std::vector<SweptParameter>& parameters, const std::vector<Index>& order,
+           std::vector<State> known, std::vector<Index> known_points, const Callback& callback,
+           const PointCallback& point_callback) {
+  if (known.size() != known_points.size()) {
+    throw InputError("a sweep was given " + std::to_string(known.size()) + " states for " +
+                     std::to_string(known_points.size()) + " points");
+  }
+  Sweep all(laws, options, amplitudes, parameters, std::move(known), std::move(known_points),
+            callback, point_callback);
+  all.check(order);
+  all.run(order);
+}
+
+std::vector<Index> snake_order(const std::vector<Index>& shape) {
+  Index total = 1;
+  for (const Index extent : shape) {
+    if (extent < 1) {
+      throw InputError("a grid axis has " + std::to_string(extent) + " values: give at least one");
+    }
+    total *= extent;
+  }
+  std::vector<Index> order;
+  order.reserve(static_cast<std::size_t>(total));
+  for (Index position = 0; position < total; ++position) {
+    // mixed-radix reflected Gray code: an axis runs backwards on every other pass
+    Index flat = 0;
+    Index block = total;
+    for (const Index extent : shape) {
+      const Index pass = position / block;
+      block /= extent;
+      const Index digit = (position / block) % extent;
+      flat = flat * extent + (pass % 2 == 1 ? extent - 1 - digit : digit);
+    }
+    order.push_back(flat);
+  }
+  return order;
+}
+
+}  // namespace latin::iteration

@@ -1,0 +1,201 @@
+#include "latin/substructure/flexibility.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "latin/common/error.hpp"
+
+namespace latin::substructure {
+namespace {
+
+/// Modes of a body that are looked for: the rigid ones of two parts.
+constexpr Index most_modes = 12;
+/// Modes softer than this share of the springs k are kept apart.
+constexpr double soft = 1e-4;
+/// Least flexibility of a point, as a share of the mean.
+constexpr double least_own = 1e-2;
+/// Least stiffness of a mode, in the same terms: rounding of a rigid one.
+constexpr double floating = 1e-13;
+/// Steps of the subspace iteration: what is soft is 1 / mu times larger after each.
+constexpr int subspace_steps = 3;
+
+}  // namespace
+
+Flexibility::Flexibility(const std::vector<Body>& bodies, const std::vector<Index>& first_rows,
+                         std::vector<Index> unknown, Vector sign,
+                         const std::vector<Index>& components)
+    : unknown_(std::move(unknown)),
+      sign_(std::move(sign)),
+      inverse_direction_(sign_.size()),
+      weights_(sign_.size()),
+      direct_(Vector::Zero(static_cast<Index>(components.size()))),
+      areas_(direct_.size()),
+      matrix_(Matrix::Zero(direct_.size(), direct_.size())),
+      modal_traces_(sign_.size(), 0) {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const Body& body = bodies[b];
+    const Index rows = body.rows();
+    if (rows == 0) {
+      continue;
+    }
+    inverse_direction_.segment(first_rows[b], rows) = body.directions().cwiseInverse();
+    weights_.segment(first_rows[b], rows) = body.weights();
+    const SparseRows& trace = body.active_traces();
+    const Vector robin = body.weights().cwiseProduct(body.directions());
+    // L L^T = S + T^T W k T is given; held by mu k alone: (1 + mu) L L^T - T^T W k T
+    const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
+    Matrix stiffness = lower.triangularView<Eigen::Lower>() * lower.transpose();
+    stiffness *= 1.0 + mu;
+    const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
+    stiffness -= Matrix(springs);
+    const Eigen::LLT<Matrix> cholesky(stiffness);
+    if (cholesky.info() != Eigen::Success) {
+      throw NumericalError("body '" + body.name() + "': its flexibility cannot be factorised");
+    }
+    parts_.push_back({&body, first_rows[b], cholesky.matrixL(), {}, {}});
+    find_modes(parts_.back(), springs);
+    add_matrix(parts_.back());
+  }
+  for (Index row = 0; row < inverse_direction_.size(); ++row) {
+    const Index unknown_row = unknown_[static_cast<std::size_t>(row)];
+    direct_(unknown_row) += inverse_direction_(row);
+    areas_(unknown_row) = weights_(row);
+  }
+  find_own(components);
+  matrix_.diagonal() += direct_;
+  matrix_ /= 1.0 + mu;
+  modal_jumps_ = Matrix::Zero(unknowns(), modal_traces_.cols());
+  for (Index row = 0; row < modal_traces_.rows(); ++row) {
+    modal_jumps_.row(unknown_[static_cast<std::size_t>(row)]) +=
+        sign_(row) * modal_traces_.row(row);
+  }
+}
+
+void Flexibility::find_own(const std::vector<Index>& components) {
+  own_ = matrix_.diagonal();
+  for (Index row = 0; row < own_.size();) {
+    const Index count = components[static_cast<std::size_t>(row)];
+    own_.segment(row, count).setConstant(own_.segment(row, count).mean());
+    row += count;
+  }
+  own_ = own_.size() > 0 && own_.mean() > 0.0 ? Vector(own_.cwiseMax(least_own * own_.mean()))
+                                              : direct_;
+}
+
+void Flexibility::find_modes(Part& part, const SparseRows& springs) {
+  const Index size = part.factor.rows();
+  const Matrix& factor = part.factor;
+  const Index count = std::min(size, most_modes);
+  Matrix block(size, count);
+  for (Index column = 0; column < count; ++column) {
+    for (Index row = 0; row < size; ++row) {
+      // any fixed numbers without a pattern
+      block(row, column) = std::sin(static_cast<double>((row + 1) * (2 * column + 1)) * 1.234567);
+    }
+  }
+  for (int step = 0; step < subspace_steps; ++step) {
+    block = springs * block;
+    factor.triangularView<Eigen::Lower>().solveInPlace(block);
+    factor.triangularView<Eigen::Lower>().transpose().solveInPlace(block);
+    const Eigen::HouseholderQR<Matrix> qr(block);
+    block = qr.householderQ() * Matrix::Identity(size, count);
+  }
+  // stiffnesses of the subspace against its springs: the softest modes are the largest of the inverse
+  const Matrix stretched = part.factor.transpose().triangularView<Eigen::Upper>() * block;
+  const Matrix held = springs * block;
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix> eigen(block.transpose() * held,
+                                                               stretched.transpose() * stretched);
+  const Index modes = (eigen.eigenvalues().array() > 1.0 / soft).count();
+  const Vector inverse = eigen.eigenvalues().tail(modes);
+  // eigenvectors have unit stiffness; unit springs instead
+  const Vector scale = inverse.cwiseSqrt().cwiseInverse();
+  part.modes = block * (eigen.eigenvectors().rightCols(modes) * scale.asDiagonal());
+  part.springs = springs * part.modes;
+
+  const Index before = modal_traces_.cols();
+  modal_traces_.conservativeResize(Eigen::NoChange, before + modes);
+  modal_traces_.rightCols(modes).setZero();
+  modal_traces_.block(part.first_row, before, part.body->rows(), modes) =
+      part.body->active_traces() * part.modes;
+  modal_stiffness_.conservativeResize(before + modes);
+  // without the springs mu k: beside soft supports they would carry a share of the load
+  modal_stiffness_.tail(modes) =
+      ((inverse.cwiseInverse().array() - mu) / ((1.0 + mu) * (1.0 + mu))).max(floating);
+}
+
+void Flexibility::add_matrix(const Part& part) {
+  // Y = L^-1 T^T E without the modes, so that the flexibility is Y^T Y W
+  const SparseRows& trace = part.body->active_traces();
+  std::vector<Index> position(static_cast<std::size_t>(unknowns()), -1);
+  std::vector<Index> touched;
+  for (Index row = 0; row < trace.rows(); ++row) {
+    const Index unknown = unknown_[static_cast<std::size_t>(part.first_row + row)];
+    if (position[static_cast<std::size_t>(unknown)] < 0) {
+      position[static_cast<std::size_t>(unknown)] = static_cast<Index>(touched.size());
+      touched.push_back(unknown);
+    }
+  }
+  Matrix y = Matrix::Zero(part.factor.rows(), static_cast<Index>(touched.size()));
+  Vector area(y.cols());
+  for (Index row = 0; row < trace.rows(); ++row) {
+    const Index unknown = unknown_[static_cast<std::size_t>(part.first_row + row)];
+    const Index column = position[static_cast<std::size_t>(unknown)];
+    area(column) = part.body->weights()(row);
+    for (SparseRows::InnerIterator it(trace, row); it; ++it) {
+      y(it.col(), column) += sign_(part.first_row + row) * it.value();
+    }
+  }
+  y -= part.springs * (part.modes.transpose() * y);
+  part.factor.triangularView<Eigen::Lower>().solveInPlace(y);
+  Matrix product = Matrix::Zero(y.cols(), y.cols());
+  product.selfadjointView<Eigen::Lower>().rankUpdate(y.transpose());
+  product.triangularView<Eigen::StrictlyUpper>() = product.transpose();
+  matrix_(touched, touched) += product * area.asDiagonal();
+}
+
+Matrix Flexibility::solve(ConstMatrixRef v) const {
+  // (1 + mu - k A)^-1 = (1 + k T K^-1 T^T W) / (1 + mu)
+  Matrix result = v;
+  for (const Part& part : parts_) {
+    const SparseRows& trace = part.body->active_traces();
+    auto of_body = result.middleRows(part.first_row, part.body->rows());
+    Matrix unknowns = trace.transpose() * (part.body->weights().asDiagonal() * of_body);
+    unknowns -= part.springs * (part.modes.transpose() * unknowns);
+    part.factor.triangularView<Eigen::Lower>().solveInPlace(unknowns);
+    part.factor.triangularView<Eigen::Lower>().transpose().solveInPlace(unknowns);
+    unknowns -= part.modes * (part.springs.transpose() * unknowns);
+    of_body += part.body->directions().asDiagonal() * (trace * unknowns);
+  }
+  return result / (1.0 + mu);
+}
+
+Matrix Flexibility::modal_loads(ConstMatrixRef v) const {
+  return modal_traces_.transpose() * (weights_.asDiagonal() * v);
+}
+
+Matrix Flexibility::modal_data(ConstMatrixRef amplitudes) const {
+  return inverse_direction_.cwiseInverse().asDiagonal() * (modal_traces_ * amplitudes) / (1.0 + mu);
+}
+
+Matrix Flexibility::spread(ConstMatrixRef y) const {
+  Matrix result(sign_.size(), y.cols());
+  for (Index row = 0; row < result.rows(); ++row) {
+    result.row(row) = sign_(row) * y.row(unknown_[static_cast<std::size_t>(row)]);
+  }
+  return result;
+}
+
+Vector Flexibility::force(ConstVectorRef v) const { return jump(v).cwiseQuotient(direct_); }
+
+Matrix Flexibility::jump(ConstMatrixRef v) const {
+  Matrix result = Matrix::Zero(unknowns(), v.cols());
+  for (Index row = 0; row < v.rows(); ++row) {
+    result.row(unknown_[static_cast<std::size_t>(row)]) +=
+        sign_(row) * inverse_direction_(row) * v.row(row);
+  }
+  return result;
+}
+
+}  // namespace latin::substructure

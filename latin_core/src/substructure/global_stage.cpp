@@ -1,0 +1,82 @@
+#include "latin/substructure/global_stage.hpp"
+
+#include <array>
+
+namespace latin::substructure {
+
+void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) {
+  const Structure& structure = laws_.structure();
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Body& body = structure.bodies()[b];
+    const Index row = structure.body_rows()[b];
+    auto of_body = traces.middleRows(row, body.rows());
+    body.apply(data.middleRows(row, body.rows()), of_body, work_);
+    of_body.noalias() += laws_.response(b).traces * amplitudes;
+  }
+}
+
+void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
+  const Structure& structure = laws_.structure();
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Body& body = structure.bodies()[b];
+    const Index row = structure.body_rows()[b];
+    Eigen::Map<Matrix> added = block_.shaped(body.rows(), change.cols());
+    body.apply_single(change.middleRows(row, body.rows()), added, work_);
+    traces.middleRows(row, body.rows()) += added;
+  }
+}
+
+Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces) const {
+  const Structure& structure = laws_.structure();
+  Matrix forces = data - structure.directions().asDiagonal() * traces;
+  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+    const ActiveInterface& interface = structure.interface(i);
+    if (interface.basis.size() > 0 && interface.rows.size() == 1) {
+      forces.middleRows(interface.rows.front(), interface.size()) -= local.force(i, data, traces);
+    }
+  }
+  return structure.macro().correct(forces, data, traces);
+}
+
+Size GlobalStage::share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
+                                ConstMatrixRef amplitudes) {
+  const Structure& structure = laws_.structure();
+  Size size;
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Body& body = structure.bodies()[b];
+    const auto s = data.middleRows(structure.body_rows()[b], body.rows());
+    const auto w = traces.middleRows(structure.body_rows()[b], body.rows());
+    Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
+    f = s - body.directions().asDiagonal() * w;
+    size.strain += body.energy(s, w, f, amplitudes, laws_.response(b), work_);
+    for (Index column = 0; column < w.cols(); ++column) {
+      size.work += w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
+    }
+  }
+  size.trace = squared_traces(structure, traces);
+  return size;
+}
+
+Size GlobalStage::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
+  const Size share = share_of_size(data, traces, amplitudes);
+  std::array<double, 3> sums{share.strain, share.trace, share.work};
+  laws_.structure().communicator().sum(sums);
+  return Size{sums[0], sums[1], sums[2]}.positive();
+}
+
+std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,
+                                                          ConstMatrixRef amplitudes) {
+  const Structure& structure = laws.structure();
+  std::vector<std::pair<std::string, Matrix>> fields;
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Body& body = structure.bodies()[b];
+    auto of_body = body.displacements(data.middleRows(structure.body_rows()[b], body.rows()),
+                                      amplitudes, laws.response(b));
+    for (std::size_t e = 0; e < of_body.size(); ++e) {
+      fields.emplace_back(structure.members()[b][e], std::move(of_body[e]));
+    }
+  }
+  return fields;
+}
+
+}  // namespace latin::substructure

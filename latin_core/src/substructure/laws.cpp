@@ -1,0 +1,338 @@
+#include "latin/substructure/laws.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "latin/common/error.hpp"
+
+namespace latin::substructure {
+namespace {
+
+/// A law that takes up all but this share of a free jump is a perfect connection.
+constexpr double rounding_of_share = 1e-14;
+
+[[noreturn]] void refuse(const std::string& interface, const std::string& why) {
+  throw InputError("interface '" + interface + "': " + why);
+}
+
+void check_shape(const ActiveInterface& interface, const interface::Law& law,
+                 const LawParameter& change) {
+  for (const auto& info : law.parameters()) {
+    if (info.name != change.parameter) {
+      continue;
+    }
+    const bool per_point = info.shape == interface::Law::Shape::per_point;
+    const Index expected = per_point ? interface.geometry.points : interface.size();
+    const Index given = change.values.rows();
+    if (given != expected && !(given == 1 && per_point)) {
+      refuse(interface.name(),
+             "parameter '" + change.parameter + "' has " + std::to_string(given) +
+                 " rows, expected " + std::to_string(expected) +
+                 (per_point ? " (one a point) or 1" : " (one a point and component)"));
+    }
+  }
+}
+
+void check_groups(const ActiveInterface& interface, const std::vector<LawColumns>& groups) {
+  const auto demand = [&interface](bool holds, const std::string& what) {
+    if (!holds) {
+      refuse(interface.name(), "column transforms: " + what);
+    }
+  };
+  const Index points = interface.geometry.points;
+  Index covered = 0;
+  for (const LawColumns& group : groups) {
+    demand(group.begin == covered && group.end > group.begin,
+           "groups must cover the components in order, without gaps");
+    covered = group.end;
+    const auto transforms = static_cast<Index>(group.transforms.size());
+    demand(transforms <= 1 || transforms == points, std::to_string(transforms) + " matrices for " +
+                                                        std::to_string(points) +
+                                                        " points: give none, one, or one a point");
+    for (const stochastic::ColumnTransform& each : group.transforms) {
+      demand(each.forward.rows() == each.backward.cols() &&
+                 each.forward.cols() == each.backward.rows() && each.forward.size() > 0,
+             "forward is (c, q) and backward (q, c)");
+      demand(each.forward.rows() == group.transforms.front().forward.rows() &&
+                 each.forward.cols() == group.transforms.front().forward.cols(),
+             "the matrices of all points must have one shape");
+      demand(each.forward.allFinite() && each.backward.allFinite(), "a matrix is not finite");
+    }
+  }
+  demand(groups.empty() || covered == interface.geometry.components,
+         "groups must cover the components in order, without gaps");
+}
+
+/// The law with the parameters of each group.
+std::vector<std::shared_ptr<const interface::Law>> laws_of_groups(
+    const std::string& name, const interface::Law& law, const std::vector<LawColumns>& groups) {
+  std::vector<std::shared_ptr<const interface::Law>> laws;
+  for (const LawColumns& group : groups) {
+    std::shared_ptr<interface::Law> own = law.copy();
+    for (const auto& [parameter, field] : group.parameters) {
+      try {
+        own->set(parameter, field, interface::Law::Range::any);
+      } catch (const InputError& error) {
+        refuse(name, error.what());
+      }
+    }
+    laws.push_back(std::move(own));
+  }
+  return laws;
+}
+
+void check_fields(const ActiveInterface& interface, const interface::Law& law, Index columns) {
+  for (const auto& info : law.parameters()) {
+    const Matrix& values = law.get(info.name).values();
+    const bool per_point = info.shape == interface::Law::Shape::per_point;
+    const Index rows = per_point ? interface.geometry.points : interface.size();
+    if (values.rows() != 1 &&
+        values.rows() != rows) {  // of a transform; others are checked when they are set
+      refuse(interface.name(), "parameter '" + info.name + "' has " +
+                                   std::to_string(values.rows()) + " rows, expected " +
+                                   std::to_string(rows) + " or 1");
+    }
+    if (values.cols() != 1 && values.cols() != columns) {
+      refuse(interface.name(), "parameter '" + info.name + "' has " +
+                                   std::to_string(values.cols()) + " columns where the law sees " +
+                                   std::to_string(columns) + ": give that many or one");
+    }
+  }
+}
+
+std::size_t body_of(const Structure& structure, Index row) {
+  const auto& first = structure.body_rows();
+  return static_cast<std::size_t>(std::ranges::upper_bound(first, row) - first.begin()) - 1;
+}
+
+/// Stiffness of a linear law: f = kappa (j - jump) answers a free jump with kappa / (1 + c kappa).
+Vector stiffness_of(const ActiveInterface& interface, const interface::Law& law) {
+  const Index rows = interface.size();
+  const Matrix zero = Matrix::Zero(rows, 1);
+  const Matrix jump = interface.flexibility;
+  Matrix at_rest(rows, 1);
+  Matrix moved(rows, 1);
+  const Index components = interface.geometry.components;
+  law.resolve({components, zero, interface.flexibility, 1, interface.name()}, at_rest);
+  law.resolve({components, jump, interface.flexibility, 1, interface.name()}, moved);
+  const Vector share = (moved - at_rest).cwiseMax(0.0).cwiseMin(1.0);
+  return share.array() /
+         (interface.flexibility.array() * (1.0 - share.array()).max(rounding_of_share));
+}
+
+}  // namespace
+
+bool ActiveLaw::gives(const std::string& parameter) const {
+  return transformed() && std::ranges::any_of(*groups, [&](const LawColumns& group) {
+           return std::ranges::any_of(group.parameters,
+                                      [&](const auto& each) { return each.first == parameter; });
+         });
+}
+
+Laws::Laws(std::shared_ptr<const Structure> structure) : structure_(std::move(structure)) {
+  for (const ActiveInterface& interface : structure_->interfaces()) {
+    active_.push_back({interface.geometry.law, nullptr, {}, std::make_shared<const Lazy<Pair>>()});
+  }
+}
+
+const Matrix& Laws::parameter(const std::string& interface, const std::string& parameter) const {
+  const interface::Law& law = *active_[structure_->find_interface(interface)].law;
+  if (std::ranges::count(law.parameters(), parameter, &interface::Law::ParameterInfo::name) == 0) {
+    refuse(interface, "its law '" + law.name() + "' has no parameter '" + parameter + "'");
+  }
+  return law.get(parameter).values();
+}
+
+const LoadResponse& Laws::response(std::size_t body) const {
+  return extra_ != nullptr ? extra_->at(body) : structure_->bodies()[body].response();
+}
+
+bool Laws::preconditions() const {
+  return std::ranges::any_of(structure_->interfaces(), &ActiveInterface::paired);
+}
+
+void Laws::precondition(MatrixRef residual) const {
+  const auto& interfaces = structure_->interfaces();
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    if (!interfaces[i].paired) {
+      continue;
+    }
+    if (interfaces[i].rows.size() == 1) {
+      residual.middleRows(interfaces[i].rows.front(), interfaces[i].size()) *= 0.5;
+    } else {
+      pair(i).apply(residual);
+    }
+  }
+}
+
+const Pair& Laws::pair(std::size_t i) const {
+  const ActiveInterface& interface = structure_->interface(i);
+  const ActiveLaw& active = active_[i];
+  if (const Pair* made = active.pair->made()) {
+    return *made;
+  }
+  const Vector stiffness = stiffness_of(interface, *active.law);  // before others are made to wait
+  return active.pair->get([&] {
+    std::array<PairSide, 2> sides{};
+    for (std::size_t s = 0; s < 2; ++s) {
+      const std::size_t b = body_of(*structure_, interface.rows[s]);
+      sides[s] = {&structure_->bodies()[b], interface.rows[s] - structure_->body_rows()[b],
+                  interface.rows[s]};
+    }
+    return Pair(sides, interface.geometry.weights, stiffness);
+  });
+}
+
+bool Laws::linear() const {
+  return std::ranges::all_of(active_, [](const ActiveLaw& each) { return each.law->linear(); });
+}
+
+bool Laws::transformed() const { return std::ranges::any_of(active_, &ActiveLaw::transformed); }
+
+void Laws::check_columns(Index columns) const {
+  if (columns < 1 || columns % steps_ != 0) {
+    throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
+                     std::to_string(steps_) + " time steps");
+  }
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    const ActiveInterface& interface = structure_->interface(i);
+    const ActiveLaw& active = active_[i];
+    if (!active.transformed()) {
+      check_fields(interface, *active.law, columns);
+      continue;
+    }
+    for (std::size_t g = 0; g < active.group_laws.size(); ++g) {
+      const LawColumns& group = (*active.groups)[g];
+      if (!group.transforms.empty() &&
+          group.transforms.front().forward.rows() * steps_ != columns) {
+        refuse(interface.name(), "column transforms of " +
+                                     std::to_string(group.transforms.front().forward.rows()) +
+                                     " modes do not fit " + std::to_string(columns / steps_));
+      }
+      check_fields(interface, *active.group_laws[g], group.samples(columns, steps_));
+    }
+  }
+}
+
+void Laws::set_law(std::size_t i, std::shared_ptr<const interface::Law> law) {
+  ActiveLaw& active = active_[i];
+  active.law = std::move(law);
+  const Pair* pair = active.pair->made();
+  if (pair == nullptr || pair->stiffness() != stiffness_of(structure_->interface(i), *active.law)) {
+    active.pair = std::make_shared<const Lazy<Pair>>();
+  }
+  if (active.transformed()) {
+    active.group_laws =
+        laws_of_groups(structure_->interface(i).name(), *active.law, *active.groups);
+  }
+}
+
+void Laws::set_parameters(std::size_t i, const std::vector<const LawParameter*>& changes) {
+  const ActiveInterface& interface = structure_->interface(i);
+  std::shared_ptr<interface::Law> law = active_[i].law->copy();
+  for (const LawParameter* change : changes) {
+    check_shape(interface, *law, *change);
+    try {
+      law->set(change->parameter, interface::ParameterField(change->values));
+    } catch (const InputError& error) {
+      refuse(interface.name(), error.what());
+    }
+    if (active_[i].gives(change->parameter)) {
+      refuse(interface.name(), "parameter '" + change->parameter +
+                                   "' is given by the transforms of its columns: set those anew, "
+                                   "or take them away first");
+    }
+  }
+  set_law(i, std::move(law));
+}
+
+Laws Laws::with_parameters(const std::vector<LawParameter>& changes) const {
+  Laws changed = *this;
+  std::map<std::size_t, std::vector<const LawParameter*>> of_interface;
+  for (const LawParameter& change : changes) {
+    of_interface[structure_->find_interface(change.interface)].push_back(&change);
+  }
+  for (const auto& [i, own] : of_interface) {
+    changed.set_parameters(i, own);
+  }
+  return changed;
+}
+
+Laws Laws::with_columns(const std::string& interface, std::vector<LawColumns> groups) const {
+  const std::size_t i = structure_->find_interface(interface);
+  check_groups(structure_->interface(i), groups);
+  Laws changed = *this;
+  ActiveLaw& active = changed.active_[i];
+  active.group_laws = laws_of_groups(interface, *active.law, groups);
+  active.groups =
+      groups.empty() ? nullptr : std::make_shared<const std::vector<LawColumns>>(std::move(groups));
+  return changed;
+}
+
+Laws Laws::with_steps(Index steps) const {
+  if (steps < 1) {
+    throw InputError("a history has " + std::to_string(steps) + " time steps: give at least one");
+  }
+  Laws changed = *this;
+  changed.steps_ = steps;
+  return changed;
+}
+
+Laws Laws::with_extra_loads(const std::map<std::string, Matrix>& loads) const {
+  const auto& members = structure_->members();
+  for (const auto& [name, load] : loads) {
+    const auto here = [&name](const auto& of_body) {
+      return std::ranges::count(of_body, name) > 0;
+    };
+    if (!std::ranges::any_of(members, here)) {
+      throw InputError("extra loads: substructure '" + name + "' is not on this rank");
+    }
+    if (!load.allFinite()) {
+      throw InputError("extra loads: that of substructure '" + name + "' is not finite");
+    }
+  }
+  Laws changed = *this;
+  if (loads.empty()) {
+    changed.extra_ = nullptr;
+    return changed;
+  }
+  std::vector<LoadResponse> responses;
+  for (std::size_t b = 0; b < members.size(); ++b) {
+    std::vector<Matrix> of_body;
+    for (const std::string& member : members[b]) {
+      const auto found = loads.find(member);
+      of_body.push_back(found != loads.end() ? found->second : Matrix());
+    }
+    responses.push_back(structure_->bodies()[b].response_with(of_body));
+  }
+  changed.extra_ = std::make_shared<const std::vector<LoadResponse>>(std::move(responses));
+  return changed;
+}
+
+Laws Laws::repeated(Index sets) const {
+  Laws changed = *this;
+  for (std::size_t i = 0; i < active_.size(); ++i) {
+    const std::string& name = structure_->interface(i).name();
+    if (active_[i].transformed()) {
+      refuse(name, "parameter sets are not solved side by side where columns are transformed");
+    }
+    std::shared_ptr<interface::Law> law;
+    for (const auto& info : active_[i].law->parameters()) {
+      const Matrix& values = active_[i].law->get(info.name).values();
+      if (values.cols() > 1) {
+        if (law == nullptr) {
+          law = active_[i].law->copy();
+        }
+        law->set(info.name, interface::ParameterField(Matrix(values.replicate(1, sets))),
+                 interface::Law::Range::any);
+      }
+    }
+    if (law != nullptr) {
+      changed.set_law(i, std::move(law));
+    }
+  }
+  return changed;
+}
+
+}  // namespace latin::substructure

@@ -1,0 +1,333 @@
+#include "latin/substructure/structure.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <ranges>
+#include <utility>
+
+#include "latin/common/error.hpp"
+
+namespace latin::substructure {
+namespace {
+
+[[noreturn]] void refuse(const std::string& interface, const std::string& why) {
+  throw InputError("interface '" + interface + "': " + why);
+}
+
+void check_side(const InterfaceDescription& interface, const SideDescription& side) {
+  if (side.direction.size() != interface.frames.rows()) {
+    refuse(interface.name, "search direction has " + std::to_string(side.direction.size()) +
+                               " values for " + std::to_string(interface.frames.rows()) + " rows");
+  }
+  if (!(side.scale > 0.0) || !std::isfinite(side.scale)) {
+    refuse(interface.name,
+           "scale is " + std::to_string(side.scale) + ": give modulus / length of the part, > 0");
+  }
+  if (!(side.direction.array() > 0.0).all() || !side.direction.allFinite()) {
+    refuse(interface.name, "search direction must be positive and finite (got " +
+                               std::to_string(side.direction.minCoeff()) + ")");
+  }
+}
+
+void check_interface(const InterfaceDescription& interface, const auto& is_here) {
+  if (interface.sides.empty() || interface.sides.size() > 2) {
+    refuse(interface.name,
+           std::to_string(interface.sides.size()) + " sides: give one (boundary) or two");
+  }
+  if (interface.weights.size() == 0 || !(interface.weights.array() > 0.0).all() ||
+      !interface.weights.allFinite()) {
+    refuse(interface.name, "weights must be positive areas, one a point");
+  }
+  if (interface.frames.rows() % interface.weights.size() != 0 || interface.frames.size() == 0 ||
+      !interface.frames.allFinite()) {
+    refuse(interface.name, std::to_string(interface.frames.rows()) + " frame rows for " +
+                               std::to_string(interface.weights.size()) +
+                               " points: give the components of every point, finite");
+  }
+  if (interface.basis.size() > 0 &&
+      (interface.basis.rows() != interface.frames.rows() || !interface.basis.allFinite())) {
+    refuse(interface.name, "a coarse basis of " + std::to_string(interface.basis.rows()) +
+                               " rows, expected " + std::to_string(interface.frames.rows()) +
+                               ", finite");
+  }
+  for (const SideDescription& side : interface.sides) {
+    if (is_here(side)) {
+      check_side(interface, side);
+    }
+  }
+}
+
+/// An interface between two ranks, as both of them must describe it.
+std::string label(const ActiveInterface& interface, int other) {
+  return interface.name() + "' between ranks " + std::to_string(other) + " with " +
+         std::to_string(interface.geometry.points) + " points of " +
+         std::to_string(interface.geometry.components) + " components, '" +
+         interface.geometry.law->name();
+}
+
+}  // namespace
+
+Structure::Structure(std::vector<BodyDescription> bodies,
+                     std::vector<InterfaceDescription> interfaces, const OperatorOptions& options,
+                     const Communicator& communicator)
+    : communicator_(communicator) {
+  for (const BodyDescription& body : bodies) {
+    auto& names = members_.emplace_back();
+    std::ranges::transform(body.members, std::back_inserter(names), &Member::name);
+  }
+  const Owners owners = find_owners();
+  communicator_.together([&] {
+    Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
+    sides.owner.resize(bodies.size());
+    std::vector<std::vector<double>> scales;
+    for (InterfaceDescription& interface : interfaces) {
+      auto& own = scales.emplace_back();
+      std::ranges::transform(interface.sides, std::back_inserter(own), &SideDescription::scale);
+      add_interface(std::move(interface), owners, sides);
+    }
+    build_bodies(std::move(bodies), std::move(sides), options);
+    stack_metrics(scales);
+  });
+  connect();
+}
+
+Structure::Owners Structure::find_owners() const {
+  std::vector<std::string> names;
+  for (const auto& of_body : members_) {
+    names.insert(names.end(), of_body.begin(), of_body.end());
+  }
+  Owners owners;
+  const auto all = communicator_.gather(names);
+  for (std::size_t rank = 0; rank < all.size(); ++rank) {
+    for (const std::string& name : all[rank]) {
+      if (!owners.emplace(name, Place{static_cast<int>(rank), 0, 0}).second) {
+        throw InputError("substructure '" + name + "' is in two bodies");
+      }
+    }
+  }
+  for (std::size_t b = 0; b < members_.size(); ++b) {
+    for (std::size_t m = 0; m < members_[b].size(); ++m) {
+      owners.at(members_[b][m]) = {communicator_.rank(), b, static_cast<Index>(m)};
+    }
+  }
+  return owners;
+}
+
+void Structure::add_interface(InterfaceDescription description, const Owners& owners,
+                              Sides& sides) {
+  const std::string& name = description.name;
+  check_interface(description, [&](const SideDescription& side) {
+    const auto owner = owners.find(side.member);
+    return owner == owners.end() || owner->second.rank == communicator_.rank();
+  });
+  if (has_interface(name)) {
+    refuse(name, "there are two of this name");
+  }
+  const Index points = description.weights.size();
+  const Index components = description.frames.rows() / points;
+  ActiveInterface entry;
+  entry.geometry = {name, points, components,
+                    description.weights.replicate(1, components).transpose().reshaped(),
+                    description.law.make()};
+  entry.rows.assign(description.sides.size(), -1);
+  entry.flexibility = Vector::Zero(points * components);
+  for (std::size_t s = 0; s < description.sides.size(); ++s) {
+    SideDescription& side = description.sides[s];
+    const auto owner = owners.find(side.member);
+    if (owner == owners.end()) {
+      refuse(name, "unknown substructure '" + side.member + "'");
+    }
+    if (owner->second.rank != communicator_.rank()) {
+      if (entry.shared() || description.sides.size() == 1) {
+        refuse(name, "no side of it is on rank " + std::to_string(communicator_.rank()));
+      }
+      entry.away = {s, owner->second.rank};
+      continue;
+    }
+    entry.flexibility += side.direction.cwiseInverse();
+    const Place& place = owner->second;
+    sides.of_body[place.body].push_back(
+        {place.member, interface::to_local_frame(side.trace, description.frames, name),
+         entry.geometry.weights, std::move(side.direction)});
+    sides.owner[place.body].emplace_back(interfaces_.size(), s);
+  }
+  if ((description.paired || description.basis.size() > 0) && !communicator_.alone()) {
+    refuse(name, "a coarse problem and paired interfaces are not spread over ranks");
+  }
+  if (description.paired && !entry.geometry.law->linear()) {
+    refuse(name, "law '" + entry.geometry.law->name() + "' is not linear and cannot be paired");
+  }
+  entry.basis = std::move(description.basis);
+  entry.paired = description.paired;
+  entry.first_unknown = interface_unknowns_;
+  interface_unknowns_ += points * components;
+  interfaces_.push_back(std::move(entry));
+}
+
+void Structure::build_bodies(std::vector<BodyDescription> bodies, Sides sides,
+                             const OperatorOptions& options) {
+  bodies_.reserve(bodies.size());
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    body_rows_.push_back(rows_);
+    for (std::size_t s = 0; s < sides.of_body[b].size(); ++s) {
+      const auto [interface, side] = sides.owner[b][s];
+      interfaces_[interface].rows[side] = rows_;
+      rows_ += sides.of_body[b][s].trace.rows();
+    }
+    bodies_.emplace_back(std::move(bodies[b]), sides.of_body[b], options);
+  }
+}
+
+void Structure::stack_metrics(const std::vector<std::vector<double>>& scales) {
+  weights_.resize(rows_);
+  directions_.resize(rows_);
+  trace_metric_ = Vector::Zero(rows_);
+  for (std::size_t i = 0; i < interfaces_.size(); ++i) {
+    const ActiveInterface& interface = interfaces_[i];
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      if (interface.rows[s] >= 0) {
+        trace_metric_.segment(interface.rows[s], interface.size()) =
+            scales[i][s] * interface.geometry.weights;
+      }
+    }
+  }
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    weights_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].weights();
+    directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
+  }
+  inverse_directions_ = directions_.cwiseInverse();
+}
+
+/// What the ranks must know of each other.
+void Structure::connect() {
+  for (const Body& body : bodies_) {
+    loads_ = std::max(loads_, body.loads());
+  }
+  loads_ = communicator_.maximum(loads_);
+  total_rows_ = static_cast<Index>(std::llround(communicator_.sum(static_cast<double>(rows_))));
+
+  // both ranks go through their common interfaces in the order of names
+  for (std::size_t i = 0; i < interfaces_.size(); ++i) {
+    if (interfaces_[i].shared()) {
+      shared_.push_back(i);
+    }
+  }
+  std::ranges::sort(shared_, {}, [this](std::size_t i) { return interfaces_[i].name(); });
+  check_neighbours();
+
+  Exchange exchange(communicator_);
+  std::vector<std::size_t> slots;
+  for (const std::size_t i : shared_) {
+    slots.push_back(exchange.add(interfaces_[i].away.rank, interfaces_[i].size()));
+  }
+  exchange.prepare(1);
+  for (std::size_t n = 0; n < shared_.size(); ++n) {
+    const ActiveInterface& interface = interfaces_[shared_[n]];
+    exchange.outgoing(slots[n]) =
+        directions_.segment(interface.rows[interface.here()], interface.size());
+  }
+  exchange.start().finish();
+  for (std::size_t n = 0; n < shared_.size(); ++n) {
+    // a sum of two: the same bits on both ranks
+    const Matrix there = exchange.incoming(slots[n]);
+    interfaces_[shared_[n]].flexibility += there.col(0).cwiseInverse();
+  }
+}
+
+void Structure::check_neighbours() const {
+  std::vector<std::string> labels;
+  labels.reserve(shared_.size());
+  for (const std::size_t i : shared_) {
+    labels.push_back(label(interfaces_[i], interfaces_[i].away.rank));
+  }
+  const auto all = communicator_.gather(labels);
+  communicator_.together([&] {
+    for (const Body& body : bodies_) {
+      if (body.loads() != loads_) {
+        throw InputError("body '" + body.name() + "' has " + std::to_string(body.loads()) +
+                         " load patterns, another has " + std::to_string(loads_));
+      }
+    }
+    for (const std::size_t i : shared_) {
+      const int rank = interfaces_[i].away.rank;
+      const auto& there = all[static_cast<std::size_t>(rank)];
+      if (std::ranges::find(there, label(interfaces_[i], communicator_.rank())) == there.end()) {
+        throw InputError("interface '" + interfaces_[i].name() + "' is not the same on rank " +
+                         std::to_string(rank) +
+                         ": describe it on both with the same points, components and law");
+      }
+    }
+  });
+}
+
+Index Structure::unknowns() const {
+  return std::transform_reduce(bodies_.begin(), bodies_.end(), Index{0}, std::plus<>(),
+                               [](const Body& body) { return body.size(); });
+}
+
+Index Structure::active_unknowns() const {
+  return std::transform_reduce(bodies_.begin(), bodies_.end(), Index{0}, std::plus<>(),
+                               [](const Body& body) { return body.active(); });
+}
+
+std::size_t Structure::find_interface(const std::string& name) const {
+  const auto found = std::ranges::find(interfaces_, name, &ActiveInterface::name);
+  if (found == interfaces_.end()) {
+    std::string names;
+    for (const ActiveInterface& interface : interfaces_) {
+      names += (names.empty() ? "" : ", ") + interface.name();
+    }
+    throw InputError("no active interface '" + name + "'; active: " + names);
+  }
+  return static_cast<std::size_t>(found - interfaces_.begin());
+}
+
+bool Structure::has_interface(const std::string& name) const {
+  return std::ranges::find(interfaces_, name, &ActiveInterface::name) != interfaces_.end();
+}
+
+Index Structure::macro_size() const {
+  return std::transform_reduce(interfaces_.begin(), interfaces_.end(), Index{0}, std::plus<>(),
+                               [](const ActiveInterface& each) { return each.basis.cols(); });
+}
+
+const Macro& Structure::macro() const {
+  return macro_.get([this] {
+    std::vector<MacroInterface> interfaces;
+    for (const ActiveInterface& interface : interfaces_) {
+      if (interface.basis.size() > 0) {
+        interfaces.push_back({interface.rows, interface.basis});
+      }
+    }
+    return Macro(bodies_, body_rows_, interfaces);
+  });
+}
+
+bool Structure::has_flexibility() const {
+  return communicator_.alone() && std::ranges::all_of(bodies_, [](const Body& body) {
+           return body.rows() == 0 || body.condensed();
+         });
+}
+
+const Flexibility& Structure::flexibility() const {
+  return flexibility_.get([this] {
+    std::vector<Index> unknown(static_cast<std::size_t>(rows_));
+    Vector sign(rows_);
+    std::vector<Index> components;
+    for (const ActiveInterface& interface : interfaces_) {
+      components.insert(components.end(), static_cast<std::size_t>(interface.size()),
+                        interface.geometry.components);
+      for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+        for (Index row = 0; row < interface.size(); ++row) {
+          unknown[static_cast<std::size_t>(interface.rows[s] + row)] =
+              interface.first_unknown + row;
+          sign(interface.rows[s] + row) = s == 0 ? 1.0 : -1.0;
+        }
+      }
+    }
+    return Flexibility(bodies_, body_rows_, std::move(unknown), std::move(sign), components);
+  });
+}
+
+}  // namespace latin::substructure
