@@ -342,7 +342,7 @@ def sized(result: Any) -> str:
     """How many modes, or points of which kind."""
     if not isinstance(result, SampleResult):
         return str(result.modes)
-    return f"{'rule' if result.kind == 'quadrature' else 'samples'} of {len(result.germs)}"
+    return f"{'rule' if result.sampling == 'quadrature' else 'samples'} of {len(result.germs)}"
 
 
 # --- discretisation -------------------------------------------------------------------------------
