@@ -49,10 +49,7 @@ from dolfinx_frontend import (
     sweep,
     tensor_quadrature,
 )
-from dolfinx_frontend.kernel import bridge
-from latin_core import State, SweptParameter, snake_order
 from parts.unit import Unit
-from latin_core import sweep as kernel_sweep
 
 RTOL = 1e-4
 SWEEP_RTOL = 1e-6
@@ -91,34 +88,19 @@ def one_solve(
     }
 
 
-def sweep_energy_errors(vessel: Any, problem: Problem, surface: SweepResult) -> list[float]:
+def sweep_energy_errors(
+    vessel: Any, problem: Problem, grid: Mapping[Any, Any], surface: SweepResult
+) -> list[float]:
     """Energy errors at a sample of points, from the states that the same sweep leaves again."""
-    plan = surface.plan
     xi = (vessel.XI_SCREW, vessel.XI_JOINT)
-    core = bridge.build(problem, plan)
-    mesh = np.meshgrid(*surface.axes.values(), indexing="ij")
-    swept = []
-    for names, values in zip(vessel.stiffnesses(*xi), mesh, strict=True):
-        for name in names:
-            interface, parameter = name.split(".")
-            where = problem.interfaces[interface]
-            kernel_name, pattern = where.law.kernel_unit(where, parameter)
-            swept.append(SweptParameter(interface, kernel_name, pattern, values.reshape(1, -1)))
-    order = snake_order([len(values) for values in xi])
-    points = kernel_sweep(
-        core, np.ones((1, 1)), swept, order, plan.active, plan.options, keep_states=True
-    )
-    assert points.states is not None
-    assert np.array_equal(points.iterations, surface.points.iterations), "not repeatable"
+    again = sweep(problem, grid, plan=surface.plan, progress=False, keep_states=True)
+    assert np.array_equal(again.iterations, surface.iterations), "not repeatable"
     solver = reference.Monolithic(problem)
     errors = []
     for i, j in vessel.sample(xi):
         values = vessel.parameters(xi[0][i], xi[1][j])
-        data, traces = points.states[np.ravel_multi_index((i, j), surface.shape)]
-        state = State(np.asfortranarray(data), np.asfortranarray(traces))
-        fields = core.displacements(state, np.ones((1, 1)))
-        u = {name: fields[name][:, 0] for name in problem.substructures}
         exact = solver.solve(values=values)
+        u = again.point(i, j).displacements
         errors.append(reference.energy_error(problem, u, exact, values=values))
     return errors
 
@@ -131,7 +113,7 @@ def one_sweep(
     run = common.timed(lambda: sweep(problem, grid, plan=plan, progress=False), repeats)
     points = run.value.points
     counts = points.iterations[points.order]
-    errors = sweep_energy_errors(vessel, problem, run.value)
+    errors = sweep_energy_errors(vessel, problem, grid, run.value)
     record = {
         "points": len(counts),
         "iterations_first": int(counts[0]),
