@@ -33,6 +33,8 @@ from dolfinx_frontend.rigid import check_rigid_bodies
 from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
 
+pytestmark = pytest.mark.sanitize
+
 STEEL = LinearElastic(2e5, 0.3)
 UNIT = geometry.box((1.0, 1.0), (2, 2))
 ABOVE = geometry.box((1.0, 1.0), (2, 2), (0.0, 1.0))

@@ -32,6 +32,8 @@ from dolfinx_frontend.random import (
     Uniform,
 )
 
+pytestmark = pytest.mark.sanitize
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -23,6 +23,8 @@ from dolfinx_frontend import (
 )
 from dolfinx_frontend.materials import strain
 
+pytestmark = pytest.mark.sanitize
+
 pyvista = pytest.importorskip("pyvista")
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

@@ -26,6 +26,8 @@ from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
 from latin_core import InputError, Options, State, _core
 
+pytestmark = pytest.mark.sanitize
+
 PETSc: Any = _PETSc
 EPS = np.finfo(float).eps
 

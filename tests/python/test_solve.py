@@ -22,6 +22,8 @@ from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import phase_seconds, solve
 from latin_core import InputError, NumericalError, Options, available_backends
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-10)
 # matrix directions solve this scene in four iterations
 DIAGONAL = Options(macro="none", directions="diagonal")

@@ -50,6 +50,8 @@ from dolfinx_frontend.ssfem import (
 )
 from tests.python.helpers import block, lame
 
+pytestmark = pytest.mark.sanitize
+
 Array = npt.NDArray[np.float64]
 
 E, LENGTH, PULL, KBAR = 200e3, 20.0, 10.0, 50.0  # MPa, mm, MPa, N/mm^3

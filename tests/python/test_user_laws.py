@@ -32,6 +32,8 @@ from dolfinx_frontend.sweep import sweep
 from dolfinx_frontend.translate import law_fields
 from dolfinx_frontend.user_laws import batched
 
+pytestmark = pytest.mark.sanitize
+
 Array = npt.NDArray[np.float64]
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "laws.md"
 TIGHT = Options(rtol=1e-11, max_iterations=1000)

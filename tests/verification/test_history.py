@@ -20,6 +20,8 @@ from dolfinx_frontend.scene import Scene
 from dolfinx_frontend.solve import solve
 from dolfinx_frontend.sweep import sweep
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-11, max_iterations=2000)
 TIMES = np.linspace(0.25, 3.0, 12)
 
