@@ -110,6 +110,8 @@ class Run {
     const State& away = history_.predicted_error();
     state_.data -= away.data;
     state_.traces -= away.traces;
+    rounded_ =
+        true;  // the caller says that the traces are those of the data: what is accepted shows it
     summary_.other_s += since(start);
   }
 
@@ -173,7 +175,8 @@ class Run {
         if (rounded_ && summary_.iterations < options_.max_iterations) {
           global();
           local();
-          // what was small before was so in single precision only
+          // what was small before was so in single precision, or in a start, only
+          first_norm = first_norm > 0.0 ? first_norm : -1.0;
           best_norm_ = norm_then = error_then = std::numeric_limits<double>::infinity();
           continue;
         }
@@ -346,6 +349,7 @@ class Run {
     solved_columns_ = proposed_columns_;
     state_.data += step_;
     state_.traces += step_traces_;
+    rounded_ = rounded_ && !all;
     residual_.swap(step_residual_);
     history_.clear();
     own_ = 0;
@@ -481,7 +485,7 @@ class Run {
   std::unique_ptr<Newton> newton_;
   bool newton_helps_;           ///< Newton steps are possible
   bool may_fly_;                ///< some law is not linear, so that a body may lose touch
-  bool rounded_ = false;        ///< the traces hold single-precision changes
+  bool rounded_ = false;        ///< the traces hold single-precision changes, or those of a start
   bool proposed_ = false;       ///< `step_` is Newton's
   Index proposed_columns_ = 0;  ///< that Newton's step has solved
   Index solved_columns_ = 0;    ///< that Newton's method has solved before
