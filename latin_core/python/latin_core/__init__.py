@@ -18,7 +18,7 @@ import numpy as np
 # before the extension: it initialises MPI and PETSc, which the extension never does
 from petsc4py import PETSc
 
-from latin_core import _core
+from latin_core import _compat_problem, _core
 from latin_core._core import (
     Body,
     InputError,
@@ -45,9 +45,9 @@ from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter
 
 # temporary, until the frontend hands Laws to every call
-from latin_core._compat_problem import Problem, sweep  # isort: skip
-
-_core.Problem = Problem  # type: ignore[misc, assignment]
+_core.Problem = _compat_problem.Problem  # type: ignore[misc, assignment]
+Problem = _core.Problem
+sweep = _compat_problem.sweep
 
 _petsc: Any = PETSc  # its stubs know no members
 if not np.issubdtype(_petsc.ScalarType, np.floating):
