@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <limits>
 #include <memory>
+#include <string_view>
 
 #include "latin/interface/law.hpp"
 
@@ -83,10 +84,14 @@ class PythonLaw final : public latin::interface::Law {
     }
     const py::object given = py::reinterpret_borrow<py::object>(function_.get())(
         jump, flexibility, values, problem.steps);
-    const auto answer = py::array_t<double, py::array::forcecast>::ensure(given);
+    const auto raw = py::array::ensure(given);
+    const bool real =
+        raw && std::string_view("fiub").find(raw.dtype().kind()) != std::string_view::npos;
+    const auto answer = real ? py::array_t<double, py::array::forcecast>::ensure(raw)
+                             : py::array_t<double, py::array::forcecast>();
     const std::string who =
         "interface '" + std::string(problem.interface) + "', law '" + name_ + "': ";
-    if (!answer) {
+    if (!real || !answer) {
       PyErr_Clear();
       throw latin::InputError(who + "its function did not return an array of numbers");
     }

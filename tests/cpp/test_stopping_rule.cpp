@@ -72,6 +72,13 @@ TEST(StoppingRule, ForgetsWhatIsNotToBeComparedWith) {
   EXPECT_EQ(rule.judge({36, 1.0, 1.0, 1e-6, 0.0}, false), Status::stagnated);
 }
 
+TEST(StoppingRule, DoesNotMeasureByAResidualOfNothing) {
+  StoppingRule rule(options());
+  EXPECT_EQ(rule.judge({0, 0.0, 0.0, 0.0, 0.0}, false), Status::converged);
+  rule.forget();  // the traces were not those of the data
+  EXPECT_FALSE(rule.judge({1, 1.0, 1.0, 1.0, 0.0}, false));
+}
+
 TEST(StoppingRule, EndsBeyondAnyUse) {
   for (const double residual : {1.1e10, std::numeric_limits<double>::quiet_NaN(), unknown}) {
     StoppingRule rule(options());

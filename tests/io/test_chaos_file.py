@@ -34,6 +34,8 @@ from dolfinx_frontend.uncertainty.parameters import (
 )
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
+pytestmark = pytest.mark.sanitize
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

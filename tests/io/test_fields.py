@@ -24,6 +24,8 @@ from dolfinx_frontend import (
 from dolfinx_frontend.results.stress import stress_function
 from dolfinx_frontend.scene.materials import strain
 
+pytestmark = pytest.mark.sanitize
+
 pyvista = pytest.importorskip("pyvista")
 
 CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}

@@ -28,6 +28,8 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
 from latin_core import InputError, State, _core
 
+pytestmark = pytest.mark.sanitize
+
 PETSc: Any = _PETSc
 EPS = np.finfo(float).eps
 

@@ -33,6 +33,8 @@ from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 
+pytestmark = pytest.mark.sanitize
+
 Array = npt.NDArray[np.float64]
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "laws.md"
 TIGHT = Options(rtol=1e-11, max_iterations=1000)

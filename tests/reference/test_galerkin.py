@@ -41,6 +41,8 @@ from parts.rings import two_rings
 from parts.vessel import bolted_vessel
 from tests.helpers import block, lame
 
+pytestmark = pytest.mark.sanitize
+
 Array = npt.NDArray[np.float64]
 
 E, LENGTH, PULL, KBAR = 200e3, 20.0, 10.0, 50.0  # MPa, mm, MPa, N/mm^3

@@ -36,6 +36,8 @@ from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import LogNormal
 from parts.rings import annulus
 
+pytestmark = pytest.mark.sanitize
+
 STEEL = LinearElastic(2e5, 0.3)
 UNIT = geometry.box((1.0, 1.0), (2, 2))
 ABOVE = geometry.box((1.0, 1.0), (2, 2), (0.0, 1.0))

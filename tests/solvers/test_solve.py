@@ -26,6 +26,8 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
 from latin_core import InputError, NumericalError, Options, available_backends
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-10)
 # matrix directions solve this scene in four iterations
 DIAGONAL = Options(macro="none", directions="diagonal")

@@ -25,6 +25,8 @@ from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from latin_core import CheckpointError, Options, snake_order
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-10)
 SOFT, STIFF = 5.0, 200.0
 GRID = {"layer.normal": np.geomspace(SOFT, STIFF, 4), "bolt.jump": [-0.02, -0.01, 0.0]}

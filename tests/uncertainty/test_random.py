@@ -30,6 +30,8 @@ from hypothesis import strategies as st
 from latin_core import stochastic as core
 from scipy import special, stats
 
+pytestmark = pytest.mark.sanitize
+
 Array = npt.NDArray[np.float64]
 
 HERMITE = core.Germ.hermite()

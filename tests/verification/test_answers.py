@@ -23,6 +23,8 @@ from parts.rings import annulus
 from tests.helpers import DIMENSION, block, wavy
 from tests.verification import scenes
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-10, max_iterations=3000, stagnation_window=1000)
 PATIENT = TIGHT.with_(acceleration=100)
 """Deep enough a history for a direction that is a hundred times off."""

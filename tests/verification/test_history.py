@@ -21,6 +21,8 @@ from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
 from dolfinx_frontend.uncertainty.parameters import Normal
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-11, max_iterations=2000)
 TIMES = np.linspace(0.25, 3.0, 12)
 

@@ -86,6 +86,7 @@ def force_error(problem: Problem, result: SweepResult, at: tuple[int, ...]) -> f
     return float(np.sqrt(squares[0] / squares[1]))
 
 
+@pytest.mark.sanitize
 @pytest.mark.parametrize("active", [None, "all"])
 def test_accelerated_sweep(vessel, active):
     """Every point started from its neighbours is as accurate as the tolerance."""

@@ -81,6 +81,7 @@ def cut(problem: Problem, direction: float | None = None, **options: object) -> 
 # ---------------------------------------------------------------------------------------------
 # Number of parts
 # ---------------------------------------------------------------------------------------------
+@pytest.mark.sanitize
 @pytest.mark.parametrize("parts", [2, 4, 8, 32])
 def test_number_of_parts_does_not_matter(parts: int) -> None:
     problem = chain(parts)

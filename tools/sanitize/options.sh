@@ -1,11 +1,6 @@
-# Options of the sanitizers, and what `./run test --sanitize` runs of the Python tests. Sourced by `run`.
+# Options of the sanitizers for `./run test --sanitize`. Sourced by `run`.
 # shellcheck shell=bash
 
 export ASAN_OPTIONS=detect_stack_use_after_return=1:strict_string_checks=1:check_initialization_order=1
 export LSAN_OPTIONS=suppressions=$latin_home/tools/sanitize/leaks.txt:print_suppressions=0
 export UBSAN_OPTIONS=print_stacktrace=1:halt_on_error=1
-
-# The tests that reach every part of the kernel in a few minutes.
-fast_sanitized_tests() {
-  printf '%s\n' tests/python
-}

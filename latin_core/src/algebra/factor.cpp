@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <mutex>
@@ -20,8 +21,8 @@
 namespace latin::algebra {
 namespace {
 
-/// A pivot below this share of its diagonal entry is rounding.
-constexpr double singular = 1e-14;
+/// A pivot below this share of its diagonal entry is rounding: an answer would have three digits at most.
+constexpr double singular = 1e-13;
 
 std::string not_definite(const std::string& name, const std::string& where) {
   return "the stiffness of '" + name + "' is not positive definite" + where +
@@ -335,6 +336,7 @@ class MumpsFactor final : public Factor {
     if (error != MAT_FACTOR_NOERROR) {
       throw NumericalError(not_definite(name, ""));
     }
+    refuse_singular(lower, name);
     MatInfo facts{};
     check(MatGetInfo(factor_.get(), MAT_LOCAL, &facts), "ask a factor for its size");
     nonzeros_ = facts.nz_used;
@@ -367,6 +369,23 @@ class MumpsFactor final : public Factor {
   }
 
  private:
+  /// MUMPS does not show its pivots: how much a solve enlarges a right-hand side without a pattern.
+  void refuse_singular(const SparseColumns& lower, const std::string& name) const {
+    Vector root(size_);
+    Matrix rhs(size_, 1);
+    for (Index i = 0; i < size_; ++i) {
+      // the diagonal comes first in a column of a lower triangle
+      root(i) = std::sqrt(lower.valuePtr()[lower.outerIndexPtr()[i]]);
+      rhs(i, 0) = std::sin(1.0 + 1.234567 * static_cast<double>(i * i));
+    }
+    const double given = rhs.norm();
+    rhs = root.asDiagonal() * rhs;
+    const double enlarged = (root.asDiagonal() * solve(rhs)).norm();
+    if (size_ > 0 && !(enlarged * std::sqrt(static_cast<double>(size_)) < given / singular)) {
+      throw NumericalError(not_definite(name, " beyond rounding"));
+    }
+  }
+
   Index size_;
   double nonzeros_ = 0.0;
   MatHandle matrix_;

@@ -1,18 +1,37 @@
 #include "latin/iteration/batch.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <limits>
+#include <string>
 
+#include "latin/common/error.hpp"
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/stages.hpp"
 #include "latin/iteration/step.hpp"
 
 namespace latin::iteration {
+namespace {
+
+/// The transforms of an interface are those of one set: the columns of several would not fit them.
+void refuse_transforms(const substructure::Laws& laws) {
+  const auto& interfaces = laws.structure().interfaces();
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    if (laws.of(i).transformed()) {
+      throw InputError(
+          "interface '" + interfaces[i].name() +
+          "': parameter sets are not solved side by side where columns are transformed");
+    }
+  }
+}
+
+}  // namespace
 
 std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots) {
+  refuse_transforms(laws);
   const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
   const Gauge gauge = gauge_of(structure);

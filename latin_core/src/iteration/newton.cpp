@@ -166,8 +166,7 @@ void Newton::apply(const Matrix& data, Matrix& traces, Index index) {
 }
 
 /// Accelerated steps of the two stages, of one column alone.
-void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history,
-                   Index count) {
+void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history, Index count) {
   Matrix residuals(data.rows(), data.cols());
   FixedPoint stages{[&](Matrix&, Matrix& column, Matrix& trace) {
                       data.col(index) = column;

@@ -62,6 +62,7 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
 
 void Run::start_from(const std::vector<const State*>& snapshots) {
   stepper_.start_from(snapshots, at());
+  stages_.set_exact(false);
 }
 
 Summary Run::run(bool traces_known) {
@@ -77,9 +78,9 @@ Summary Run::run(bool traces_known) {
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
     if (!status) {
       advance(measured);
-    } else if (*status == Status::converged && stages_.rounded() &&
+    } else if (*status == Status::converged && !stages_.exact() &&
                iterations() < options_.max_iterations) {
-      // what was small before was so in single precision only
+      // what was small before was so in single precision, or in a start, only
       stages_.evaluate(at());
       safeguard_.forget();
       stopping_.forget();
@@ -184,6 +185,9 @@ bool Run::follow(const Measured& measured) {
   if (!newton_.follow(measured.residual, measured.data, at())) {
     return false;
   }
+  if (newton_.whole()) {
+    stages_.set_exact(true);
+  }
   history_.clear();
   error_.restart();
   safeguard_.jumped(iterations(), newton_.residual_norm(), at());
@@ -197,7 +201,7 @@ void Run::finish(Status status, const Measured& measured) {
         std::min(residual_over_error * newton_.residual_norm() / measured.residual, 1.0);
   }
   stages_.agree();
-  if (stages_.rounded()) {
+  if (!stages_.exact()) {
     stages_.refresh(state_);
   }
   summary_.status = status;

@@ -53,13 +53,13 @@ void Stages::evaluate(Iterate at) {
 
 void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
   const Timed timed(global_s_);
-  rounded_ = step != nullptr && single_precision_;
+  exact_ = step == nullptr || !single_precision_;
   ++count_;
   attempt([&] {
-    if (rounded_) {
-      global_.change(*step, traces);
-    } else {
+    if (exact_) {
       global_.apply(data, amplitudes_, traces);
+    } else {
+      global_.change(*step, traces);
     }
     if (structure().macro_size() > 0) {
       const Matrix added = global_.balance(local_, data, traces);

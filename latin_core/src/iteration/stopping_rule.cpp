@@ -40,6 +40,9 @@ std::optional<Status> StoppingRule::judge(const Iteration& iterate, bool interru
 }
 
 void StoppingRule::forget() {
+  if (!(first_residual_ > 0.0)) {
+    first_residual_ = -1.0;
+  }
   residual_then_ = std::numeric_limits<double>::infinity();
   error_then_ = std::numeric_limits<double>::infinity();
 }

@@ -62,7 +62,7 @@ class Sweep {
         amplitudes_(amplitudes),
         known_(std::move(known)),
         known_points_(std::move(known_points)),
-        callback_(callback),
+        callback_(noting(callback)),
         point_callback_(point_callback),
         where_(coordinates(parameters)) {
     // of the interfaces of other ranks only the values count: they say which points are near
@@ -185,18 +185,32 @@ class Sweep {
     return summary;
   }
 
-  /// @throws Interrupted on all ranks if the callback of any of them does
+  /// The callback; that it asked for the end is noted, because a point that just converged does not heed it.
+  Callback noting(const Callback& callback) {
+    if (!callback) {
+      return callback;
+    }
+    return [this, &callback](const Iteration& iteration) {
+      try {
+        callback(iteration);
+      } catch (const Interrupted&) {
+        stop_ = true;
+        throw;
+      }
+    };
+  }
+
+  /// @throws Interrupted on all ranks if a callback of any of them did
   void hand_out(Index point, const substructure::Laws& laws, const Summary& summary,
                 const State& state) {
-    bool stop = false;
     structure_.communicator().together([&] {
       try {
         point_callback_(point, laws, summary, state);
       } catch (const Interrupted&) {
-        stop = true;
+        stop_ = true;
       }
     });
-    if (structure_.communicator().maximum(stop ? 1 : 0) > 0) {
+    if (structure_.communicator().maximum(stop_ ? 1 : 0) > 0) {
       throw Interrupted();
     }
   }
@@ -289,7 +303,8 @@ class Sweep {
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;
   std::vector<Index> known_points_;
-  const Callback& callback_;
+  bool stop_ = false;  ///< a callback of this rank asked for the end
+  const Callback callback_;
   const PointCallback& point_callback_;
   Matrix where_;
   Index most_together_ = 1;

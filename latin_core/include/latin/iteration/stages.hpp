@@ -61,8 +61,10 @@ class Stages {
   void local(const Matrix& data, const Matrix& traces, Matrix& residual);
   /// Traces in double precision, at the end: not counted.
   void refresh(State& state);
-  /// Whether the traces hold changes in single precision.
-  [[nodiscard]] bool rounded() const { return rounded_; }
+  /// Whether the traces are those of the data in double precision: not where they hold changes in single
+  /// precision, nor where a caller says what they are. An iterate is only accepted with traces that are.
+  [[nodiscard]] bool exact() const { return exact_; }
+  void set_exact(bool exact) { exact_ = exact; }
 
   /// Do what may fail on one rank and not on others. They wait for this one until the next reduction, where
   /// all learn of it.
@@ -110,7 +112,7 @@ class Stages {
   substructure::LocalStage local_;
   const Matrix& amplitudes_;
   bool single_precision_;
-  bool rounded_ = false;
+  bool exact_ = true;
   Index count_ = 0;
   double global_s_ = 0.0;
   double local_s_ = 0.0;

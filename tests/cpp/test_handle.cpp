@@ -1,13 +1,10 @@
 #include <gtest/gtest.h>
 
-#include <Eigen/Sparse>
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <type_traits>
 #include <vector>
 
-#include "latin/algebra/factor.hpp"
 #include "latin/algebra/handle.hpp"
 #include "latin/common/error.hpp"
 
@@ -54,62 +51,7 @@ std::string message(Action&& action) {
   return "";
 }
 
-/// Lower triangle of a stiffness-like matrix: n^3 nodes of three coupled components, 27 neighbours each.
-latin::SparseColumns block_grid(int n) {
-  std::vector<Eigen::Triplet<double>> entries;
-  const auto node = [n](int x, int y, int z) { return (z * n + y) * n + x; };
-  for (int at = 0; at < n * n * n; ++at) {
-    const int x = at % n;
-    const int y = at / n % n;
-    const int z = at / (n * n);
-    for (int k = 0; k < 27; ++k) {
-      const int dx = k % 3 - 1;
-      const int dy = k / 3 % 3 - 1;
-      const int dz = k / 9 - 1;
-      if (std::min({x + dx, y + dy, z + dz}) < 0 || std::max({x + dx, y + dy, z + dz}) >= n) {
-        continue;
-      }
-      const int other = node(x + dx, y + dy, z + dz);
-      for (int entry = 0; entry < 9; ++entry) {
-        const int row = 3 * at + entry % 3;
-        const int column = 3 * other + entry / 3;
-        if (row >= column) {
-          entries.emplace_back(row, column, row == column ? 90.0 : -1.0);
-        }
-      }
-    }
-  }
-  latin::SparseColumns matrix(3 * n * n * n, 3 * n * n * n);
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
-
 }  // namespace
-
-// the larger grid is ordered by nested dissection, the smaller one by minimum degree
-TEST(Factor, SolvesAndCondensesInEitherOrder) {
-  for (const int n : {4, 17}) {
-    const latin::SparseColumns matrix = block_grid(n);
-    const latin::Index trailing = 3 * n;
-    const auto factor = latin::algebra::factorise(matrix, trailing,
-                                                  latin::algebra::FactorBackend::automatic, "grid");
-    const latin::Index size = matrix.rows();
-    latin::Matrix x(size, 2);
-    x << latin::Vector::LinSpaced(size, -1.0, 2.0), latin::Vector::Ones(size);
-    const latin::Matrix b = matrix.selfadjointView<Eigen::Lower>() * x;
-    EXPECT_LT((factor->solve(b) - x).norm(),
-              1e-12 * x.norm());  // the condition number is below 100
-    if (factor->condenses()) {
-      latin::Matrix unit = latin::Matrix::Zero(size, trailing);
-      unit.bottomRows(trailing).setIdentity();
-      const latin::Matrix inverse = factor->solve(unit).bottomRows(trailing);
-      const latin::Matrix half = factor->trailing_factor();
-      EXPECT_LT(
-          (half * half.transpose() * inverse - latin::Matrix::Identity(trailing, trailing)).norm(),
-          1e-12);
-    }
-  }
-}
 
 TEST(View, LooksAtAndKeepsPetscsOwnArrays) {
   Mat matrix = example(3.0, 3);

@@ -1,0 +1,144 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Sparse>
+#include <algorithm>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "latin/algebra/factor.hpp"
+#include "latin/common/error.hpp"
+
+namespace {
+
+using latin::Index;
+using latin::Matrix;
+using latin::algebra::FactorBackend;
+
+/// Lower triangle of a stiffness-like matrix: n^3 nodes of three coupled components, 27 neighbours each.
+latin::SparseColumns block_grid(int n) {
+  std::vector<Eigen::Triplet<double>> entries;
+  const auto node = [n](int x, int y, int z) { return (z * n + y) * n + x; };
+  for (int at = 0; at < n * n * n; ++at) {
+    const int x = at % n;
+    const int y = at / n % n;
+    const int z = at / (n * n);
+    for (int k = 0; k < 27; ++k) {
+      const int dx = k % 3 - 1;
+      const int dy = k / 3 % 3 - 1;
+      const int dz = k / 9 - 1;
+      if (std::min({x + dx, y + dy, z + dz}) < 0 || std::max({x + dx, y + dy, z + dz}) >= n) {
+        continue;
+      }
+      const int other = node(x + dx, y + dy, z + dz);
+      for (int entry = 0; entry < 9; ++entry) {
+        const int row = 3 * at + entry % 3;
+        const int column = 3 * other + entry / 3;
+        if (row >= column) {
+          entries.emplace_back(row, column, row == column ? 90.0 : -1.0);
+        }
+      }
+    }
+  }
+  latin::SparseColumns matrix(3 * n * n * n, 3 * n * n * n);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+/// Stiffness of a bar of n nodes that nothing holds.
+latin::SparseColumns floating_bar(Index n, double stiffness) {
+  latin::SparseColumns lower(n, n);
+  for (Index i = 0; i < n; ++i) {
+    lower.coeffRef(i, i) = (i == 0 || i + 1 == n ? 1.0 : 2.0) * stiffness;
+    if (i + 1 < n) {
+      lower.coeffRef(i + 1, i) = -stiffness;
+    }
+  }
+  lower.makeCompressed();
+  return lower;
+}
+
+std::vector<FactorBackend> backends() {
+  if (latin::algebra::available_backends().find("cholmod") == std::string::npos) {
+    return {FactorBackend::mumps};
+  }
+  return {FactorBackend::cholmod, FactorBackend::mumps};
+}
+
+}  // namespace
+
+// the larger grid is ordered by nested dissection, the smaller one by minimum degree
+TEST(Factor, SolvesAndCondensesInEitherOrder) {
+  for (const int n : {4, 17}) {
+    const latin::SparseColumns matrix = block_grid(n);
+    const latin::Index trailing = 3 * n;
+    const auto factor = latin::algebra::factorise(matrix, trailing,
+                                                  latin::algebra::FactorBackend::automatic, "grid");
+    const latin::Index size = matrix.rows();
+    latin::Matrix x(size, 2);
+    x << latin::Vector::LinSpaced(size, -1.0, 2.0), latin::Vector::Ones(size);
+    const latin::Matrix b = matrix.selfadjointView<Eigen::Lower>() * x;
+    EXPECT_LT((factor->solve(b) - x).norm(),
+              1e-12 * x.norm());  // the condition number is below 100
+    if (factor->condenses()) {
+      latin::Matrix unit = latin::Matrix::Zero(size, trailing);
+      unit.bottomRows(trailing).setIdentity();
+      const latin::Matrix inverse = factor->solve(unit).bottomRows(trailing);
+      const latin::Matrix half = factor->trailing_factor();
+      EXPECT_LT(
+          (half * half.transpose() * inverse - latin::Matrix::Identity(trailing, trailing)).norm(),
+          1e-12);
+    }
+  }
+}
+
+TEST(Factor, RefusesAMotionThatNothingHolds) {
+  // in some of these the last pivot is rounding above zero
+  for (const FactorBackend backend : backends()) {
+    for (const double stiffness : {1.0, 3.141592653589793, 0.1, 7.3e5, 1.0 / 3.0}) {
+      for (const Index n : {3, 40, 41, 200}) {
+        try {
+          static_cast<void>(
+              latin::algebra::factorise(floating_bar(n, stiffness), 0, backend, "bar"));
+          ADD_FAILURE() << "a floating bar of " << n << " nodes was factorised";
+        } catch (const latin::NumericalError& error) {
+          EXPECT_NE(std::string(error.what()).find("'bar' is not positive definite"),
+                    std::string::npos);
+        }
+      }
+    }
+  }
+}
+
+TEST(Factor, TakesWhatIsHeldSoftly) {
+  latin::SparseColumns bar = floating_bar(40, 1.0);
+  bar.coeffRef(0, 0) += 1e-9;
+  Matrix force = Matrix::Zero(40, 1);
+  force(39, 0) = 1.0;
+  for (const FactorBackend backend : backends()) {
+    const auto factor = latin::algebra::factorise(bar, 0, backend, "bar");
+    EXPECT_NEAR(factor->solve(force)(39, 0), 1e9, 1e4);
+  }
+}
+
+TEST(Factor, SeveralThreadsMaySolve) {
+  const latin::SparseColumns matrix = block_grid(5);
+  for (const FactorBackend backend : backends()) {
+    const auto factor = latin::algebra::factorise(matrix, 0, backend, "grid");
+    const Matrix x = Matrix::Random(matrix.rows(), 3);
+    const Matrix b = matrix.selfadjointView<Eigen::Lower>() * x;
+    std::vector<double> worst(4, 0.0);
+    std::vector<std::thread> threads;
+    for (double& own : worst) {
+      threads.emplace_back([&] {
+        for (int i = 0; i < 20; ++i) {
+          own = std::max(own, (factor->solve(b) - x).norm());
+        }
+      });
+    }
+    for (std::thread& thread : threads) {
+      thread.join();
+    }
+    EXPECT_LT(*std::max_element(worst.begin(), worst.end()), 1e-12 * x.norm());
+  }
+}
