@@ -20,7 +20,7 @@ import numpy as np
 # before the extension: it initialises MPI and PETSc, which the extension never does
 from petsc4py import PETSc
 
-from latin_core import _compat_problem, _core
+from latin_core import _core
 from latin_core._core import (
     Body,
     InputError,

@@ -111,7 +111,3 @@ class Options:
             raise ValueError(
                 f"directions {self.directions!r} is not known: use 'automatic', 'diagonal' or 'matrix'"
             )
-
-    def kernel(self) -> Options:
-        """Temporary: itself, which is what the kernel takes."""
-        return self
