@@ -51,13 +51,13 @@ from dolfinx_frontend import (
     stochastic,
     sweep,
 )
+from tests.kernel import bars
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MANY = np.linspace(0.0, 1.0, 500)
 LONGEST = 1200
 """Characters that anything may take."""
 LINES = 30
-from tests.kernel import bars
 
 
 def scene_of(law: Any) -> Scene:
