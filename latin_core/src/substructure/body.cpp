@@ -340,8 +340,10 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   Watch watch;
   check_shapes(description, sides);
   for (Member& member : description.members) {
-    prolongations_.push_back(member.prolongation.size() > 0 ? std::move(member.prolongation)
-                                                            : identity(size_));
+    if (member.prolongation.size() == 0) {
+      member.prolongation = identity(size_);
+    }
+    prolongations_.emplace_back().swap(member.prolongation);  // Eigen moves no sparse matrix
   }
   order_active_last(sides);
   stack_sides(sides);

@@ -218,6 +218,7 @@ void Structure::connect() {
 
   Exchange exchange(communicator_);
   std::vector<std::size_t> slots;
+  slots.reserve(shared_.size());
   for (const std::size_t i : shared_) {
     slots.push_back(exchange.add(interfaces_[i].away.rank, interfaces_[i].size()));
   }
