@@ -7,8 +7,8 @@ KeyboardInterrupt: so a script that calls solve in a loop can always be ended. O
 (meshing, assembly, factorisation), where nothing is done that could be returned, Ctrl-C raises
 KeyboardInterrupt as ever.
 
-Handlers of SIGINT other than Python's own are left alone, and so are threads other than the main one, in
-which Python handles no signals.
+Handlers of SIGINT other than Python's own and the system's default are left alone, and so are threads other
+than the main one, in which Python handles no signals.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.pressed = False
-        self._mine = False
+        self._before: Any = None
 
     def _press(self, number: int, frame: FrameType | None) -> None:
         global _last_press
@@ -70,16 +70,18 @@ class Interrupt:
 
     def __enter__(self) -> Self:
         main = threading.current_thread() is threading.main_thread()
-        if main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        before = signal.getsignal(signal.SIGINT)
+        # gmsh.initialize() leaves the system's default, which would end the process and lose what is done
+        if main and before in (signal.default_int_handler, signal.SIG_DFL):
             signal.signal(signal.SIGINT, self._press)
-            self._mine = True
+            self._before = before
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._mine:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
 
 
 def report_points(what: str, interrupt: Interrupt, points: Any, checkpoint: object) -> None:

@@ -369,6 +369,22 @@ def test_a_second_interrupt_raises(problem, interrupts):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_the_default_that_gmsh_leaves_does_not_end_the_process(problem, interrupts):
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # as gmsh.initialize() does
+    try:
+        result = solve(
+            problem,
+            callback=lambda i: signal.raise_signal(signal.SIGINT),
+            active="all",
+            direction=FAR,
+            options=ENDLESS,
+        )
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    assert result.status == "interrupted"
+
+
 def test_handlers_of_others_are_left_alone(problem, interrupts):
     heard = []
     signal.signal(signal.SIGINT, lambda number, frame: heard.append(number))
