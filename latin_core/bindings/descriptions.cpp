@@ -151,11 +151,18 @@ void bind_descriptions(py::module_& m) {
                  offset.is_none() ? latin::Matrix() : to_finite_matrix(offset, who + "offset")};
            }),
            py::kw_only(), "name"_a, "stiffness"_a, "load"_a, "prolongation"_a = py::none(),
-           "offset"_a = py::none());
+           "offset"_a = py::none())
+      .def("__repr__", [](const Member& m) {
+        return "Member(" + m.name + ", " + std::to_string(m.load.rows()) + " unknowns, " +
+               std::to_string(m.load.cols()) + " loads)";
+      });
 
   py::class_<Spring>(m, "Spring", spring_doc)
       .def(py::init(&make_spring), py::kw_only(), "name"_a, "members"_a, "traces"_a, "frames"_a,
-           "stiffness"_a, "jump"_a);
+           "stiffness"_a, "jump"_a)
+      .def("__repr__", [](const Spring& s) {
+        return "Spring(" + s.name + ", " + std::to_string(s.stiffness.size()) + " rows)";
+      });
 
   py::class_<BodyDescription>(m, "Body", body_doc)
       .def(py::init([](const std::string& name, py::handle size, py::handle members,
@@ -165,7 +172,12 @@ void bind_descriptions(py::module_& m) {
                                     to_values<Member>(members, who + "members", "Member"),
                                     to_values<Spring>(springs, who + "springs", "Spring")};
            }),
-           py::kw_only(), "name"_a, "size"_a, "members"_a, "springs"_a = py::tuple());
+           py::kw_only(), "name"_a, "size"_a, "members"_a, "springs"_a = py::tuple())
+      .def("__repr__", [](const BodyDescription& b) {
+        return "Body(" + b.name + ", " + std::to_string(b.size) + " unknowns, " +
+               std::to_string(b.members.size()) + " members, " + std::to_string(b.springs.size()) +
+               " springs)";
+      });
 
   py::class_<SideDescription>(m, "Side", side_doc)
       .def(py::init([](const std::string& member, py::handle trace, py::handle direction,
@@ -179,9 +191,18 @@ void bind_descriptions(py::module_& m) {
                                     to_number(scale, who + "scale")};
            }),
            py::kw_only(), "member"_a, "trace"_a = py::none(), "direction"_a = py::none(),
-           "scale"_a = py::none());
+           "scale"_a = py::none())
+      .def("__repr__", [](const SideDescription& s) {
+        return "Side(" + s.member + ", " +
+               (s.direction.size() > 0 ? std::to_string(s.direction.size()) + " rows)"
+                                       : std::string("on another rank)"));
+      });
 
   py::class_<InterfaceDescription>(m, "Interface", interface_doc)
       .def(py::init(&make_interface), py::kw_only(), "name"_a, "law"_a, "weights"_a, "frames"_a,
-           "sides"_a, "basis"_a = py::none(), "paired"_a = false);
+           "sides"_a, "basis"_a = py::none(), "paired"_a = false)
+      .def("__repr__", [](const InterfaceDescription& i) {
+        return "Interface(" + i.name + ", " + std::to_string(i.weights.size()) + " points, " +
+               std::to_string(i.sides.size()) + " sides)";
+      });
 }

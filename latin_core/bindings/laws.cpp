@@ -146,6 +146,10 @@ resolve
 void bind_laws(py::module_& m) {
   using latin::interface::Law;
   py::class_<Law, std::shared_ptr<Law>>(m, "Law", "A law of your own, for ``Interface(law=...)``.")
+      .def("__repr__",
+           [](const Law& law) {
+             return "Law(" + law.name() + (law.history() ? ", with history)" : ")");
+           })
       .def_property_readonly("name", &Law::name, "For messages.")
       .def_property_readonly("history", &Law::history,
                              "Whether a column depends on those before it in its history.")

@@ -109,11 +109,8 @@ void bind_basis(py::module_& m) {
 }
 
 void bind_galerkin(py::module_& m) {
-  m.def("triple_products", &stochastic::triple_products, "germ"_a, "first"_a, "second"_a);
   m.def("galerkin_matrix", &stochastic::galerkin_matrix, "basis"_a, "coefficients"_a, "property"_a,
         Release());
-  m.def("germ_matrix", &stochastic::germ_matrix, "basis"_a, "germ"_a);
-  m.def("coupled_blocks", &stochastic::coupled_blocks, "matrix"_a);
   m.def("smallest_eigenvalue", &stochastic::smallest_eigenvalue, "matrix"_a, Release());
   m.def("critical_cov", &stochastic::critical_cov, "germ"_a, "order"_a);
 
@@ -154,9 +151,6 @@ void bind_answers(py::module_& m) {
       },
       "germs"_a, "level"_a, "memory_limit"_a);
   m.def("variance", &stochastic::variance, "coefficients"_a);
-  m.def("variance_by_degree", &stochastic::variance_by_degree, "coefficients"_a, "indices"_a);
-  m.def("sobol_first", &stochastic::sobol_first, "coefficients"_a, "indices"_a);
-  m.def("sobol_total", &stochastic::sobol_total, "coefficients"_a, "indices"_a);
   m.def("sobol_closed", &stochastic::sobol_closed, "coefficients"_a, "indices"_a, "group"_a);
 }
 

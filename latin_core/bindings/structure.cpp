@@ -429,22 +429,16 @@ void refuse_pickle(py::class_<T, std::shared_ptr<T>>& cls, const std::string& wh
   cls.def("__reduce__", [why](const T&) -> py::object { throw py::type_error(why); });
 }
 
-void bind_one_structure(py::module_& m) {
-  py::class_<Structure, std::shared_ptr<Structure>> cls(m, "Structure", structure_doc);
-  refuse_pickle(
-      cls,
-      "a Structure holds factorised matrices and cannot be pickled or copied: keep what it was "
-      "built from");
-  cls.def(py::init(&make_structure), py::kw_only(), "bodies"_a, "interfaces"_a = py::tuple(),
-          "operator"_a = "automatic", "backend"_a = "automatic", "memory_limit"_a = 0.0,
-          "comm"_a = py::none())
-      .def("__repr__",
-           [](const Structure& s) {
-             return "Structure(" + std::to_string(s.bodies().size()) + " bodies with " +
-                    std::to_string(s.unknowns()) + " unknowns, " +
-                    std::to_string(s.interfaces().size()) + " active interfaces with " +
-                    std::to_string(s.rows()) + " rows)";
-           })
+using StructureClass = py::class_<Structure, std::shared_ptr<Structure>>;
+
+void bind_facts(StructureClass& cls) {
+  cls.def("__repr__",
+          [](const Structure& s) {
+            return "Structure(" + std::to_string(s.bodies().size()) + " bodies with " +
+                   std::to_string(s.unknowns()) + " unknowns, " +
+                   std::to_string(s.interfaces().size()) + " active interfaces with " +
+                   std::to_string(s.rows()) + " rows)";
+          })
       .def_property_readonly("rows", &Structure::rows, "Rows of a block of interface data.")
       .def_property_readonly("total_rows", &Structure::total_rows, "Rows of all ranks.")
       .def_property_readonly("loads", &Structure::loads, "Number of load patterns.")
@@ -497,10 +491,13 @@ void bind_one_structure(py::module_& m) {
             return changed(Laws(self), steps, parameters, columns, extra_loads);
           },
           "steps"_a = 1, "parameters"_a = py::none(), "columns"_a = py::none(),
-          "extra_loads"_a = py::none(), make_laws_doc)
-      .def("solve", &solve, "laws"_a, py::kw_only(), "options"_a = py::none(),
-           "amplitudes"_a = py::none(), "start"_a = py::tuple(), "callback"_a = py::none(),
-           solve_doc)
+          "extra_loads"_a = py::none(), make_laws_doc);
+}
+
+void bind_calls(StructureClass& cls) {
+  cls.def("solve", &solve, "laws"_a, py::kw_only(), "options"_a = py::none(),
+          "amplitudes"_a = py::none(), "start"_a = py::tuple(), "callback"_a = py::none(),
+          solve_doc)
       .def("sweep", &sweep, "laws"_a, py::kw_only(), "options"_a = py::none(),
            "amplitudes"_a = py::none(), "parameters"_a, "order"_a, "known"_a = py::tuple(),
            "known_points"_a = py::tuple(), "callback"_a = py::none(),
@@ -524,6 +521,19 @@ void bind_one_structure(py::module_& m) {
           "laws"_a, "interface"_a, "free_jump"_a, "parameters"_a = py::none(), samples_doc)
       .def("displacements", &displacement_fields, "laws"_a, "state"_a, "amplitudes"_a = py::none(),
            "Displacements (n, columns) of every substructure of this rank, by its name.");
+}
+
+void bind_one_structure(py::module_& m) {
+  StructureClass cls(m, "Structure", structure_doc);
+  refuse_pickle(
+      cls,
+      "a Structure holds factorised matrices and cannot be pickled or copied: keep what it was "
+      "built from");
+  cls.def(py::init(&make_structure), py::kw_only(), "bodies"_a, "interfaces"_a = py::tuple(),
+          "operator"_a = "automatic", "backend"_a = "automatic", "memory_limit"_a = 0.0,
+          "comm"_a = py::none());
+  bind_facts(cls);
+  bind_calls(cls);
 }
 
 void bind_laws_value(py::module_& m) {

@@ -12,6 +12,7 @@
 
 #include "latin/common/error.hpp"
 #include "latin/stochastic/basis.hpp"
+#include "latin/stochastic/galerkin.hpp"
 #include "latin/stochastic/germ.hpp"
 #include "latin/stochastic/multi_index.hpp"
 
@@ -61,6 +62,15 @@ inline MultiIndexSet mixed_set() {
   IndexRequest request = total(3, 4);
   request.caps = {4, 4, 3};
   return MultiIndexSet(request);
+}
+
+/// Galerkin matrix of germ l itself, not standardised.
+inline SparseColumns matrix_of_germ(const ChaosBasis& basis, Index l) {
+  const MultiIndexSet property(total(basis.dimension(), 1));  // 1, xi_0, xi_1, ...
+  Vector coefficients = Vector::Zero(property.size());
+  coefficients(0) = basis.recurrence(l).alpha(0);
+  coefficients(l + 1) = basis.recurrence(l).beta(1);
+  return galerkin_matrix(basis, coefficients, property);
 }
 
 }  // namespace latin::stochastic

@@ -45,22 +45,6 @@ TEST(Galerkin, HermiteTripleProductsInClosedForm) {
   }
 }
 
-TEST(Galerkin, GermMatrixIsTheMatrixOfTheGerm) {
-  const ChaosBasis basis(mixed_germs(), mixed_set());
-  for (Index l = 0; l < 3; ++l) {
-    const Recurrence recurrence = basis.recurrence(l);
-    IndexRequest request = total(3, 1);
-    const MultiIndexSet property(request);  // 1, xi_0, xi_1, xi_2
-    Vector coefficients = Vector::Zero(4);
-    coefficients(0) = recurrence.alpha(0);
-    coefficients(l + 1) = recurrence.beta(1);
-    const Matrix difference =
-        Matrix(galerkin_matrix(basis, coefficients, property)) - Matrix(germ_matrix(basis, l));
-    EXPECT_LT(difference.cwiseAbs().maxCoeff(), 1e-12);
-  }
-  EXPECT_THROW(static_cast<void>(germ_matrix(basis, 3)), InputError);
-}
-
 TEST(Galerkin, CriticalCoefficientOfVariation) {
   const Germ hermite = Germ::family("hermite", {});
   // order, 1 / greatest root of He_{order+1}
@@ -100,11 +84,11 @@ TEST(Galerkin, MeanOfTheInverseIsTheGaussValue) {
 TEST(Galerkin, UncoupledModesAreSeparated) {
   const ChaosBasis basis({Germ::family("hermite", {}), Germ::family("hermite", {})},
                          MultiIndexSet(total(2, 3)));
-  const auto blocks = coupled_blocks(germ_matrix(basis, 0));
+  const auto blocks = coupled_blocks(matrix_of_germ(basis, 0));
   // one chain for each degree 0 .. 3 of the other variable
   ASSERT_EQ(blocks.size(), 4U);
   const Vector nodes = basis.germs()[0].gauss(4).points.col(0);
-  EXPECT_NEAR(smallest_eigenvalue(germ_matrix(basis, 0)), nodes(0), 1e-13);
+  EXPECT_NEAR(smallest_eigenvalue(matrix_of_germ(basis, 0)), nodes(0), 1e-13);
 }
 
 }  // namespace latin::stochastic

@@ -9,7 +9,7 @@ namespace latin::stochastic {
 
 TEST(ColumnTransform, GalerkinDiagonalisesExactly) {
   const ChaosBasis basis(mixed_germs(), mixed_set());
-  const SparseColumns a = germ_matrix(basis, 1);
+  const SparseColumns a = matrix_of_germ(basis, 1);
   const ColumnTransform transform = galerkin_transform(a);
   const Matrix identity = Matrix::Identity(basis.size(), basis.size());
   EXPECT_LT((transform.forward * transform.backward - identity).cwiseAbs().maxCoeff(), 1e-13);

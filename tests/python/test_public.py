@@ -51,6 +51,7 @@ from dolfinx_frontend import (
     stochastic,
     sweep,
 )
+from tests.kernel import bars
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MANY = np.linspace(0.0, 1.0, 500)
@@ -111,6 +112,26 @@ def randoms() -> list[Any]:
     ]
 
 
+def kernel() -> list[Any]:
+    """Of the kernel without a frontend."""
+    structure = bars.chain()
+    sides = [bars.side(0, 0), latin_core.Side(member="elsewhere")]
+    part = bars.member(0)
+    spring = latin_core.Spring(
+        name="hold",
+        members=[0],
+        traces=[bars.at(0)],
+        frames=[[1.0]],
+        stiffness=[1.0],
+        jump=[[0.0]],
+    )
+    return [
+        *(structure, structure.laws(), *sides, bars.interface("wall", "perfect", sides[0])),
+        *(part, spring, latin_core.Body(name="bar0", size=bars.NODES, members=[part], springs=[spring])),
+        latin_core.python_law(name="own", resolve=lambda *_: None),
+    ]
+
+
 @pytest.fixture(scope="module")
 def things(tmp_path_factory: Any) -> list[Any]:
     """One of everything that is public."""
@@ -140,6 +161,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(chaos.at([[0.0]]), chaos.truncation("layer"), samples, samples.points, swept, swept.points),
         *(load(tmp_path_factory.getbasetemp() / "public0" / "a.h5"), quantity, quantity.mean()),
         stochastic.RandomLaws.of(problem),
+        *kernel(),
         latin_core.SweptParameter("layer", "normal", np.ones((1, 1)), MANY[None]),
         latin_core.Checkpoint(tmp_path_factory.mktemp("public") / "points", {}),
     ]

@@ -25,22 +25,16 @@ __all__ = [
     "IndexTable",
     "MultiIndexSet",
     "Rule",
-    "coupled_blocks",
     "critical_cov",
     "galerkin_matrix",
     "galerkin_transform",
-    "germ_matrix",
     "mean",
     "quadrature_transform",
     "smallest_eigenvalue",
     "smolyak",
     "sobol_closed",
-    "sobol_first",
-    "sobol_total",
     "tensor_gauss",
-    "triple_products",
     "variance",
-    "variance_by_degree",
 ]
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -277,11 +271,6 @@ def _transform(native: Any) -> ColumnTransform:
     )
 
 
-def triple_products(germ: Germ, first: int, second: int) -> Array:
-    """E[psi_i psi_j psi_k], i <= first and j, k <= second: (first + 1, second + 1, second + 1)."""
-    return np.array(_native.triple_products(germ._native, first, second))
-
-
 def galerkin_matrix(
     basis: ChaosBasis, coefficients: npt.ArrayLike, indices: MultiIndexSet
 ) -> Sparse:
@@ -290,17 +279,6 @@ def galerkin_matrix(
     Exact Galerkin coupling needs all degrees up to twice those of the basis.
     """
     return _native.galerkin_matrix(basis._native, _vector(coefficients), indices._native)
-
-
-def germ_matrix(basis: ChaosBasis, germ: int) -> Sparse:
-    """E[xi_l Psi_j Psi_k] for germ l, not standardised."""
-    return _native.germ_matrix(basis._native, germ)
-
-
-def coupled_blocks(matrix: Sparse) -> list[list[int]]:
-    """Groups of modes that a Galerkin matrix couples."""
-    blocks: list[list[int]] = _native.coupled_blocks(matrix)
-    return blocks
 
 
 def smallest_eigenvalue(matrix: Sparse) -> float:
@@ -350,30 +328,6 @@ def mean(coefficients: npt.ArrayLike) -> Array:
 def variance(coefficients: npt.ArrayLike) -> Array:
     """(rows,) variance of fields with `coefficients` (rows, P + 1)."""
     values: Array = _native.variance(_block(coefficients, "chaos coefficients"))
-    return values
-
-
-def variance_by_degree(coefficients: npt.ArrayLike, indices: MultiIndexSet) -> Array:
-    """(rows, p + 1) share of each total degree in the variance: its decay judges the order."""
-    values: Array = _native.variance_by_degree(
-        _block(coefficients, "chaos coefficients"), indices._native
-    )
-    return values
-
-
-def sobol_first(coefficients: npt.ArrayLike, indices: MultiIndexSet) -> Array:
-    """(rows, L) first-order Sobol indices; NaN where there is no variance."""
-    values: Array = _native.sobol_first(
-        _block(coefficients, "chaos coefficients"), indices._native
-    )
-    return values
-
-
-def sobol_total(coefficients: npt.ArrayLike, indices: MultiIndexSet) -> Array:
-    """(rows, L) total Sobol indices; NaN where there is no variance."""
-    values: Array = _native.sobol_total(
-        _block(coefficients, "chaos coefficients"), indices._native
-    )
     return values
 
 

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cmath>
 #include <numeric>
-#include <optional>
 #include <span>
 
 #include "latin/common/error.hpp"
@@ -218,15 +217,15 @@ class Sweep {
   /// @param wanted the state is start material even if others reproduce it: those near by did not
   /// @param tried  iterations of the point before, which gave no answer
   void solve_alone(Index point, bool wanted = false, Index tried = 0) {
-    std::optional<substructure::Laws> laws;
+    substructure::Laws laws = laws_;
     structure_.communicator().together([&] { laws = laws_of(laws_, {&point, 1}); });
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
-    Summary summary = solve_or_stop(*laws, state, start);
+    Summary summary = solve_or_stop(laws, state, start);
     if (summary.status != Status::converged && !start.empty()) {
       // friction may keep a state of other parameters in a trap: from zero it is another way
       State cold;
-      Summary again = solve_or_stop(*laws, cold, {});
+      Summary again = solve_or_stop(laws, cold, {});
       again.iterations += summary.iterations;
       if (again.status == Status::converged || again.error < summary.error) {
         state = std::move(cold);
@@ -237,7 +236,7 @@ class Sweep {
     }
     const bool at_once = summary.status == Status::converged && summary.iterations <= 1;
     summary.iterations += tried;
-    hand_out(point, *laws, summary, state);
+    hand_out(point, laws, summary, state);
     const bool full = start.size() >= static_cast<std::size_t>(options_.snapshots);
     const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;

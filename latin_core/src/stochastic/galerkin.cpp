@@ -145,33 +145,6 @@ SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficien
   return matrix;
 }
 
-SparseColumns germ_matrix(const ChaosBasis& basis, Index germ) {
-  if (germ < 0 || germ >= basis.dimension()) {
-    throw InputError("germ " + std::to_string(germ) + " of a chaos in " +
-                     std::to_string(basis.dimension()) + " variables (counted from 0)");
-  }
-  const Recurrence& recurrence = basis.recurrence(germ);
-  const MultiIndexSet& set = basis.indices();
-  std::vector<Eigen::Triplet<double, int>> entries;
-  for (Index j = 0; j < set.size(); ++j) {
-    const auto index = set[j];
-    std::vector<int> upper(index.begin(), index.end());
-    const int degree = upper[at(germ)]++;
-    const auto row = static_cast<int>(j);
-    if (recurrence.alpha(degree) != 0.0) {
-      entries.emplace_back(row, row, recurrence.alpha(degree));
-    }
-    if (const auto k = set.find(upper)) {
-      const auto column = static_cast<int>(*k);
-      entries.emplace_back(row, column, recurrence.beta(degree + 1));
-      entries.emplace_back(column, row, recurrence.beta(degree + 1));
-    }
-  }
-  SparseColumns matrix(basis.size(), basis.size());
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
-
 std::vector<std::vector<Index>> coupled_blocks(const SparseColumns& matrix) {
   if (matrix.rows() != matrix.cols()) {
     throw InputError("a Galerkin matrix is square; got (" + std::to_string(matrix.rows()) + ", " +

@@ -32,47 +32,11 @@ Matrix shares(ConstMatrixRef coefficients, const Matrix& mask) {
 
 }  // namespace
 
-Vector mean(ConstMatrixRef coefficients) {
-  if (coefficients.cols() < 1) {
-    throw InputError("a chaos has at least one mode; got coefficients without columns");
-  }
-  return coefficients.col(0);
-}
-
 Vector variance(ConstMatrixRef coefficients) {
   if (coefficients.cols() < 1) {
     throw InputError("a chaos has at least one mode; got coefficients without columns");
   }
   return coefficients.rightCols(coefficients.cols() - 1).rowwise().squaredNorm();
-}
-
-Matrix variance_by_degree(ConstMatrixRef coefficients, const MultiIndexSet& indices) {
-  check(coefficients, indices);
-  // graded order: the last index has the greatest total degree
-  Matrix result =
-      Matrix::Zero(coefficients.rows(), indices.table().row(indices.size() - 1).sum() + 1);
-  for (Index i = 1; i < indices.size(); ++i) {
-    result.col(indices.table().row(i).sum()) += coefficients.col(i).cwiseAbs2();
-  }
-  return result;
-}
-
-Matrix sobol_first(ConstMatrixRef coefficients, const MultiIndexSet& indices) {
-  check(coefficients, indices);
-  Matrix mask = Matrix::Zero(indices.size(), indices.dimension());
-  for (Index i = 1; i < indices.size(); ++i) {
-    if ((indices.table().row(i).array() > 0).count() == 1) {
-      Index variable = 0;
-      indices.table().row(i).maxCoeff(&variable);
-      mask(i, variable) = 1.0;
-    }
-  }
-  return shares(coefficients, mask);
-}
-
-Matrix sobol_total(ConstMatrixRef coefficients, const MultiIndexSet& indices) {
-  check(coefficients, indices);
-  return shares(coefficients, (indices.table().array() > 0).cast<double>());
 }
 
 Vector sobol_closed(ConstMatrixRef coefficients, const MultiIndexSet& indices,

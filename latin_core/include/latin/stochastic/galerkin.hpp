@@ -24,9 +24,6 @@ namespace latin::stochastic {
 [[nodiscard]] SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficients,
                                             const MultiIndexSet& property);
 
-/// G_jk = E[xi_l Psi_j Psi_k] of the germ itself (not standardised), from its recurrence.
-[[nodiscard]] SparseColumns germ_matrix(const ChaosBasis& basis, Index germ);
-
 /// Groups of rows that a symmetric sparse matrix couples with each other, each ascending.
 [[nodiscard]] std::vector<std::vector<Index>> coupled_blocks(const SparseColumns& matrix);
 
