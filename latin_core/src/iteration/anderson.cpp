@@ -56,7 +56,15 @@ void Anderson::clear() {
   common_ = 0;
   fresh_.clear();
   gamma_.resize(0, sets_);
-  predicted_ = false;
+  predicted_data_ = predicted_traces_ = false;
+}
+
+/// Columns of a block (rows, c), one below the other. (Eigen's reshaped divides for every number of a block whose
+/// columns may lie apart.)
+void Anderson::stack(ConstMatrixRef block, Eigen::Ref<Vector> into) const {
+  for (Index column = 0; column < columns_; ++column) {
+    into.segment(column * rows_, rows_) = block.col(column);
+  }
 }
 
 Index Anderson::take_slot(ConstMatrixRef residual) {
@@ -65,7 +73,7 @@ Index Anderson::take_slot(ConstMatrixRef residual) {
   }
   const Index slot = next_;
   for (Index set = 0; set < sets_; ++set) {
-    residual_.col(set * depth_ + slot) = residual.middleCols(set * columns_, columns_).reshaped();
+    stack(residual.middleCols(set * columns_, columns_), residual_.col(set * depth_ + slot));
   }
   next_ = (next_ + 1) % depth_;
   size_ = std::min(size_ + 1, depth_);
@@ -81,8 +89,8 @@ void Anderson::push_common(ConstMatrixRef data, ConstMatrixRef residual, ConstMa
   }
   const Index slot = take_slot(residual);
   common_ = size_;
-  data_.col(slot) = data.reshaped();
-  traces_.col(slot) = traces.reshaped();
+  stack(data, data_.col(slot));
+  stack(traces, traces_.col(slot));
 }
 
 void Anderson::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef traces) {
@@ -90,8 +98,12 @@ void Anderson::push(ConstMatrixRef data, ConstMatrixRef residual, ConstMatrixRef
     push_common(data, residual, traces);
   } else if (depth_ > 0) {
     take_slot(residual);
-    own_data_ = data.reshaped(rows_ * columns_, sets_);
-    own_traces_ = traces.reshaped(rows_ * columns_, sets_);
+    own_data_.resize(rows_ * columns_, sets_);
+    own_traces_.resize(rows_ * columns_, sets_);
+    for (Index set = 0; set < sets_; ++set) {
+      stack(data.middleCols(set * columns_, columns_), own_data_.col(set));
+      stack(traces.middleCols(set * columns_, columns_), own_traces_.col(set));
+    }
   }
 }
 
@@ -146,7 +158,7 @@ void Anderson::fit(ConstMatrixRef residual, std::span<double> shares) {
     remainders_(set) = best.remainder;
   }
   fresh_.clear();
-  predicted_ = false;
+  predicted_data_ = predicted_traces_ = false;
 }
 
 double Anderson::explained(Index set) const {
@@ -167,10 +179,18 @@ void Anderson::combine(const Matrix& common, const Matrix& own, Matrix& sum) con
   }
 }
 
-const State& Anderson::predicted_error() const {
-  if (!predicted_) {
-    predicted_ = true;
+const Matrix& Anderson::predicted_data() const {
+  if (!predicted_data_) {
+    predicted_data_ = true;
     combine(data_, own_data_, error_.data);
+  }
+  return error_.data;
+}
+
+const State& Anderson::predicted_error() const {
+  static_cast<void>(predicted_data());
+  if (!predicted_traces_) {
+    predicted_traces_ = true;
     combine(traces_, own_traces_, error_.traces);
   }
   return error_;
@@ -186,7 +206,7 @@ void Anderson::step(ConstMatrixRef residual, double beta, const Preconditioner& 
   if (precondition) {
     precondition(step);
   }
-  step = beta * step - predicted_error().data;
+  step = beta * step - predicted_data();
 }
 
 Anderson::Difference Anderson::difference(Index slot) const {

@@ -81,10 +81,12 @@ class Anderson {
   [[nodiscard]] Difference difference(Index slot) const;
 
  private:
+  void stack(ConstMatrixRef block, Eigen::Ref<Vector> into) const;
   /// Make room for a difference and put its residual there. @return its slot
   Index take_slot(ConstMatrixRef residual);
   /// (size, 1 + fresh): dR^T W/k times the residual and the fresh differences, of this rank
   void products_of(Index set, ConstMatrixRef residual, Matrix& products) const;
+  [[nodiscard]] const Matrix& predicted_data() const;
   void combine(const Matrix& common, const Matrix& own, Matrix& sum) const;
 
   Metric metric_;
@@ -106,8 +108,9 @@ class Anderson {
   Matrix gamma_;              ///< (size, sets) of the last fit
   Vector remainders_;
   Vector norms_;
-  mutable State error_;             ///< predicted_error() of the last fit
-  mutable bool predicted_ = false;  ///< it is there
+  mutable State error_;                    ///< predicted_error() of the last fit
+  mutable bool predicted_data_ = false;    ///< its data are there
+  mutable bool predicted_traces_ = false;  ///< its traces are there
 };
 
 }  // namespace latin::iteration
