@@ -141,8 +141,8 @@ def test_a_deterministic_answer_has_no_statistics():
     scene.interface("joint", "lower:y1", "upper:y0", Perfect())
     scene.traction("upper:y1", (0.0, 1.0))
     result = solve(assemble(scene))
-    with pytest.raises(AttributeError, match=r"no 'quantity': .* deterministic; .*chaos="):
-        result.quantity(lambda f: f.force("joint"))
+    with pytest.raises(AttributeError, match=r"no 'sobol': .* deterministic; .*chaos="):
+        result.sobol("joint")
     with pytest.raises(AttributeError, match="'quantities'"):
         _ = result.quantities
 
