@@ -433,7 +433,7 @@ def average(
     x, normals, scale = first.surface(index, s)
     w = w * scale
     if not np.all(np.isfinite(w)) or w.min() <= 0.0:
-        raise SceneError(f"{where}: facets of {names[0]} have no area; mend the mesh")
+        raise SceneError(f"{where}: facets of {names[0]} have no area; fix the mesh")
     n = len(first)
     areas: Array = np.bincount(index, w, minlength=n).astype(np.float64)
     columns = [v.dofmap.index_map.size_local for v in spaces]

@@ -366,7 +366,7 @@ def check_rigid_bodies(
     Raises
     ------
     SceneError
-        Names the parts, their free motions and the mend.
+        Names the parts, their free motions and the remedy.
     """
     check_resistances(
         parts, [resistance(*each, parts[each[0][0]][1]) for each in interfaces.values()]

@@ -127,7 +127,7 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
         volume += float(dx.sum())
         moment += np.einsum("cq,qk,cki->i", dx, tables[0], nodes)
     if bad:
-        raise SceneError(f"{where}: {bad} cells are degenerate or inside out; mend the mesh")
+        raise SceneError(f"{where}: {bad} cells are degenerate or inside out; fix the mesh")
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 

@@ -72,13 +72,13 @@ RULES = (3, 5, 7, 9, 12, 16, 20)
 looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
 
 SUREST = 0.5
-"""Changes of rules are not taken to fall faster than so: with kinks they are no series."""
+"""Changes from rule to rule are assumed to fall by this factor at best: with kinks they fall irregularly."""
 
 FORGOTTEN = 0.5
-"""What a change still counts, one rule later: with a kink, changes are small by chance."""
+"""Weight of the change of the rule before: with a kink, a change can be small by chance."""
 
 FEW_GERMS = 3
-"""So many germs are integrated by tensor rules where laws are not linear."""
+"""Most germs that are integrated by tensor rules where a law is nonlinear."""
 
 
 # --- solve to an accuracy ---------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
 def _visible(
     accuracy: float, of_meshes: ErrorShare | None, quantity: Resultant | None, result: Result
 ) -> float:
-    """What the other errors must keep below: nothing is pushed ten times below the error of the meshes."""
+    """What the other errors must keep below: none is reduced below a tenth of the error of the meshes."""
     if of_meshes is None:
         return accuracy
     relative = of_meshes.energy
@@ -252,7 +252,7 @@ class _Search:
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
         if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
-            # few germs and laws that are not linear: rules converge where the chaos does, at less for a point
+            # few germs and nonlinear laws: rules converge where the chaos does, at less for a point
             # what the iteration leaves shows in the changes from rule to rule
             each = float(np.clip(0.03 * self.target, FINEST, 3e-3))
             by_rules = _by_rules(result, quantity, self.target, each)
@@ -336,7 +336,7 @@ class _Search:
         if quantity is None:
             return self._found(_errors_of_chaos(result, None, by_solves(result, None).energy, 1.0))
         self.notes += (
-            "chaos and Gauss rules converge slowly (a law is not linear): quasi-Monte Carlo on the same "
+            "chaos and Gauss rules converge slowly (a law is nonlinear): quasi-Monte Carlo on the same "
             "solver",
         )
         each = 32

@@ -334,7 +334,7 @@ def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
 
 
 def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
-    """The error of a chaos of a law that is not linear, by deterministic solves.
+    """The error of a chaos of a nonlinear law, by deterministic solves.
 
     The chaos is their control variate: moments are corrected by mean and variance of the difference, and two
     standard errors are added.

@@ -4,7 +4,7 @@ In energy: recovered gradients, see :mod:`dolfinx_frontend.estimate.recovery`. I
 q of an interface (dual-weighted recovery): with z, the answer of the same structure to the load whose work is
 q, q(u) - q(u_h) = a(u - u_h, z - z_h), and both errors are recovered (Oden and Prudhomme 2001). For the force
 of an interface z is the answer to a unit jump imposed on it, for a mean jump to a unit force spread over it:
-one more column of the factorised kernel of the result. Of laws that are not linear z is the answer to a small
+one more column of the factorised kernel of the result. For nonlinear laws z is the answer to a small
 change, from the solution on: points that touch go on touching.
 
 What is not seen: the shape of curved faces that straight cells round off, the error of the law itself
@@ -40,7 +40,7 @@ __all__ = ["DiscretisationError", "discretisation_error"]
 
 
 SMALL = 1e-3
-"""Change from which a law that is not linear tells its tangent, as a share of the largest displacement."""
+"""Change from which a nonlinear law tells its tangent, as a share of the largest displacement."""
 TANGENT_RTOL = 1e-7
 """Tolerance of the two answers whose difference that is."""
 

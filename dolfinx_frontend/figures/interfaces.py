@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS
 from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
@@ -75,7 +77,6 @@ def interface_figure(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    from dolfinx_frontend.common.errors import unknown_name
     numbers, found = facet_fields(result, interface, step)
     if quantity not in found:
         raise unknown_name("quantity", quantity, found, f"interface {interface!r}")
@@ -156,8 +157,6 @@ def _facet_lines(
 ) -> None:
     """Facets of a face in the plane, displaced and coloured."""
     from matplotlib.collections import LineCollection
-
-    from dolfinx_frontend.assembly.facet_map import FacetMap
 
     facets = FacetMap(part.part, face, part.name)
     row = np.searchsorted(np.sort(part.part.facet_tags.find(part.part.names[face])), numbers)

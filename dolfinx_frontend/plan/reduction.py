@@ -312,7 +312,7 @@ def reduce(
     Raises
     ------
     SceneError
-        Perfect interfaces on non-matching meshes, laws that are not linear or not fixed, curved
+        Perfect interfaces on non-matching meshes, nonlinear laws or not fixed, curved
         symmetry faces, prescribed displacements or jumps that contradict each other.
     """
     chosen = set(eliminate)

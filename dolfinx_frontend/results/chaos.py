@@ -37,7 +37,7 @@ from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 __all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
 
 SAMPLES_OF_MOMENTS = 2**12
-"""Sobol points from which the moments of the force of a law that is not linear are computed."""
+"""Sobol points from which the moments of the force of a nonlinear law are computed."""
 
 CHUNK = 512
 """Samples of a field that are evaluated at once."""
@@ -175,9 +175,9 @@ class ChaosResult(Result, StochasticResult):
         Stiffnesses whose own Galerkin matrix is indefinite, run on because the structure as a whole was
         proven definite (``indefinite="prove"``); empty otherwise.
     collocations
-        Interfaces whose law is not linear -> the quadrature points at which it is evaluated.
+        Interfaces whose law is nonlinear -> the quadrature points at which it is evaluated.
     checks
-        Active interface -> its truncation, measured at the end of the run if a law is not linear.
+        Active interface -> its truncation, measured at the end of the run if a law is nonlinear.
     checked
         The deterministic solves of that measurement.
     sampler
@@ -207,7 +207,7 @@ class ChaosResult(Result, StochasticResult):
 
     @property
     def trusted(self) -> bool:
-        """Whether the iteration converged and, if a law is not linear, every force passed the check.
+        """Whether the iteration converged and, if a law is nonlinear, every force passed the check.
 
         A linear scene is not checked by itself: ask :meth:`truncation`.
         """
@@ -261,7 +261,7 @@ class ChaosResult(Result, StochasticResult):
         return [block[..., k] for k in range(1, self.modes)]
 
     def modes_of(self, interface: str) -> tuple[Array, Array] | None:
-        """Coefficients (P + 1, [T,] m, components) of force and jump; None where the law is not linear."""
+        """Coefficients (P + 1, [T,] m, components) of force and jump; None where the law is nonlinear."""
         return None if interface in self.collocations else self._modes_of(interface)
 
     def _modes_of(self, name: str) -> tuple[Array, Array]:
@@ -293,7 +293,7 @@ class ChaosResult(Result, StochasticResult):
             yield replace(self.at(germs), weights=np.ones(len(germs)))
 
     def moment_germs(self) -> Array:
-        """Points (N, L) of the germs from which moments of a law that is not linear are computed."""
+        """Points (N, L) of the germs from which moments of a nonlinear law are computed."""
         return self.space.sample_sobol(SAMPLES_OF_MOMENTS, 0)
 
     def _sampled_moments(self, interface: str) -> tuple[Array, Array, Array, Array]:

@@ -451,7 +451,7 @@ class SavedResult(Face):
             self._stored(name, "force")
             if name in self._tree.get("nonlinear", ()):
                 raise ResultFileError(
-                    f"{self.path}: interface {name!r}: its law is not linear and not in the file, so its "
+                    f"{self.path}: interface {name!r}: its law is nonlinear and not in the file, so its "
                     "force at a sample is not known: ask the result before it is saved, or save samples of "
                     "it (result.monte_carlo(1000).save(...))"
                 )

@@ -1,4 +1,4 @@
-"""Chaos through laws that are not linear: the pseudo-spectral local stage.
+"""Chaos through nonlinear laws: the pseudo-spectral local stage.
 
 The chaos modes of the free jump are evaluated at stochastic quadrature points xi_q, the law is resolved there
 as if nothing were random, and the forces are projected back:
@@ -124,7 +124,7 @@ def _transforms(
 def collocation(
     random: RandomLaws, basis: stochastic.ChaosBasis, chaos: Chaos, name: str, steps: int = 1
 ) -> Collocation:
-    """Quadrature points for an interface whose law is not linear.
+    """Quadrature points for an interface whose law is nonlinear.
 
     A tensor Gauss rule with 2 (p + 1) points in each germ, 16 at least in one or two germs, while that is
     affordable (the response has kinks, where it takes more than p + 1); scrambled Sobol points beyond. Germs

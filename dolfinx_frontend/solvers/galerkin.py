@@ -9,7 +9,7 @@ one system of size P + 1 a point and direction. A = V diag(lambda) V^T decouples
 law is the deterministic one with the stiffness lambda_q. So the kernel runs the same laws and the same
 iteration as for one column, and its fixed point is the stochastic Galerkin solution (equations 17 and 19).
 
-A law that is not linear (contact, friction) is evaluated at stochastic quadrature points instead, see
+A nonlinear law (contact, friction) is evaluated at stochastic quadrature points instead, see
 :mod:`dolfinx_frontend.solvers.collocation`. The response then has kinks, and its chaos converges slowly:
 such an answer is compared with deterministic solves at check points before it is handed out.
 """
@@ -70,7 +70,7 @@ class NearlyIndefiniteWarning(UserWarning):
 
 
 class TruncationWarning(UserWarning):
-    """The chaos of a scene that is not linear is further from deterministic solves than was asked for."""
+    """The chaos of a nonlinear scene is further from deterministic solves than was asked for."""
 
 
 @dataclass(frozen=True)
@@ -164,13 +164,13 @@ def _guard(
             )
     if not bad:
         return ()
-    mend = (
+    remedy = (
         "use a positive law (LogNormal, Gamma, TruncatedNormal with a positive lower bound), a smaller "
         "coefficient of variation or a lower order"
     )
     if indefinite == "refuse":
         raise IndefiniteError(
-            "\n".join(bad) + f"\n{mend}; or pass indefinite='prove' to go on if the structure as a "
+            "\n".join(bad) + f"\n{remedy}; or pass indefinite='prove' to go on if the structure as a "
             "whole is proven definite"
         )
     floors = {
@@ -183,7 +183,7 @@ def _guard(
     if not bridge.definite(problem, floors):
         raise IndefiniteError(
             "\n".join(bad) + "\nthe structure as a whole could not be proven definite either (Cholesky "
-            f"with every random stiffness at its smallest eigenvalue breaks down); {mend}"
+            f"with every random stiffness at its smallest eigenvalue breaks down); {remedy}"
         )
     return tuple(bad)
 
@@ -317,7 +317,7 @@ class _Changes:
 def _with_collocations(
     plan: Plan, random: RandomLaws, collocations: dict[str, Collocation], chaos: Chaos
 ) -> Plan:
-    """The plan with what it means that laws are not linear."""
+    """The plan with what it means that laws are nonlinear."""
     if not collocations:
         return plan
     decisions = [
@@ -325,7 +325,7 @@ def _with_collocations(
             f"law of {name}",
             f"at {len(each)} points in {len(each.germs)} germs ({each.rule}), "
             f"{each.bytes(random, plan.steps) / 1e6:.3g} MB",
-            "it is not linear: evaluated at stochastic quadrature points and projected on the modes",
+            "it is nonlinear: evaluated at stochastic quadrature points and projected on the modes",
         )
         for name, each in collocations.items()
     ]
@@ -385,7 +385,7 @@ def solve_chaos(
     NearlyIndefiniteWarning
         A Galerkin stiffness is close to that.
     TruncationWarning
-        A law is not linear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
+        A law is nonlinear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
     """
     if indefinite not in ("refuse", "prove"):
         raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
@@ -467,7 +467,7 @@ def _run(
 
 
 def _checked(result: ChaosResult) -> ChaosResult:
-    """The result with all its forces compared with deterministic solves where a law is not linear.
+    """The result with all its forces compared with deterministic solves where a law is nonlinear.
 
     More points are taken while the estimates pass and only their standard errors do not. A warning says where
     they differ.
@@ -505,7 +505,7 @@ def _warn_of_truncation(result: ChaosResult) -> None:
         f"the chaos of order {result.chaos.order} is not proven converged to {percent(tolerance)} by "
         f"{solves} deterministic solves:\n  "
         + "\n  ".join(bad)
-        + "\nlaws that are not linear make kinks, on which chaos converges slowly: raise the order, or "
+        + "\nlaws that are nonlinear make kinks, on which chaos converges slowly: raise the order, or "
         "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
         "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
         TruncationWarning,

@@ -309,7 +309,7 @@ def test_a_loaded_chaos_of_a_contact_knows_what_it_does_not_know(tmp_path: Path)
     found = load(tmp_path / "a.h5")
     assert found.table().to_csv() == chaos.table(samples=30).to_csv()
     assert found.quantity(lambda f: f.displacement("left").max(axis=1)).std().value > 0.0
-    with pytest.raises(ResultFileError, match="its law is not linear and not in the file"):
+    with pytest.raises(ResultFileError, match="its law is nonlinear and not in the file"):
         found.quantity(pull(found))
     with pytest.raises(ResultFileError, match="60 samples are not in the file, it has 30"):
         found.quantity(pull(found), samples=60)
