@@ -40,6 +40,8 @@ class PointLaw(ABC):
     components: int
     convex = True
     """Whether the force is the slope of a convex energy of the jump."""
+    frozen: Array | None = None
+    """What makes a law convex while it is held fixed (a friction bound, a damage); None: nothing is."""
 
     @abstractmethod
     def resolve(self, z: Array, c: Array) -> tuple[Array, Array]:
@@ -48,6 +50,9 @@ class PointLaw(ABC):
     def remember(self, jump: Array, force: Array) -> Any:
         """What the next time step must know of this one."""
         return None
+
+    def freeze(self, jump: Array, force: Array, last: Array | None) -> None:
+        """Hold fixed what makes the law not convex, as it is with a jump and a force; `last`: as it was held."""
 
 
 def _diagonal(values: Array) -> Array:
@@ -86,13 +91,15 @@ class Friction(PointLaw):
         self.delta = delta
         self.before = np.zeros((len(gap), components - 1)) if before is None else before
         self.convex = components == 1 or not np.any(mu)
-        self.frozen: Array | None = None
-        """The friction bound, where it is held fixed."""
 
     def bound(self, force: Array) -> Array:
         """Largest tangential force for a force, (m,)."""
         pressure = np.maximum(0.0, -force[:, 0])
         return np.where(pressure > 0.0, self.mu * pressure + self.tau, 0.0)
+
+    def freeze(self, jump: Array, force: Array, last: Array | None) -> None:
+        bound = self.bound(force)
+        self.frozen = bound if last is None else 0.5 * (bound + last)
 
     def resolve(self, z: Array, c: Array) -> tuple[Array, Array]:
         m, k = z.shape
@@ -172,8 +179,10 @@ class Bond(PointLaw):
                 reached <= self.first, 1.0, np.clip(a * (self.last - reached) / np.maximum(reached, 1e-300), 0, 1)
             )
 
-        old = share_of(self.worst)
+        old = share_of(self.worst if self.frozen is None else np.maximum(self.frozen, self.worst))
         grows = whole / (1.0 + product * old) > worst
+        if self.frozen is not None:
+            grows = np.zeros(m, dtype=bool)
         reached = np.where(
             whole >= self.last, whole, (whole - product * a * self.last) / (1.0 - product * a)
         )
@@ -197,6 +206,9 @@ class Bond(PointLaw):
 
     def remember(self, jump: Array, force: Array) -> Any:
         return np.maximum(self.worst, self._mixed(jump - self.delta))
+
+    def freeze(self, jump: Array, force: Array, last: Array | None) -> None:
+        self.frozen = self._mixed(jump - self.delta)
 
 
 class Bolt(PointLaw):

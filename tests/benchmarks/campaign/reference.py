@@ -24,7 +24,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 import dolfinx_frontend as lf
-from campaign.points import Array, Friction, PointLaw, Springs, point_law, spring_rows, vector
+from campaign.points import Array, PointLaw, Springs, point_law, spring_rows, vector
 
 EPS = float(np.finfo(np.float64).eps)
 RIGID = (lf.Displacement, lf.Symmetry, lf.Perfect)
@@ -56,15 +56,12 @@ class Answer:
         Part -> (2, 2): rounding of the energy norm and of the displacement, of the first column and of the rest.
     forces, jumps
         Nonlinear interface -> (m, components).
-    loose
-        Part -> largest relative change in the last round.
     """
 
     fields: dict[str, Array]
     floors: dict[str, Array]
     forces: dict[str, Array] = field(default_factory=dict)
     jumps: dict[str, Array] = field(default_factory=dict)
-    loose: float = 0.0
 
 
 @dataclass
@@ -384,7 +381,7 @@ class Model:
             jumps[row.name] = jump[row.rows].reshape(shape)
             remembered[row.name] = law.remember(jumps[row.name], forces[row.name])
         fields = {name: u[where][:, None] for name, where in self.of_part.items()}
-        return Answer(fields, floors, forces, jumps, newton.loose), remembered
+        return Answer(fields, floors, forces, jumps), remembered
 
     def _floors(self, newton: _Newton, u: Array, load: Array) -> dict[str, Array]:
         """What rounding of the terms of equilibrium does to every part."""
@@ -399,6 +396,9 @@ class Model:
             away = self.recovered(newton.respond(right), inside)
             for name, where in self.of_part.items():
                 found[name][:, 0] = np.maximum(found[name][:, 0], self.norms.of(name, away[where]))
+        last = self.recovered(newton.last, np.zeros(len(self.i)))
+        for name, where in self.of_part.items():
+            found[name][:, 0] += self.norms.of(name, last[where])
         return found
 
 
@@ -413,8 +413,7 @@ class _Newton:
         self.terms = np.abs(right)
         self.signs = np.random.default_rng(1).choice((-1.0, 1.0), (len(right), 2))
         self.noise = np.zeros((len(right), 2))
-        self.loose = 0.0
-        self.convex = all(law.convex for law in laws)
+        self.last = np.zeros(len(right))
         self._set_c(1.0)
         self._lu: Any = None
         # nodes of each part, for relative changes
@@ -485,7 +484,8 @@ class _Newton:
         """Equilibrium for the multipliers at hand."""
         H, w = self.H, self.w
         offset = self.jump + self._flat_c() * self.force
-        convex = self.convex or any(isinstance(x, Friction) and x.frozen is not None for x in self.laws)
+        convex = all(law.convex or law.frozen is not None for law in self.laws)
+        best, since = np.inf, 0
         size_S, size_H = np.abs(self.S), np.abs(H).T
         for _ in range(limit):
             z = H @ self.y + offset
@@ -521,7 +521,10 @@ class _Newton:
                             low, f_low = alpha, value
             elif not convex:
                 size = np.sqrt(1.0 / np.maximum(np.diag(self.S), 1e-300))
-                base = np.linalg.norm(size * residual)
+                base = float(np.linalg.norm(size * residual))
+                best, since = (base, 0) if base < 0.9 * best else (best, since + 1)
+                if since > 12:
+                    return False
                 for _ in range(10):
                     moved, _ = self._resolve(z + alpha * Hs)
                     new = residual + alpha * Ss + H.T @ (w * (moved - force))
@@ -552,41 +555,52 @@ class _Newton:
             for row in rows:
                 if row.name in start:
                     self.force[row.rows] = start[row.name][0].ravel()
-        rubs = [law for law in laws if isinstance(law, Friction) and np.any(law.mu)]
-        frozen_rounds, history, began = 0, [], perf_counter()
+        odd = [(row, law) for row, law in zip(rows, laws, strict=True) if not law.convex]
+        held: list[Array | None] = [None] * len(odd)
+        wait, frozen_rounds, history, began = 6, 0, [], perf_counter()
         rounds, solved = 0, False
-        for rounds in range(150):
+        for rounds in range(300):
             if perf_counter() - began > PATIENCE:
                 break
-            for law in rubs:
-                law.frozen = None
-            before = self.y.copy()
-            if frozen_rounds:
-                for row, law in zip(rows, laws, strict=True):
-                    if law in rubs:
-                        law.frozen = law.bound(self.force[row.rows].reshape(-1, row.components))
+            before, known, frozen = self.y.copy(), self.force.copy(), frozen_rounds > 0
+            settled = True
+            if frozen:
+                jump = self.H @ self.y + self.jump
+                for k, (row, law) in enumerate(odd):
+                    shape = (-1, row.components)
+                    law.freeze(jump[row.rows].reshape(shape), self.force[row.rows].reshape(shape), held[k])
+                    last, held[k] = held[k], law.frozen
+                    near = last is not None and np.abs(last - law.frozen).max() <= 1e-11 * np.abs(law.frozen).max()
+                    settled = settled and near
                 frozen_rounds -= 1
             good = self._inner(60)
-            frozen = any(law.frozen is not None for law in rubs)
-            for law in rubs:
+            for _, law in odd:
                 law.frozen = None
-            if not good and not frozen and rubs:
-                self.y = before
-                frozen_rounds = 8
+            if not good and not frozen and odd:
+                self.y, self.force = before, known
+                frozen_rounds, held = wait, [None] * len(odd)
+                wait = min(2 * wait, 100)
                 continue
             z = self.H @ self.y + self.jump + self._flat_c() * self.force
             force, self.slopes = self._resolve(z)
             self.force = force
             change = self._change(self.y - before)
             history.append(change)
-            if good and not frozen and change < 1e-11:
-                self.loose, solved = change, True
-                break
-            if good and not frozen and rounds % 8 == 7 and change > 0.1 * history[-2] and self.factor > 1e-5:
-                self._set_c(0.1 * self.factor)
+            # in rounds without any change what is held fixed is settled up to rounding
+            settled = settled or history[-6:] == [0.0] * 6
+            if good and settled and change < 1e-11:
+                # one more round, and what it still changes is the reference's own error
+                self.last = self.y - before
+                if solved:
+                    break
+                solved = True
+                continue
+            if good and not frozen and rounds % 8 == 7 and len(history) > 1 and change > 0.1 * history[-2]:
+                if self.factor > 1e-5:
+                    self._set_c(0.1 * self.factor)
         if not solved:
-            last = history[-1] if history else np.inf
-            raise Unsolved(f"no answer after {rounds + 1} rounds, last change {last:.1e}")
+            last_change = history[-1] if history else np.inf
+            raise Unsolved(f"no answer after {rounds + 1} rounds, last change {last_change:.1e}")
         self._solve(self._tangent(self.slopes), self.right)
 
 
