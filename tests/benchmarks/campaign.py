@@ -141,11 +141,19 @@ def worker() -> None:
 
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_DATA, (6 * 2**30, 6 * 2**30))
-    from campaign.judge import judge
+    from campaign.judge import judge, one
     from campaign.pool import serve
+    from campaign.scenes import Scene
 
     logging.disable(logging.CRITICAL)
-    serve(lambda seed, phase: judge(seed, phase).record())
+
+    def verdict(task: dict[str, Any], phase: Any) -> dict[str, Any]:
+        if "source" in task:
+            given = Scene(task["seed"], "", task["kind"], task["source"], task["rtol"], 1, "given")
+            return one(given, phase).record()
+        return judge(task["seed"], phase).record()
+
+    serve(verdict)
 
 
 def on_ranks(seed: int, file: Path) -> None:

@@ -7,8 +7,8 @@ Two norms of a part's error, each relative to the part's own answer in the same 
 
 A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right force at
 the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves (`floors` of the
-reference, ten times; ten rounding errors of the part's own displacement; one of the largest displacement of all parts)
-is no error, so that a part without a load is not wrong by 1e-16 of its neighbour's motion.
+reference, ten times; ten rounding errors of the part's own displacement; one of the largest displacement of all parts;
+1e-10 in any case) is no error, so that a part without a load is not wrong by 1e-16 of its neighbour's motion.
 What is nothing but rounding has no size of its own: a scatter is then compared with the mean, the displacement of a
 part that stays where it is with the largest one of the scene, and strains are not compared.
 The fluctuation of a chaos is all its columns but the first; that of samples is what is left without their mean.
@@ -28,6 +28,8 @@ from campaign.reference import EPS, Answer, Norms
 
 FLOORS = 10.0
 """So many times the estimated rounding error is still rounding."""
+LEAST = 1e-10
+"""Errors below this are rounding in any case: an iteration has rounding of its own, which the reference cannot know."""
 QUIET = 1e-9
 """A step is compared with this share of the part's largest step at least."""
 NAMES = ("energy", "displacement")
@@ -129,7 +131,7 @@ def errors(
                         if whole <= floor[i]:
                             continue
                     raw, rounding = away[i] / whole, floor[i] / whole
-                    true = raw if away[i] > floor[i] else 0.0
+                    true = raw if away[i] > floor[i] and raw > LEAST else 0.0
                     out.append(Error(name, ", ".join(place), norm, true, raw, rounding, said))
     return out
 
@@ -159,7 +161,7 @@ def spread(
                     whole = norms.of(name, means[0])[i]
                     if norm == "energy" or whole <= bound[i]:
                         continue
-                true = away[i] / whole if away[i] > bound[i] else 0.0
+                true = away[i] / whole if away[i] > max(bound[i], LEAST * whole) else 0.0
                 place = f"{label}, {what}" if label else what
                 out.append(Error(name, place, norm, true, away[i] / whole, bound[i] / whole, said))
     return out

@@ -80,7 +80,13 @@ class Seat:
         self.worker: Worker | None = None
 
     def run(self, task: dict[str, Any]) -> dict[str, Any]:
-        """The verdict on a scene, whatever happens to the worker."""
+        """The verdict on a scene, whatever happens to the worker.
+
+        Parameters
+        ----------
+        task
+            The scene's seed; or, with a ``source``, its kind and tolerance. The rest is put into the verdict.
+        """
         began = perf_counter()
         if self.worker is not None and self.worker.served >= SERVES:
             self.close()
@@ -161,8 +167,8 @@ def ranked(task: dict[str, Any], limit: float) -> dict[str, Any]:
         return Seat._lost(task, "crashed", what or "two ranks left no verdict", words, began)
 
 
-def serve(judge: Callable[[int, Callable[[str], None]], dict[str, Any]]) -> None:
-    """A worker's life."""
+def serve(judge: Callable[[dict[str, Any], Callable[[str], None]], dict[str, Any]]) -> None:
+    """A worker's life: tasks in, verdicts out."""
     pipe = os.fdopen(int(os.environ["CAMPAIGN_PIPE"]), "w", buffering=1)
 
     def say(what: dict[str, Any]) -> None:
@@ -172,4 +178,4 @@ def serve(judge: Callable[[int, Callable[[str], None]], dict[str, Any]]) -> None
     for line in sys.stdin:
         task = json.loads(line)
         say({"phase": "draw"})
-        say({"verdict": judge(task["seed"], lambda phase: say({"phase": phase}))})
+        say({"verdict": judge(task, lambda phase: say({"phase": phase}))})

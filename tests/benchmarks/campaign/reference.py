@@ -416,6 +416,7 @@ class _Newton:
         self.last = np.zeros(len(right))
         self._set_c(1.0)
         self._lu: Any = None
+        self.singular = False
         # nodes of each part, for relative changes
         self.who = []
         Zb = model.Z[:, model.b]
@@ -463,7 +464,7 @@ class _Newton:
             lu = la.lu_factor(scaled + damping * np.eye(len(scaled)), check_finite=False)
             if np.abs(np.diag(lu[0])).min() > 3e-15:
                 break
-        self._lu = (lu, scale)
+        self._lu, self.singular = (lu, scale), damping > 0.0
         found: Array = scale.reshape(-1, *[1] * (right.ndim - 1)) * la.lu_solve(lu, right, check_finite=False)
         return found
 
@@ -602,6 +603,8 @@ class _Newton:
             last_change = history[-1] if history else np.inf
             raise Unsolved(f"no answer after {rounds + 1} rounds, last change {last_change:.1e}")
         self._solve(self._tangent(self.slopes), self.right)
+        if self.singular:
+            raise Unsolved("something moves freely at the answer")
 
 
 def histories(

@@ -754,6 +754,8 @@ class Maker:
                 settings.append(f"newton={d.pick((0, 0, 20, 5000))}")
             if d.chance(0.4):
                 settings.append(f"max_iterations={d.pick((1000, 3000))}")
+        else:
+            settings.append("max_iterations=1500")
         if self.ranks == 1:
             if d.chance(0.35):
                 settings.append(f'macro="{d.pick(("none", "resultants", "linear"))}"')
