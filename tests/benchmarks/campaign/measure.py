@@ -12,12 +12,13 @@ reference, ten times; ten rounding errors of the part's own displacement; one of
 What is nothing but rounding has no size of its own: a scatter is then compared with the mean, the displacement of a
 part that stays where it is with the largest one of the scene, and strains are not compared.
 The fluctuation of a chaos is all its columns but the first; that of samples is what is left without their mean.
-A step is compared with itself, but with no less than 1e-9 of the part's largest step.
+A step is compared with itself, but with no less than 1e-9 of the part's largest step; a scatter with itself, but with
+no less than 1e-6 of the mean: less is not worth an order of a chaos or a sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,8 @@ LEAST = 1e-10
 """Errors below this are rounding in any case: an iteration has rounding of its own, which the reference cannot know."""
 QUIET = 1e-9
 """A step is compared with this share of the part's largest step at least."""
+SCATTER = 1e-6
+"""A scatter is compared with this share of the part's mean at least."""
 NAMES = ("energy", "displacement")
 
 
@@ -71,7 +74,7 @@ def columns(what: str) -> tuple[slice, ...]:
 
 def errors(
     norms: Norms,
-    found: list[Mapping[str, Array]],
+    found: Sequence[Mapping[str, Array]],
     answers: list[Answer],
     said: float,
     kind: str = "",
@@ -123,6 +126,8 @@ def errors(
                 place += [("mean", "fluctuation")[g]] if kind == "chaos" else []
                 for i, norm in enumerate(NAMES):
                     whole = max(size[i], QUIET * peak[i])
+                    if g:
+                        whole = max(whole, SCATTER * sizes[name, k, 0][i])
                     if whole <= floor[i]:
                         # nothing but rounding: no strain, or what should not move (or scatter) at all
                         if norm == "energy":
@@ -137,7 +142,7 @@ def errors(
 
 
 def spread(
-    norms: Norms, found: list[Mapping[str, Array]], answers: list[Answer], weights: Array, said: float, label: str
+    norms: Norms, found: Sequence[Mapping[str, Array]], answers: list[Answer], weights: Array, said: float, label: str
 ) -> list[Error]:
     """Errors of mean and fluctuation of samples: (n, 1) each, with weights of sum 1."""
     out = []
@@ -155,7 +160,7 @@ def spread(
             size, away = norms.of(name, e), norms.of(name, m - e)
             bound = FLOORS * floor + least
             for i, norm in enumerate(NAMES):
-                whole = size[i]
+                whole = size[i] if what == "mean" else max(size[i], SCATTER * norms.of(name, means[0])[i])
                 if whole <= bound[i]:
                     # what should not scatter
                     whole = norms.of(name, means[0])[i]

@@ -31,6 +31,8 @@ RIGID = (lf.Displacement, lf.Symmetry, lf.Perfect)
 LOADS = (lf.Traction, lf.Pressure)
 STIFF = 1e3
 """Springs above this multiple of the softer side's E / L are kept as rows: assembled ones would cancel."""
+DAMPING = (0.0, 1e-11, 1e-8, 1e-5)
+"""Shares of its diagonal that are added to a tangent as long as it is singular: something flies."""
 PATIENCE = 10.0
 """Seconds for one step."""
 Laws = Mapping[str, Any]
@@ -239,6 +241,7 @@ class Model:
         held: list[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]] = []
         columns, entries, count = [], [], 0
         rest = np.ones(self.size, dtype=bool)
+        stiffness = self.matrix.diagonal()
         if C is not None and C.nnz:
             C = sp.diags(1.0 / np.maximum(abs(C).max(axis=1).toarray().ravel(), 1e-300)) @ C
             C.data[np.abs(C.data) < 1e-14] = 0.0
@@ -255,17 +258,28 @@ class Model:
             for label in range(labels.max() + 1):
                 mine, who = used[labels == label], np.flatnonzero(row_label == label)
                 block = C[who][:, mine].toarray()
-                U, s, Vt = np.linalg.svd(block, full_matrices=True)
+                U, s, Vt = np.linalg.svd(block, full_matrices=False)
                 rank = int(np.sum(s > 1e-9 * s[0]))
-                free = Vt[rank:].T
-                free[np.abs(free) < 1e-14] = 0.0
                 held.append((who, mine, (Vt[:rank].T / s[:rank]) @ U[:, :rank].T))
-                if free.shape[1]:
-                    columns.append((mine, free))
+                if rank == len(mine):
+                    continue
+                # soft nodes follow stiff ones: a basis that mixed them would lose the soft part's digits
+                soft = 1.0 / np.sqrt(stiffness[mine])
+                _, R, order = la.qr(block * soft, mode="economic", pivoting=True)
+                follow, lead = order[:rank], order[rank:]
+                follows = -la.solve_triangular(R[:rank, :rank], R[:rank, rank:])
+                follows *= soft[follow][:, None] / soft[lead]
+                follows[np.abs(follows) < 1e-13] = 0.0
+                free = np.zeros((len(mine), len(lead)))
+                free[lead, range(len(lead))] = 1.0
+                free[follow] = follows
+                columns.append((mine, free, lead))
         identity = np.flatnonzero(rest)
+        leads = [identity]
         row_index, column_index, entries = [identity], [np.arange(len(identity))], [np.ones(len(identity))]
         count = len(identity)
-        for mine, free in columns:
+        for mine, free, first in columns:
+            leads.append(mine[first])
             r, c = np.nonzero(free)
             row_index.append(mine[r])
             column_index.append(count + c)
@@ -274,6 +288,7 @@ class Model:
         where = (np.concatenate(row_index), np.concatenate(column_index))
         self.Z = sp.csr_matrix((np.concatenate(entries), where), shape=(self.size, count))
         self.held, self.C = held, C
+        self.leads = np.concatenate(leads)  # the unknown of u that each y is
 
     # -- what changes in time ----------------------------------------------------------------------
     def prescribed(self, laws: Laws) -> Array:
@@ -346,6 +361,7 @@ class Model:
         time: float | None = None,
         memory: Mapping[str, Any] | None = None,
         start: Mapping[str, tuple[Array, Array]] | None = None,
+        near: Mapping[str, Array] | None = None,
     ) -> tuple[Answer, dict[str, Any]]:
         """The answer at one time, and what the next step must remember.
 
@@ -353,6 +369,8 @@ class Model:
         ----------
         start
             Interface -> force and jump to begin from.
+        near
+            Part -> displacements (n, 1) to begin from.
 
         Raises
         ------
@@ -369,9 +387,18 @@ class Model:
         newton.terms = (abs(self.Z).T @ terms)[self.b]
         if self.rows:
             newton.y = np.array(known.get("", newton.y))
+            if near is not None:
+                guess = np.concatenate([np.asarray(near[name]).ravel() for name in self.parts])
+                newton.y = (guess - fixed)[self.leads][self.b]
             newton.run(start)
         u = fixed + self.recovered(newton.y, inside)
-        floors = self._floors(newton, u, load)
+        for _ in range(3):
+            # the condensed matrix has rounded: what its answer leaves in the whole one
+            left = load - self.matrix @ u - self.trace.T @ (self.weights * newton.law_force(self.trace @ u))
+            last, left_inside = self.condensed(left)
+            last = self.recovered(newton.respond(last), left_inside)
+            u = u + last
+        floors = self._floors(newton, u, load, last)
         jump = self.trace @ u
         forces, jumps = {}, {}
         remembered: dict[str, Any] = {"": newton.y}
@@ -383,11 +410,11 @@ class Model:
         fields = {name: u[where][:, None] for name, where in self.of_part.items()}
         return Answer(fields, floors, forces, jumps), remembered
 
-    def _floors(self, newton: _Newton, u: Array, load: Array) -> dict[str, Array]:
+    def _floors(self, newton: _Newton, u: Array, load: Array, corrected: Array) -> dict[str, Array]:
         """What rounding of the terms of equilibrium does to every part."""
         rng = np.random.default_rng(0)
         terms = abs(self.matrix) @ np.abs(u) + np.abs(load)
-        terms += abs(self.trace).T @ (self.weights * np.abs(newton.force))
+        terms = terms + abs(self.trace).T @ (self.weights * np.abs(newton.force))
         moves = abs(self.trace) @ np.abs(u)
         found = {name: np.zeros((2, 2)) for name in self.parts}
         for _ in range(3):
@@ -398,7 +425,7 @@ class Model:
                 found[name][:, 0] = np.maximum(found[name][:, 0], self.norms.of(name, away[where]))
         last = self.recovered(newton.last, np.zeros(len(self.i)))
         for name, where in self.of_part.items():
-            found[name][:, 0] += self.norms.of(name, last[where])
+            found[name][:, 0] += self.norms.of(name, last[where]) + self.norms.of(name, corrected[where])
         return found
 
 
@@ -418,12 +445,13 @@ class _Newton:
         self._lu: Any = None
         self.singular = False
         # nodes of each part, for relative changes
-        self.who = []
+        self.who, self.columns = [], []
         Zb = model.Z[:, model.b]
         for where in model.of_part.values():
             block = Zb[where]
             if block.nnz:
                 self.who.append(block)
+                self.columns.append(np.flatnonzero(np.diff(block.tocsc().indptr)))
 
     def _set_c(self, factor: float) -> None:
         self.factor = factor
@@ -456,11 +484,11 @@ class _Newton:
     def _tangent(self, slopes: list[Array]) -> Array:
         return self.S + self.H.T @ (self.w[:, None] * self._through(slopes, self.H))
 
-    def _solve(self, matrix: Array, right: Array) -> Array:
+    def _solve(self, matrix: Array, right: Array, least: int = 0) -> Array:
         scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
         scaled = matrix * scale[:, None] * scale
         right = scale.reshape(-1, *[1] * (right.ndim - 1)) * right
-        for damping in (0.0, 1e-11, 1e-8):
+        for damping in DAMPING[least:]:
             lu = la.lu_factor(scaled + damping * np.eye(len(scaled)), check_finite=False)
             if np.abs(np.diag(lu[0])).min() > 3e-15:
                 break
@@ -474,6 +502,12 @@ class _Newton:
             return np.zeros(len(self.y))
         lu, scale = self._lu
         return scale * la.lu_solve(lu, scale * right, check_finite=False)
+
+    def law_force(self, jump: Array) -> Array:
+        """The law's force at jumps close to the answer's."""
+        if not self.model.rows:
+            return np.zeros(0)
+        return self._resolve(jump + self._flat_c() * self.known)[0]
 
     def pull(self, jump: Array) -> Array:
         """Forces on the nodes of a change of the jumps."""
@@ -492,11 +526,15 @@ class _Newton:
             z = H @ self.y + offset
             force, slopes = self._resolve(z)
             residual = self.S @ self.y + H.T @ (w * force) - self.right
-            terms = size_S @ np.abs(self.y) + size_H @ (w * np.abs(force)) + self.terms
+            forces = size_H @ (w * np.abs(force)) + self.terms
             # the same factorisation says what rounding of these terms is worth
-            noise = EPS * terms[:, None] * self.signs
-            found = self._solve(self._tangent(slopes), np.column_stack([-residual, noise]))
-            step, self.noise = found[:, 0], found[:, 1:]
+            noise = EPS * (size_S @ np.abs(self.y) + forces)[:, None] * self.signs
+            tangent = self._tangent(slopes)
+            for least in range(len(DAMPING)):
+                found = self._solve(tangent, np.column_stack([-residual, noise]), least)
+                step, self.noise = found[:, 0], found[:, 1:]
+                if not convex or step @ residual <= 0.0:
+                    break
             if not np.all(np.isfinite(step)):
                 return False
             Hs, Ss = H @ step, self.S @ step
@@ -536,9 +574,21 @@ class _Newton:
                     alpha = 0.3
             self.y = self.y + alpha * step
             change = self._change(alpha * step)
-            if alpha == 1.0 and change < 1e-13:
+            acts = size_H @ (w * np.abs(force)) + np.abs(self.right)
+            if alpha == 1.0 and change < 1e-13 and self._balanced(residual, acts):
                 return True
         return False
+
+    def _balanced(self, residual: Array, forces: Array) -> bool:
+        """Whether what is left over is small beside the forces on every part: in flight it is not."""
+        whole = np.linalg.norm(forces)
+        for columns in self.columns:
+            # a part without a load has forces that may be nothing but rounding
+            least = 0.0 if np.any(self.right[columns]) else 1e-6 * whole
+            size = np.linalg.norm(forces[columns])
+            if np.linalg.norm(residual[columns]) > max(1e-4 * size, least):
+                return False
+        return True
 
     def _change(self, step: Array) -> float:
         """Largest change of a part relative to its own displacement; what rounding may have done is none."""
@@ -582,9 +632,9 @@ class _Newton:
                 frozen_rounds, held = wait, [None] * len(odd)
                 wait = min(2 * wait, 100)
                 continue
+            self.known = self.force
             z = self.H @ self.y + self.jump + self._flat_c() * self.force
-            force, self.slopes = self._resolve(z)
-            self.force = force
+            self.force, self.slopes = self._resolve(z)
             change = self._change(self.y - before)
             history.append(change)
             # in rounds without any change what is held fixed is settled up to rounding
@@ -612,6 +662,7 @@ def histories(
     laws_at: Callable[[float], Laws],
     times: Sequence[float],
     start: Callable[[int], Mapping[str, tuple[Array, Array]]] | None = None,
+    near: Sequence[Mapping[str, Array]] | None = None,
 ) -> list[Answer]:
     """One step after the other; each begins from the one before, or from what `start` gives."""
     answers: list[Answer] = []
@@ -621,7 +672,8 @@ def histories(
             begin: Any = start(k)
         else:
             begin = {n: (f, answers[-1].jumps[n]) for n, f in answers[-1].forces.items()} if answers else None
-        answer, memory = model.solve(laws_at(float(time)), float(time), memory, begin)
+        guess = None if near is None else near[k]
+        answer, memory = model.solve(laws_at(float(time)), float(time), memory, begin, guess)
         answers.append(answer)
     return answers
 
@@ -712,6 +764,16 @@ def galerkin(
             return block
 
     u = fixed + model.recovered(respond(right), inside)
+    last = np.zeros_like(u)
+    for _ in range(3):
+        left = F - model.matrix @ u
+        for n, row in rows.items():
+            jump = (row.trace @ u).reshape(-1, row.components, modes) - imposed[n]
+            force = np.stack([jump[:, c] @ coupling[n][:, :, c] for c in range(row.components)], axis=1)
+            left -= row.trace.T @ (row.weights[:, None] * force.reshape(-1, modes))
+        edge, middle = model.condensed(left)
+        last = model.recovered(respond(edge), middle)
+        u = u + last
     rng = np.random.default_rng(0)
     terms = abs(model.matrix) @ np.abs(u) + np.abs(F)
     for n, row in rows.items():
@@ -725,4 +787,7 @@ def galerkin(
         for name, where in model.of_part.items():
             found = [model.norms.of(name, away[where][:, s]) for s in (slice(0, 1), slice(1, None))]
             floors[name] = np.maximum(floors[name], np.array(found).T)
+    for name, where in model.of_part.items():
+        found = [model.norms.of(name, last[where][:, s]) for s in (slice(0, 1), slice(1, None))]
+        floors[name] += np.array(found).T
     return Answer({name: u[where] for name, where in model.of_part.items()}, floors)

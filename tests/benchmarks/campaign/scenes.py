@@ -406,7 +406,10 @@ class Maker:
 
     # -- joints -------------------------------------------------------------------------------------
     def law_between(self, name: str, parent: Block, child: Block, tree: bool, leaf: bool) -> tuple[str, str]:
-        """Text of a law, and how it holds the child: ``all``, ``normal`` (also in traction) or ``push``."""
+        """Text of a law, and how it holds the child: ``all``, ``normal`` (also in traction), ``push`` or ``bond``.
+
+        A part whose bond has come off must be held by something else, or its place would be anywhere.
+        """
         d = self.draw
         softer = parent if parent.modulus / parent.size < child.modulus / child.size else child
         linear = ["Elastic"] * 5 + ["Perfect"] * 2
@@ -439,7 +442,7 @@ class Maker:
             strength = short(self.pressure_of(child) * d.power(-0.5, 1))
             last = short(strength / normal * d.between(3.0, 20.0) + 10.0 * strength / size * d.between(1.0, 3.0))
             text = f"normal={show(normal)}, tangential={show(short(normal * d.between(0.3, 1.0)))}, "
-            return f"lf.Debonding({text}strength={show(strength)}, opening={show(last)})", "all"
+            return f"lf.Debonding({text}strength={show(strength)}, opening={show(last)})", "bond"
         if kind == "Rubber":
             self.user.add("rubber")
             stiffness = short(size * d.power(-2, 1))
@@ -649,6 +652,14 @@ class Maker:
             space = "facets"
         elif d.chance(0.15):
             space = "facets"
+        if space == "facets":
+            # the mean over one facet holds no rotation
+            for a in range(self.dim):
+                if a != touch.axis and first.divisions[a] < 2:
+                    if match:
+                        space = "points"
+                    else:
+                        first.divisions[a] = 2
         extra = f', space="{space}"' if space != "points" else ""
         if touch.partial:
             extra += ', overlap="partial"'
