@@ -537,6 +537,10 @@ class _Newton:
                     break
             if not np.all(np.isfinite(step)):
                 return False
+            acts = size_H @ (w * np.abs(force)) + np.abs(self.right)
+            if self._change(step) < 1e-13 and self._balanced(residual, acts):
+                self.y = self.y + step
+                return True
             Hs, Ss = H @ step, self.S @ step
 
             def slope_at(alpha: float, z=z, Hs=Hs, Ss=Ss, residual=residual, force=force) -> float:
@@ -573,10 +577,6 @@ class _Newton:
                 else:
                     alpha = 0.3
             self.y = self.y + alpha * step
-            change = self._change(alpha * step)
-            acts = size_H @ (w * np.abs(force)) + np.abs(self.right)
-            if alpha == 1.0 and change < 1e-13 and self._balanced(residual, acts):
-                return True
         return False
 
     def _balanced(self, residual: Array, forces: Array) -> bool:
@@ -584,7 +584,7 @@ class _Newton:
         whole = np.linalg.norm(forces)
         for columns in self.columns:
             # a part without a load has forces that may be nothing but rounding
-            least = 0.0 if np.any(self.right[columns]) else 1e-6 * whole
+            least = 0.0 if np.linalg.norm(self.right[columns]) > 1e-12 * whole else 1e-6 * whole
             size = np.linalg.norm(forces[columns])
             if np.linalg.norm(residual[columns]) > max(1e-4 * size, least):
                 return False

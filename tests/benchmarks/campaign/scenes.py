@@ -467,6 +467,10 @@ class Maker:
         gap = d.pick((0.0, -1.0, 1.0), (0.45, 0.15, 0.4)) * move * d.power(-2, 2)
         if gap < 0.0:
             gap = max(gap, -10.0 * move)
+        bound = kind == "Tresca" or (kind == "Friction" and d.chance(0.1))
+        if bound:
+            # where faces touch without pressing, a bound that does not depend on the pressure has no unique answer
+            gap = -move * d.power(-0.5, 1.0)
         parts = []
         if d.chance(0.15) and gap >= 0.0:
             slope = short(abs(gap or move) * d.between(0.1, 1.0) / self.length)
@@ -475,7 +479,7 @@ class Maker:
             parts.append(f'gap={self.value(name, "gap", short(gap), positive=False)}')
         if kind == "Friction":
             parts.append(f'friction={self.value(name, "friction", d.between(0.05, 0.6))}')
-        if kind == "Tresca" or (kind == "Friction" and d.chance(0.1)):
+        if bound:
             parts.append(f"threshold={show(short(self.pressure_of(child) * d.power(-1, 0.5)))}")
         if d.chance(0.35):
             parts.append(f'stiffness={self.value(name, "stiffness", self.stiffness(softer, (-2.0, 4.0)))}')
