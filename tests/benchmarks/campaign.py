@@ -1,14 +1,15 @@
 """Random scenes against independent references: how often is "converged" wrong?
 
-Each scene is drawn from its own seed, solved with random settings in a process of its own, and compared with a reference
-that is not the kernel: for every part, every step, mean and fluctuation. ``campaign/`` has the pieces: ``scenes`` (what is
-drawn), ``reference`` (the truth), ``measure`` (the norms), ``judge`` (the verdict), ``pool`` (the processes).
+Each scene is drawn from its own seed, solved with random settings in a process of its own, and compared with
+a reference that is not the kernel: for every part, every step, mean and fluctuation. ``campaign/`` has the
+pieces: ``scenes`` (what is drawn), ``reference`` (the truth), ``measure`` (the norms), ``judge`` (the
+verdict), ``pool`` (the processes).
 
-Outcomes: ``right``; ``wrong`` (says converged, and some error is above three tolerances or above three times what the
-result says, or forces break a law or the balance of a part); ``not_converged`` (though there is an answer); ``raised``
-(an exception though there is an answer); ``crashed`` (the process died or did not end). Outside of these: ``refused``
-(an exception where there is no answer), ``rounding`` (not converged, and double precision does not allow the
-tolerance), ``unchecked`` (no reference was found, or not in time).
+Outcomes: ``right``; ``wrong`` (says converged, and some error is above three tolerances or above three times
+what the result says, or forces break a law or the balance of a part); ``not_converged`` (though there is an
+answer); ``raised`` (an exception though there is an answer); ``crashed`` (the process died or did not end).
+Outside of these: ``refused`` (an exception where there is no answer), ``rounding`` (not converged, and double
+precision does not allow the tolerance), ``unchecked`` (no reference was found, or not in time).
 """
 
 from __future__ import annotations
@@ -53,12 +54,12 @@ def tally(verdicts: list[dict[str, Any]], given: dict[str, Any], seconds: float)
     record["options"] = given
     record["seconds"] = round(seconds, 1)
     record["seconds_a_scene"] = _seconds(verdicts)
-    keys = ("seed", "outcome", "why", "what", "about", "family", "kind", "rtol", "status", "iterations", "said", "true", "ratio")
-    more = ("rounding", "reference", "attempt", "errors", "seconds", "script")
+    keys = ("seed", "outcome", "why", "what", "about", "family", "kind", "rtol", "status", "iterations")
+    more = ("said", "true", "ratio", "rounding", "reference", "attempt", "errors", "seconds", "script")
     record["failures"] = [{k: v.get(k) for k in (*keys, *more)} for v in bad]
-    record["unchecked_scenes"] = [
-        {k: v.get(k) for k in ("seed", "outcome", "what", "about", "status")} for v in verdicts if v["outcome"] in OTHERS
-    ]
+    few = ("seed", "outcome", "what", "about", "status")
+    rest = [v for v in verdicts if v["outcome"] in OTHERS]
+    record["others"] = [{k: v.get(k) for k in few} for v in rest]
     return record
 
 
@@ -100,7 +101,8 @@ def campaign(seeds: list[int], jobs: int, limit: float, quiet: bool = False) -> 
                 if k is None:
                     return
                 drawn = scene(seeds[k])
-                task = {"seed": seeds[k], "family": family_of(seeds[k]), "kind": drawn.kind, "about": drawn.about}
+                task: dict[str, Any] = {"seed": seeds[k], "family": family_of(seeds[k])}
+                task |= {"kind": drawn.kind, "about": drawn.about}
                 verdict = ranked(task, limit) if drawn.ranks > 1 else seat.run(task)
                 if verdict.get("script", "") == "":
                     from campaign.scenes import script
@@ -207,7 +209,8 @@ def main() -> int:
     if record["wrong_by"]:
         print("wrong by", ", ".join(f"{name} {count}" for name, count in sorted(record["wrong_by"].items())))
     share = record["estimate_within"]
-    print(f"estimates within 1/3 .. 5: {'-' if share is None else f'{100.0 * share:.1f} %'} of {record['estimates']}")
+    said = "-" if share is None else f"{100.0 * share:.1f} %"
+    print(f"estimates within 1/3 .. 5: {said} of {record['estimates']}")
     if given.json is not None:
         given.json.parent.mkdir(parents=True, exist_ok=True)
         given.json.write_text(json.dumps(record, indent=1) + "\n")

@@ -1,4 +1,4 @@
-"""The campaign judges rightly: what is right, what is wrong, what crashes, and that its truth is the truth."""
+"""The campaign judges rightly: what is right, wrong, or crashes, and its truth is the truth."""
 
 from __future__ import annotations
 
@@ -56,19 +56,24 @@ SOLVE = "return lf.solve(problem, times=TIMES, options=lf.Options(rtol=1e-6))"
 FIRST_PRESSED = "lf.Traction(a(0) * np.array((-0.1, 0.0)) + a(1) * np.array((0.0, 0.03)))"
 RANDOM = {"variables": '{"k": lf.LogNormal("k", 50.0, 0.2)}', "random": '["joint"]'}
 SOFT = 'lf.Elastic(normal=v("k"), tangential=20.0)'
-PLAN = "plan=lf.make_plan(problem, vary=RANDOM, options=lf.Options(rtol=1e-13)), keep_states=True, progress=False"
+TIGHT = "lf.Options(rtol=1e-13)"
+PLAN = f"plan=lf.make_plan(problem, vary=RANDOM, options={TIGHT}), keep_states=True, progress=False"
+DIAGONAL = "lf.Options(rtol=1e-8, macro='none', directions='diagonal')"
 
 EASY: dict[str, dict[str, str]] = {
     "springs": {"joint": SPRINGS, "load": PULL},
     "springs kept": {
         "joint": SPRINGS,
         "load": PULL,
-        "run": "return lf.solve(problem, active='all', options=lf.Options(rtol=1e-8, macro='none', directions='diagonal'))",
+        "run": f"return lf.solve(problem, active='all', options={DIAGONAL})",
     },
     "contact": {"joint": "lf.Contact()", "load": PUSH},
     "stiff contact, gap": {"joint": "lf.Contact(gap=0.005, stiffness=200.0)", "load": PUSH},
     "friction": {"joint": "lf.Contact(friction=0.1)", "load": FIRST_PRESSED, "times": "[0.5, 1.0, 1.5, 2.0]"},
-    "bond": {"joint": "lf.Debonding(normal=80.0, tangential=40.0, strength=0.05, opening=0.05)", "load": PULL},
+    "bond": {
+        "joint": "lf.Debonding(normal=80.0, tangential=40.0, strength=0.05, opening=0.05)",
+        "load": PULL,
+    },
     "bolt": {
         "joint": "lf.Preload(a(0) * 0.05, until=1.0)",
         "load": "lf.Traction(a(1) * np.array((0.1, 0.05)))",
@@ -198,7 +203,7 @@ def test_scenes_come_from_their_seed() -> None:
 
 
 def test_the_reference_knows_a_closed_form() -> None:
-    """Blocks under uniaxial stress that close a gap: the load less what springs take goes into the contact."""
+    """A block under uniaxial stress closes a gap: the contact takes the load less what springs take."""
     E, gap, k, p, length = 100.0, 0.01, 30.0, 3.0, 1.0
     scene = lf.Scene()
     part = lf.geometry.box((length, length), (2, 2), cell="triangle")

@@ -32,14 +32,15 @@ class Verdict:
     Attributes
     ----------
     outcome
-        ``right``, ``wrong`` (converged), ``not_converged``, ``raised``, ``crashed``; ``refused`` (an exception at a
-        scene that has no answer), ``rounding`` (not converged where rounding alone is above the tolerance),
-        ``unchecked`` (no reference).
+        ``right``, ``wrong`` (converged), ``not_converged``, ``raised``, ``crashed``; ``refused`` (an
+        exception at a scene that has no answer), ``rounding`` (not converged where rounding alone is above
+        the tolerance), ``unchecked`` (no reference).
     what
         In one line.
     why
-        Of a wrong one: ``tolerance`` (above three of them), ``estimate`` (only above three times what the result
-        says), ``scatter`` (as the first, but of the scatter of samples alone), ``law``, ``equilibrium``.
+        Of a wrong one: ``tolerance`` (above three of them), ``estimate`` (only above three times what the
+        result says), ``scatter`` (as the first, but of the scatter of samples alone), ``law``,
+        ``equilibrium``.
     ratio
         Said over true, of converged iterations whose true error is above rounding; None otherwise.
     true, said
@@ -103,8 +104,8 @@ class Case:
     Parameters
     ----------
     source
-        Defines ``build(a, v)``, ``laws(a, v)``, ``run(problem)``, ``AMPLITUDES``, ``TIMES``, ``VARIABLES``, ``GRID``
-        and ``RANDOM``.
+        Defines ``build(a, v)``, ``laws(a, v)``, ``run(problem)``, ``AMPLITUDES``, ``TIMES``, ``VARIABLES``,
+        ``GRID`` and ``RANDOM``.
     """
 
     def __init__(self, source: str | Mapping[str, Any], kind: str) -> None:
@@ -173,9 +174,8 @@ class Case:
             names = found.result.space.names
             columns = [found.result.space.germ_names.index(n) for n in names]
             germs = found.result.germs
-            rows = [
-                {n: float(self.variables[n].value(g[c])) for n, c in zip(names, columns, strict=True)} for g in germs
-            ]
+            where = list(zip(names, columns, strict=True))
+            rows = [{n: float(self.variables[n].value(g[c])) for n, c in where} for g in germs]
             return rows, found.result.probabilities
         if self.kind == "sweep":
             axes = list(found.result.axes)
@@ -200,7 +200,8 @@ def starts(case: Case, found: Found, run: int, model: Model) -> Callable[[int], 
     known = {}
     for row in model.rows:
         try:
-            known[row.name] = (np.asarray(found.result.force(row.name)), np.asarray(found.result.jump(row.name)))
+            both = found.result.force(row.name), found.result.jump(row.name)
+            known[row.name] = (np.asarray(both[0]), np.asarray(both[1]))
         except lf.SceneError:
             continue
 
@@ -235,7 +236,8 @@ def galerkin_truth(case: Case, problem: Any, found: Found, model: Model) -> list
     psi = np.asarray(basis.evaluate(points))
 
     def laws_of(point: Array) -> dict[str, Any]:
-        return case.laws(None, {n: float(case.variables[n].value(point[c])) for n, c in zip(names, columns, strict=True)})
+        where = zip(names, columns, strict=True)
+        return case.laws(None, {n: float(case.variables[n].value(point[c])) for n, c in where})
 
     return [galerkin(model, laws_of, case.random, points, np.asarray(rule.weights), psi)]
 
@@ -356,9 +358,8 @@ def compare(
         kind = "chaos" if case.kind == "chaos" else ""
 
         def errors_of(answers: list[Answer], k: int = k, label: str = label, kind: str = kind) -> list[Error]:
-            return measure.errors(
-                model.norms, found.fields[k], answers, found.said[k], kind, label, case.times is not None  # type: ignore[arg-type]
-            )
+            steps = case.times is not None
+            return measure.errors(model.norms, found.fields[k], answers, found.said[k], kind, label, steps)
 
         mine = errors_of(answers)
         nonlinear = bool(model.rows) and case.kind != "chaos"
@@ -374,8 +375,9 @@ def compare(
     if case.kind == "samples" and all(s == "converged" for s in found.status):
         said = max(found.said)
         single = [fields[0] for fields in found.fields]
+        exact = [answers[0] for answers in every]
         all_errors += measure.spread(
-            model.norms, single, [a[0] for a in every], np.asarray(probabilities), said, "samples"  # type: ignore[arg-type]
+            model.norms, single, exact, np.asarray(probabilities), said, "samples"
         )
     rounding = 0.0
     for answers in every:
@@ -451,7 +453,8 @@ def show(space: Mapping[str, Any], kind: str, rtol: float) -> None:
     verdict = one(drawn, lambda _: None, comm=comm, space=space)
     if comm is not None and comm.rank > 0:
         return
-    print(f"{verdict.status} after {verdict.iterations} iterations, asked for {rtol:.0e}, says {verdict.said}")
+    print(f"{verdict.status} after {verdict.iterations} iterations")
+    print(f"asked for {rtol:.0e}, says {verdict.said}")
     print(f"{verdict.outcome} (reference: {verdict.reference}): {verdict.what}")
     for line in verdict.errors:
         print("  " + line)
@@ -536,7 +539,8 @@ def one(
         if verdict.outcome == "right" and verdict.status != "converged":
             stuck = sum(s != "converged" for s in found.status)
             verdict.outcome = "rounding" if verdict.rounding > rtol / FACTOR else "not_converged"
-            verdict.what = f"{verdict.status}: {stuck} of {len(found.status)}, said {verdict.said:.1e}, {found.iterations} iterations"
+            verdict.what = f"{verdict.status}: {stuck} of {len(found.status)}, said {verdict.said:.1e}"
+            verdict.what += f", {found.iterations} iterations"
             verdict.ratio = None
     return verdict
 
@@ -564,7 +568,8 @@ def _exception(case: Case, problem: Any, verdict: Verdict, failure: Exception) -
         verdict.outcome = "refused"
         return
     try:
-        active = [n for n, i in problem.interfaces.items() if isinstance(i.law, lf.Perfect) and i.matching is None]
+        perfect = {n: i for n, i in problem.interfaces.items() if isinstance(i.law, lf.Perfect)}
+        active = [n for n, i in perfect.items() if i.matching is None]
         model = model_of(case, problem, active)
         if case.times is None:
             model.solve(case.laws())
@@ -584,4 +589,5 @@ def ranked(case: Case, problem: Any, comm: Any) -> Found | None:
     if comm.rank > 0:
         return None
     fields = case._steps({name: u for each in gathered for name, u in each.items()})
-    return Found(result.plan, [fields], [float(result.error)], [result.status], result.iterations, False, result)
+    said = [float(result.error)]
+    return Found(result.plan, [fields], said, [result.status], result.iterations, False, result)

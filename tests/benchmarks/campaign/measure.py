@@ -5,15 +5,16 @@ Two norms of a part's error, each relative to the part's own answer in the same 
 * *energy*: sqrt(e K e) over sqrt(u K u): strains and forces, where the part is strained;
 * *displacement*: the root of the integral of e^2 over its interfaces, over that of u^2: where the part is.
 
-A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right force at
-the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves (`floors` of the
-reference, ten times; ten rounding errors of the part's own displacement; one of the largest displacement of all parts;
-1e-10 in any case) is no error, so that a part without a load is not wrong by 1e-16 of its neighbour's motion.
-What is nothing but rounding has no size of its own: a scatter is then compared with the mean, the displacement of a
-part that stays where it is with the largest one of the scene, and strains are not compared.
-The fluctuation of a chaos is all its columns but the first; that of samples is what is left without their mean.
-A step is compared with itself, but with no less than 1e-9 of the part's largest step; a scatter with itself, but with
-no less than 1e-6 of the mean: less is not worth an order of a chaos or a sample.
+A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right
+force at the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves
+(`floors` of the reference, ten times; ten rounding errors of the part's own displacement; one of the largest
+displacement of all parts; 1e-10 in any case) is no error, so that a part without a load is not wrong by 1e-16
+of its neighbour's motion. What is nothing but rounding has no size of its own: a scatter is then compared
+with the mean, the displacement of a part that stays where it is with the largest one of the scene, and
+strains are not compared. The fluctuation of a chaos is all its columns but the first; that of samples is what
+is left without their mean. A step is compared with itself, but with no less than 1e-9 of the part's largest
+step; a scatter with itself, but with no less than 1e-6 of the mean: less is not worth an order of a chaos or
+a sample.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from campaign.reference import EPS, Answer, Norms
 FLOORS = 10.0
 """So many times the estimated rounding error is still rounding."""
 LEAST = 1e-10
-"""Errors below this are rounding in any case: an iteration has rounding of its own, which the reference cannot know."""
+"""Errors below this are rounding in any case: an iteration's own is not known to the reference."""
 QUIET = 1e-9
 """A step is compared with this share of the part's largest step at least."""
 SCATTER = 1e-6
@@ -142,7 +143,12 @@ def errors(
 
 
 def spread(
-    norms: Norms, found: Sequence[Mapping[str, Array]], answers: list[Answer], weights: Array, said: float, label: str
+    norms: Norms,
+    found: Sequence[Mapping[str, Array]],
+    answers: list[Answer],
+    weights: Array,
+    said: float,
+    label: str,
 ) -> list[Error]:
     """Errors of mean and fluctuation of samples: (n, 1) each, with weights of sum 1."""
     out = []
@@ -173,7 +179,10 @@ def spread(
 
 
 def broken_laws(
-    problem: Any, laws: Mapping[str, Any], forces: Mapping[str, tuple[Array, Array]], fields: Mapping[str, Array]
+    problem: Any,
+    laws: Mapping[str, Any],
+    forces: Mapping[str, tuple[Array, Array]],
+    fields: Mapping[str, Array],
 ) -> dict[str, float]:
     """How far forces and jumps of contacts are from complementarity and friction's cone, relative.
 
@@ -198,7 +207,8 @@ def broken_laws(
         w = interface.weights
         opening = jump[:, 0] - point.delta[:, 0] + point.gap - point.compliance * force[:, 0]
         size = np.sqrt(w @ np.sum(force**2, axis=1))
-        moved = [side.shape @ fields[side.substructure].reshape(-1, interface.dim) for side in interface.sides]
+        d = interface.dim
+        moved = [side.shape @ fields[side.substructure].reshape(-1, d) for side in interface.sides]
         far = max([np.sqrt(w @ np.sum(u**2, axis=1)) for u in moved] + [np.sqrt(w @ point.gap**2), 1e-300])
         out[f"{name}: pulls"] = float(np.sqrt(w @ np.maximum(force[:, 0], 0.0) ** 2) / max(size, 1e-300))
         out[f"{name}: penetrates"] = float(np.sqrt(w @ np.minimum(opening, 0.0) ** 2) / far)
@@ -206,13 +216,13 @@ def broken_laws(
         both = np.minimum(np.maximum(opening, 0.0) / far, pressed)
         out[f"{name}: presses where open"] = float(np.sqrt(w @ both**2))
         if force.shape[1] > 1:
-            over = np.linalg.norm(force[:, 1:], axis=1) - point.bound(force)
-            out[f"{name}: leaves the cone"] = float(np.sqrt(w @ np.maximum(over, 0.0) ** 2) / max(size, 1e-300))
+            over = np.maximum(np.linalg.norm(force[:, 1:], axis=1) - point.bound(force), 0.0)
+            out[f"{name}: leaves the cone"] = float(np.sqrt(w @ over**2) / max(size, 1e-300))
     return out
 
 
 def nodal(interface: Any, law: Any, force: Array) -> list[Array]:
-    """Nodal forces (nodes of the part, d) of an interface on its sides, of its force per area (m, components)."""
+    """Nodal forces (nodes of the part, d) of an interface on its sides; its force is (m, components)."""
     import dolfinx_frontend as lf
 
     d = interface.dim
@@ -221,7 +231,8 @@ def nodal(interface: Any, law: Any, force: Array) -> list[Array]:
         axes = list(range(d) if law.components is None else law.components)
         frames = np.broadcast_to(np.eye(d)[axes], (len(force), len(axes), d))
     at_points = interface.weights[:, None] * np.einsum("mk,mkd->md", force, frames)
-    return [sign * (side.shape.T @ at_points) for side, sign in zip(interface.sides, (1.0, -1.0), strict=False)]
+    signs = zip(interface.sides, (1.0, -1.0), strict=False)
+    return [sign * (side.shape.T @ at_points) for side, sign in signs]
 
 
 def unbalanced(

@@ -1,7 +1,8 @@
 """Interface laws at points, for the reference: resolvents with their derivatives, nothing of the kernel's.
 
-Fields are (points, components); component 0 is normal. With the jump j (less what is imposed) and the force f on
-side 1 a law is asked: which f fits z = j + c f, and how does it change with z? ``c`` is the reference's own.
+Fields are (points, components); component 0 is normal. With the jump j (less what is imposed) and the force f
+on side 1 a law is asked: which f fits z = j + c f, and how does it change with z? ``c`` is the reference's
+own.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class PointLaw(ABC):
         return None
 
     def freeze(self, jump: Array, force: Array, last: Array | None) -> None:
-        """Hold fixed what makes the law not convex, as it is with a jump and a force; `last`: as it was held."""
+        """Hold fixed what makes the law not convex, as a jump and a force have it; `last`: as it was held."""
 
 
 def _diagonal(values: Array) -> Array:
@@ -137,7 +138,7 @@ class Friction(PointLaw):
 
 
 class Bond(PointLaw):
-    """Debonding: bilinear, damage from the largest mixed opening; c is chosen so that one share serves all."""
+    """Debonding: bilinear, damage from the largest mixed opening; c is such that one share serves all."""
 
     convex = False
 
@@ -175,9 +176,8 @@ class Bond(PointLaw):
         worst = np.maximum(self.worst, self.first)
 
         def share_of(reached: Array) -> Array:
-            return np.where(
-                reached <= self.first, 1.0, np.clip(a * (self.last - reached) / np.maximum(reached, 1e-300), 0, 1)
-            )
+            left = np.clip(a * (self.last - reached) / np.maximum(reached, 1e-300), 0.0, 1.0)
+            return np.where(reached <= self.first, 1.0, left)
 
         old = share_of(self.worst if self.frozen is None else np.maximum(self.frozen, self.worst))
         grows = whole / (1.0 + product * old) > worst

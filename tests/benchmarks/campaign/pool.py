@@ -1,7 +1,7 @@
 """Processes in which scenes run: each serves many scenes, is watched, and replaced when it dies or hangs.
 
-The parent imports nothing of the library, so that no crash reaches it. A worker gets one seed a line and answers with
-lines of its own on a pipe that nothing else writes to: the phases it enters, then its verdict.
+The parent imports nothing of the library, so that no crash reaches it. A worker gets one seed a line and
+answers with lines of its own on a pipe that nothing else writes to: the phases it enters, then its verdict.
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
 """The answer of a scene without the kernel: one assembled system, a dense factorisation, semi-smooth Newton.
 
-The stiffness of all parts and all springs are one matrix. Rigid linear interfaces are solved for exactly (a basis of
-the null space of their rows). What is left on the nodes of nonlinear interfaces is a Schur complement, and there the
-laws hold by the method of multipliers: with f from the round before and a small flexibility c find the equilibrium
-under R_c(j + c f), by Newton with an exact line search, and repeat until nothing moves. For convex laws this
-converges from anywhere; Coulomb's falls back on bounds that are held fixed. Time steps follow one another.
+The stiffness of all parts and all springs are one matrix. Rigid linear interfaces are solved for exactly (a
+basis of the null space of their rows). What is left on the nodes of nonlinear interfaces is a Schur
+complement, and there the laws hold by the method of multipliers: with f from the round before and a small
+flexibility c find the equilibrium under R_c(j + c f), by Newton with an exact line search, and repeat until
+nothing moves. For convex laws this converges from anywhere; Coulomb's falls back on bounds that are held
+fixed. Time steps follow one another.
 
-Every answer comes with what rounding may have done to it: the response to residuals of the size of the rounding
-errors of its own terms, measured on the tangent at the solution (`floors`).
+Every answer comes with what rounding may have done to it: the response to residuals of the size of the
+rounding errors of its own terms, measured on the tangent at the solution (`floors`).
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ class Answer:
     fields
         Part -> (n, columns): columns are one, or the modes of a chaos.
     floors
-        Part -> (2, 2): rounding of the energy norm and of the displacement, of the first column and of the rest.
+        Part -> (2, 2): rounding of the energy norm and of the displacement, of the first column and of the
+        rest.
     forces, jumps
         Nonlinear interface -> (m, components).
     """
@@ -554,7 +556,9 @@ class _Newton:
                 if end > 0.1 * abs(start):
                     low, high, f_low, f_high = 0.0, 1.0, start, end
                     for k in range(40):
-                        alpha = 0.5 * (low + high) if k % 3 == 2 else low - f_low * (high - low) / (f_high - f_low)
+                        alpha = low - f_low * (high - low) / (f_high - f_low)
+                        if k % 3 == 2:
+                            alpha = 0.5 * (low + high)
                         value = slope_at(alpha)
                         if abs(value) <= 1e-2 * abs(start):
                             break
@@ -621,8 +625,8 @@ class _Newton:
                     shape = (-1, row.components)
                     law.freeze(jump[row.rows].reshape(shape), self.force[row.rows].reshape(shape), held[k])
                     last, held[k] = held[k], law.frozen
-                    near = last is not None and np.abs(last - law.frozen).max() <= 1e-11 * np.abs(law.frozen).max()
-                    settled = settled and near
+                    size = 1e-11 * np.abs(law.frozen).max()
+                    settled = settled and last is not None and np.abs(last - law.frozen).max() <= size
                 frozen_rounds -= 1
             good = self._inner(60)
             for _, law in odd:
@@ -779,8 +783,8 @@ def galerkin(
     for n, row in rows.items():
         # forces of the springs: of the size of stiffness times motion
         stiff = np.abs(coupling[n]).max(axis=(0, 1))
-        block = abs(row.trace) @ np.abs(u) * (row.weights * np.tile(stiff, len(row.weights) // len(stiff)))[:, None]
-        terms += abs(row.trace).T @ block
+        stiff = row.weights * np.tile(stiff, len(row.weights) // len(stiff))
+        terms += abs(row.trace).T @ (stiff[:, None] * (abs(row.trace) @ np.abs(u)))
     for _ in range(3):
         noise, inside_noise = model.condensed(EPS * terms * rng.standard_normal(terms.shape))
         away = model.recovered(respond(noise), inside_noise)

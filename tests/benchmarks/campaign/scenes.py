@@ -1,9 +1,9 @@
 """Random scenes, each written as a script: what the campaign runs and what it prints is the same text.
 
-A scene is drawn from its seed alone. Lengths, moduli and loads are drawn in units of their own and scaled at the end.
-Two families share nothing but the laws of a joint: ``dev`` has chains, grids and islands, ``held-out`` has hubs with
-arms, sandwiches of pads between plates, shifted towers and bolted pairs; the second also has orthotropic parts,
-user laws with memory, faces that overlap partly and other distributions.
+A scene is drawn from its seed alone. Lengths, moduli and loads are drawn in units of their own and scaled at
+the end. Two families share nothing but the laws of a joint: ``dev`` has chains, grids and islands,
+``held-out`` has hubs with arms, sandwiches of pads between plates, shifted towers and bolted pairs; the
+second also has orthotropic parts, user laws with memory, faces that overlap partly and other distributions.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class Scene:
 class Maker:
     """Draws one scene."""
 
-    def __init__(self, seed: int, attempt: int = 0, kind: str | None = None, ranks: int | None = None) -> None:
+    def __init__(self, seed: int, attempt: int, kind: str | None, ranks: int | None) -> None:
         self.seed, self.family = seed, family_of(seed)
         self.draw = Draw(seed if attempt == 0 else seed + (attempt << 64))
         self.held_out = self.family == "held-out"
@@ -212,7 +212,9 @@ class Maker:
             return d.pick((self.hub, self.sandwich, self.tower, self.pair))(most)
         return d.pick((self.chain, self.grid_of, self.islands))(most)
 
-    def chain(self, most: int, start: int = 0, at: float = 0.0, island: int = 0) -> tuple[list[Block], list[Touch]]:
+    def chain(
+        self, most: int, start: int = 0, at: float = 0.0, island: int = 0
+    ) -> tuple[list[Block], list[Touch]]:
         d = self.draw
         n = d.whole(2 if start == 0 and island == 0 else 1, most)
         blocks, touches, x = [], [], at
@@ -235,7 +237,8 @@ class Maker:
         for j in range(ny):
             for i in range(nx):
                 number = len(blocks)
-                blocks.append(self.block(number, [float(i), float(j)] + [0.0] * (self.dim - 2), [1.0] * self.dim))
+                corner = [float(i), float(j), 0.0][: self.dim]
+                blocks.append(self.block(number, corner, [1.0] * self.dim))
                 if i:
                     touches.append(Touch(number - 1, number, 0, 1))
                 if j:
@@ -324,8 +327,8 @@ class Maker:
         for k in range(n):
             origin = [0.0] * self.dim
             origin[1] = float(k)
-            blocks.append(self.block(k, origin, [self.draw.pick((1.0, 2.0)) if k == 0 else blocks[0].lengths[0],
-                                                 *[1.0] * (self.dim - 1)]))
+            width = self.draw.pick((1.0, 2.0)) if k == 0 else blocks[0].lengths[0]
+            blocks.append(self.block(k, origin, [width, *[1.0] * (self.dim - 1)]))
             if k:
                 touches.append(Touch(k - 1, k, 1, 1))
         self.words.append(f"bolted stack of {n}")
@@ -406,7 +409,8 @@ class Maker:
 
     # -- joints -------------------------------------------------------------------------------------
     def law_between(self, name: str, parent: Block, child: Block, tree: bool, leaf: bool) -> tuple[str, str]:
-        """Text of a law, and how it holds the child: ``all``, ``normal`` (also in traction), ``push`` or ``bond``.
+        """Text of a law, and how it holds the child: ``all``, ``normal`` (also in traction), ``push`` or
+        ``bond``.
 
         A part whose bond has come off must be held by something else, or its place would be anywhere.
         """
@@ -440,7 +444,8 @@ class Maker:
         if kind == "Debonding":
             normal = short(size * d.power(-1, 1))
             strength = short(self.pressure_of(child) * d.power(-0.5, 1))
-            last = short(strength / normal * d.between(3.0, 20.0) + 10.0 * strength / size * d.between(1.0, 3.0))
+            last = strength / normal * d.between(3.0, 20.0)
+            last = short(last + 10.0 * strength / size * d.between(1.0, 3.0))
             text = f"normal={show(normal)}, tangential={show(short(normal * d.between(0.3, 1.0)))}, "
             return f"lf.Debonding({text}strength={show(strength)}, opening={show(last)})", "bond"
         if kind == "Rubber":
@@ -452,14 +457,15 @@ class Maker:
             return f'lf.UserLaw(force=rubber, name="rubber", values={{{values}}})', "all"
         if kind == "Wire":
             self.user.add("wire")
-            values = f'"stiffness": {show(short(size * d.power(-1, 1)))}, "slack": {show(short(move * d.power(-2, 0)))}'
+            values = f'"stiffness": {show(short(size * d.power(-1, 1)))}, '
+            values += f'"slack": {show(short(move * d.power(-2, 0)))}'
             text = f'lf.UserLaw(resolve=wire, name="wire", values={{{values}}}, components="normal")'
             return text, "push"
         self.user.add("yielding")
         limit = self.pressure_of(child) * d.power(-0.5, 1)
         values = f'"stiffness": {show(short(size * d.power(-1, 1)))}, "limit": {show(short(limit))}'
-        text = f'lf.UserLaw(resolve=yielding, name="yield", values={{{values}}}, components="normal", history=True)'
-        return text, "push"
+        text = f'lf.UserLaw(resolve=yielding, name="yield", values={{{values}}}, components="normal", '
+        return text + "history=True)", "push"
 
     def contact(self, name: str, child: Block, softer: Block, kind: str) -> tuple[str, str]:
         d = self.draw
@@ -469,7 +475,7 @@ class Maker:
             gap = max(gap, -10.0 * move)
         bound = kind == "Tresca" or (kind == "Friction" and d.chance(0.1))
         if bound:
-            # where faces touch without pressing, a bound that does not depend on the pressure has no unique answer
+            # where faces touch without pressing, a bound that is not the pressure's has no unique answer
             gap = -move * d.power(-0.5, 1.0)
         parts = []
         if d.chance(0.15) and gap >= 0.0:
@@ -523,7 +529,8 @@ class Maker:
         where = f"{block.name}:{face}"
         if push is not None or d.chance(0.35):
             size = short(p * (push if push is not None else d.pick((1.0, -1.0))))
-            self.join(name, where, None, f'lf.Pressure({self.factor(push is not None)}{self.value(name, "p", size, False)})')
+            text = self.factor(push is not None) + self.value(name, "p", size, False)
+            self.join(name, where, None, f"lf.Pressure({text})")
             return
         if d.chance(0.8) or self.rotated or not self.can_move:
             t = [short(p * x) for x in d.direction(self.dim)]
@@ -636,23 +643,24 @@ class Maker:
                 self.load(blocks[k], f"load_{blocks[k].name}", face)
         if d.chance(0.1):
             block = d.pick(blocks)
-            weight = [short(1e-4 * self.stress * block.modulus * block.load / self.length * x) for x in d.direction(self.dim)]
+            size = 1e-4 * self.stress * block.modulus * block.load / self.length
+            weight = [short(size * x) for x in d.direction(self.dim)]
             block.body = f"{self.factor() if self.kind == 'history' else ''}np.array({show(weight)})"
 
     def _joint(
         self, blocks: list[Block], touch: Touch, other: int, k: int, tree: bool, leaf: bool, loaded: set[int]
     ) -> None:
-        """The interface between part `k` and one nearer to the ground, and what else part `k` needs to be held."""
+        """The interface between part `k` and one nearer to the ground, and what else holds part `k`."""
         d = self.draw
         name = f"j{touch.first}_{touch.second}"
         first, second = blocks[touch.first], blocks[touch.second]
-        match = first.divisions == second.divisions and first.cell == second.cell and first.degree == second.degree
-        match = match and not touch.partial and self.matching
+        match = self.alike(first, second) and not touch.partial and self.matching
         self.perfect_ok = tree
         law, holds = self.law_between(name, blocks[other], blocks[k], tree, leaf)
         rigid = law.startswith("lf.Perfect") or (law.startswith("lf.Contact") and "stiffness" not in law)
         space = "points"
-        if touch.partial or (law.startswith("lf.Perfect") and not match) or (rigid and not match and d.chance(0.7)):
+        tied = law.startswith("lf.Perfect")
+        if touch.partial or (tied and not match) or (rigid and not match and d.chance(0.7)):
             space = "facets"
         elif d.chance(0.15):
             space = "facets"
@@ -716,7 +724,8 @@ class Maker:
         d = self.draw
         first, second = blocks[touch.first], blocks[touch.second]
         name = f"bolt{touch.first}_{touch.second}"
-        force = short(self.pressure_of(second) * d.power(-0.5, 1.0) * self.length ** (self.dim - 1) * first.lengths[0])
+        area = self.length ** (self.dim - 1) * first.lengths[0]
+        force = short(self.pressure_of(second) * d.power(-0.5, 1.0) * area)
         law = self.laws[f"j{touch.first}_{touch.second}"]
         if not law.startswith("lf.Contact") or self.linear or touch.partial:
             return
@@ -724,15 +733,18 @@ class Maker:
             text = f"lf.Preload(a(0) * {show(force)}, until={show(self.amplitudes[0][0][-1])})"
         else:
             k = self.stiffness(second, (-2.0, 0.0))
-            text = f'lf.Elastic(normal={self.value(name, "normal", k)}, jump={self.factor()}{show(short(-self.pressure_of(second) / k))})'
-        extra = ', space="facets"' if self.preloaded_on_facets(text, first, second) else ""
-        self.join(name, first.face(touch.axis, touch.end), second.face(touch.axis, 1 - touch.end), text, extra)
+            jump = self.factor() + show(short(-self.pressure_of(second) / k))
+            text = f'lf.Elastic(normal={self.value(name, "normal", k)}, jump={jump})'
+        # a bolt's section ties the faces sideways
+        ties = text.startswith("lf.Preload") and not self.alike(first, second)
+        faces = first.face(touch.axis, touch.end), second.face(touch.axis, 1 - touch.end)
+        self.join(name, *faces, text, ', space="facets"' if ties else "")
 
     @staticmethod
-    def preloaded_on_facets(text: str, first: Block, second: Block) -> bool:
-        """Where a bolt ties tangentially faces that do not match."""
-        same = first.divisions == second.divisions and first.cell == second.cell and first.degree == second.degree
-        return text.startswith("lf.Preload") and not same
+    def alike(first: Block, second: Block) -> bool:
+        """Whether the faces of two blocks have the same nodes."""
+        same = first.divisions == second.divisions and first.cell == second.cell
+        return same and first.degree == second.degree
 
     def _surely_random(self, blocks: list[Block]) -> None:
         """Where chance gave nothing random: springs on the first free face, or the first load."""
@@ -785,7 +797,7 @@ class Maker:
                 settings.append(f"together={d.pick((1, 4))}")
             if d.chance(0.3):
                 settings.append(f"snapshots={d.pick((1, 4))}")
-        options = f"lf.Options.plain({', '.join(settings)})" if plain else f"lf.Options({', '.join(settings)})"
+        options = f"lf.Options{'.plain' if plain else ''}({', '.join(settings)})"
         others = [f"options={options}"]
         if d.chance(0.5):
             others.append(f"direction={d.power(-2, 2)}")
@@ -816,7 +828,8 @@ class Maker:
         out.append(f"VARIABLES = {{{shown}}}")
         out.append(f"GRID = {self.grid}")
         out.append(f"RANDOM = {self.random}")
-        out += ["", "", "def laws(a, v):", '    """Laws; a(k): amplitude or its value, v(name): random, swept, or its value."""']
+        out += ["", "", "def laws(a, v):"]
+        out.append('    """Laws; a(k): amplitude or its value, v(name): random, swept, or its value."""')
         out.append("    return {")
         out += [f'        "{name}": {text},' for name, text in self.laws.items()]
         out += ["    }", "", ""]
@@ -827,7 +840,8 @@ class Maker:
             lengths = [x * self.length for x in b.lengths]
             origin = [x * self.length for x in b.origin]
             out.append(
-                f'    part = lf.geometry.box({show(lengths, 15)}, {show(b.divisions)}, origin={show(origin, 15)}, cell="{b.cell}")'
+                f"    part = lf.geometry.box({show(lengths, 15)}, {show(b.divisions)}, "
+                f'origin={show(origin, 15)}, cell="{b.cell}")'
             )
             if turn:
                 out.append(f"    part.mesh.geometry.x[:] = part.mesh.geometry.x @ np.array({turn}).T")
@@ -850,7 +864,8 @@ class Maker:
                     what = "3" if len(self.variables) > 1 else "5"
                 else:
                     what = f"{d.pick((8, 16))}, seed={d.whole(0, 99)}"
-                out.append(f"    return lf.{call}(problem, {what}, plan=plan, keep_states=True, progress=False)")
+                kept = "plan=plan, keep_states=True, progress=False"
+                out.append(f"    return lf.{call}(problem, {what}, {kept})")
         else:
             call = f'    return lf.solve(problem, "{method}", {text}'
             if self.kind == "history":
