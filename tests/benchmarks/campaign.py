@@ -48,7 +48,8 @@ def tally(verdicts: list[dict[str, Any]], given: dict[str, Any], seconds: float)
     record |= {name: counts[name] for name in (*OUTCOMES, *OTHERS)}
     record["estimate_within"] = within / len(ratios) if ratios else None
     record["estimates"] = len(ratios)
-    record["wrong_by"] = dict(Counter(v["why"] for v in verdicts if v["outcome"] == "wrong"))
+    for outcome in ("wrong", "not_converged"):
+        record[f"{outcome}_by"] = dict(Counter(v["why"] for v in verdicts if v["outcome"] == outcome))
     record["by_kind"] = _by(verdicts, lambda v: v.get("kind", ""))
     record["by_family"] = _by(verdicts, lambda v: v.get("family", ""))
     record["options"] = given
@@ -206,8 +207,9 @@ def main() -> int:
         for failure in record["failures"]:
             (given.scripts / f"{failure['outcome']}_{failure['seed']}.py").write_text(failure["script"])
     print(", ".join(f"{name} {record[name]}" for name in ("scenes", *OUTCOMES, *OTHERS)))
-    if record["wrong_by"]:
-        print("wrong by", ", ".join(f"{name} {count}" for name, count in sorted(record["wrong_by"].items())))
+    for outcome in ("wrong", "not_converged"):
+        said = ", ".join(f"{name} {count}" for name, count in sorted(record[f"{outcome}_by"].items()))
+        print(f"{outcome} by: {said or '-'}")
     share = record["estimate_within"]
     said = "-" if share is None else f"{100.0 * share:.1f} %"
     print(f"estimates within 1/3 .. 5: {said} of {record['estimates']}")

@@ -38,9 +38,9 @@ class Verdict:
     what
         In one line.
     why
-        Of a wrong one: ``tolerance`` (above three of them), ``estimate`` (only above three times what the
-        result says), ``scatter`` (as the first, but of the scatter of samples alone), ``law``,
-        ``equilibrium``.
+        Of a wrong one: ``tolerance`` (above three of them), ``fluctuation`` and ``scatter of samples`` (the same, but
+        only there), ``estimate`` (only above three times what the result says), ``law``, ``equilibrium``. Of one
+        that did not converge: its status, and whether it was accelerated.
     ratio
         Said over true, of converged iterations whose true error is above rounding; None otherwise.
     true, said
@@ -408,8 +408,8 @@ def judged(verdict: Verdict, errors: list[Error], rtol: float, direct: bool) -> 
         verdict.outcome = "wrong"
         large = [e for e in bad if e.true > FACTOR * rtol]
         verdict.why = "tolerance" if large else "estimate"
-        if large and all(e.place.startswith("samples, fluctuation") for e in large):
-            verdict.why = "scatter"
+        if large and all("fluctuation" in e.place for e in large):
+            verdict.why = "scatter of samples" if "samples" in large[0].place else "fluctuation"
         verdict.what = f"{len(bad)} of {len(errors)} errors too large: {worst[0]}"
     else:
         verdict.outcome = "right"
@@ -541,6 +541,8 @@ def one(
             verdict.outcome = "rounding" if verdict.rounding > rtol / FACTOR else "not_converged"
             verdict.what = f"{verdict.status}: {stuck} of {len(found.status)}, said {verdict.said:.1e}"
             verdict.what += f", {found.iterations} iterations"
+            plain = found.plan.options.acceleration == 0
+            verdict.why = verdict.status + (", not accelerated" if plain else "")
             verdict.ratio = None
     return verdict
 

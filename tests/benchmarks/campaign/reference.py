@@ -427,7 +427,10 @@ class Model:
                 found[name][:, 0] = np.maximum(found[name][:, 0], self.norms.of(name, away[where]))
         last = self.recovered(newton.last, np.zeros(len(self.i)))
         for name, where in self.of_part.items():
-            found[name][:, 0] += self.norms.of(name, last[where]) + self.norms.of(name, corrected[where])
+            more = self.norms.of(name, last[where]) + self.norms.of(name, corrected[where])
+            if np.any((more > 1e-4 * self.norms.of(name, u[where])) & (more > 30.0 * found[name][:, 0])):
+                raise Unsolved(f"the answer of {name} does not settle")
+            found[name][:, 0] += more
         return found
 
 

@@ -781,7 +781,7 @@ class Maker:
                 settings.append(f"newton={d.pick((0, 0, 20, 5000))}")
             if d.chance(0.4):
                 settings.append(f"max_iterations={d.pick((1000, 3000))}")
-        else:
+        elif self.kind != "static":
             settings.append("max_iterations=1500")
         if self.ranks == 1:
             if d.chance(0.35):
