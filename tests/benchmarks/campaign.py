@@ -50,14 +50,17 @@ def tally(verdicts: list[dict[str, Any]], given: dict[str, Any], seconds: float)
     record["estimates"] = len(ratios)
     for outcome in ("wrong", "not_converged"):
         record[f"{outcome}_by"] = dict(Counter(v["why"] for v in verdicts if v["outcome"] == outcome))
+    honest = [v for v in verdicts if v["outcome"] == "wrong" and v.get("whole") is not None]
+    over = [v for v in honest if v["whole"] > 3.0 * v["rtol"] or v["whole"] > 3.0 * v["said"]]
+    record["wrong_in_one_number"] = len(over)
     record["by_kind"] = _by(verdicts, lambda v: v.get("kind", ""))
     record["by_family"] = _by(verdicts, lambda v: v.get("family", ""))
     record["options"] = given
     record["seconds"] = round(seconds, 1)
     record["seconds_a_scene"] = _seconds(verdicts)
     keys = ("seed", "outcome", "why", "what", "about", "family", "kind", "rtol", "status", "iterations")
-    more = ("said", "true", "ratio", "rounding", "reference", "attempt", "errors", "seconds", "script")
-    record["failures"] = [{k: v.get(k) for k in (*keys, *more)} for v in bad]
+    more = ("said", "true", "whole", "ratio", "rounding", "reference", "attempt", "errors", "seconds")
+    record["failures"] = [{k: v.get(k) for k in (*keys, *more, "script")} for v in bad]
     few = ("seed", "outcome", "what", "about", "status")
     rest = [v for v in verdicts if v["outcome"] in OTHERS]
     record["others"] = [{k: v.get(k) for k in few} for v in rest]

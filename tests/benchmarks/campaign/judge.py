@@ -38,13 +38,15 @@ class Verdict:
     what
         In one line.
     why
-        Of a wrong one: ``tolerance`` (above three of them), ``fluctuation`` and ``scatter of samples`` (the same, but
-        only there), ``estimate`` (only above three times what the result says), ``law``, ``equilibrium``. Of one
-        that did not converge: its status, and whether it was accelerated.
+        Of a wrong one: ``tolerance`` (above three of them), ``fluctuation`` and ``scatter of samples`` (the
+        same, but only there), ``estimate`` (only above three times what the result says), ``law``,
+        ``equilibrium``. Of one that did not converge: its status, and whether it was accelerated.
     ratio
         Said over true, of converged iterations whose true error is above rounding; None otherwise.
     true, said
         The largest true error, and what the result says.
+    whole
+        The largest error of a run in one number for all parts, steps and columns.
     reference
         How the truth was found.
     family, kind, about, attempt, seconds, script
@@ -60,6 +62,7 @@ class Verdict:
     ratio: float | None = None
     true: float | None = None
     said: float | None = None
+    whole: float | None = None
     rtol: float = 0.0
     status: str = ""
     iterations: int = 0
@@ -318,8 +321,8 @@ def _forces(case: Case, problem: Any, found: Found) -> tuple[list[dict[str, floa
 
 def compare(
     case: Case, problem: Any, found: Found, phase: Callable[[str], None] = lambda _: None
-) -> tuple[list[Error], str, float]:
-    """All errors of a run, how the truth was found, and the largest share that rounding explains.
+) -> tuple[list[Error], str, float, float]:
+    """All errors of a run, how the truth was found, what rounding explains, and the error in one number.
 
     Raises
     ------
@@ -332,6 +335,7 @@ def compare(
     values, probabilities = case.values(found)
     all_errors: list[Error] = []
     every: list[list[Answer]] = []
+    largest = 0.0
     if case.kind == "chaos":
         linear = all(isinstance(law, LINEAR) for law in case.laws().values())
         if linear:
@@ -362,15 +366,19 @@ def compare(
             return measure.errors(model.norms, found.fields[k], answers, found.said[k], kind, label, steps)
 
         mine = errors_of(answers)
+        largest = max(largest, measure.whole(model.norms, found.fields[k], answers))
         nonlinear = bool(model.rows) and case.kind != "chaos"
         if nonlinear and max((e.true for e in mine), default=0.0) > 0.3 * FACTOR * max(found.said[k], 1e-14):
             # where friction or softening allow several answers, the nearest counts
             try:
-                warm = errors_of(truth(case, problem, found, model, k, values[k], warm=True))
+                nearest = truth(case, problem, found, model, k, values[k], warm=True)
+                warm = errors_of(nearest)
             except Unsolved:
                 warm = mine
             if max((e.true for e in warm), default=0.0) < 0.5 * max((e.true for e in mine), default=0.0):
                 mine, how = warm, "assembled, nearest of several answers"
+                every[k] = nearest
+                largest = measure.whole(model.norms, found.fields[k], nearest)
         all_errors += mine
     if case.kind == "samples" and all(s == "converged" for s in found.status):
         said = max(found.said)
@@ -386,7 +394,7 @@ def compare(
         floors = [e.floor for e in measure.errors(model.norms, exact, answers, 0.0, kind)]
         # what is mostly rounding is no size to be right about
         rounding = max([rounding] + [f for f in floors if f < 0.1])
-    return all_errors, how, rounding
+    return all_errors, how, rounding, largest
 
 
 LINEAR = (lf.Elastic, lf.Perfect, lf.Displacement, lf.Symmetry, lf.Pressure, lf.Traction)
@@ -523,7 +531,8 @@ def one(
         verdict.status = max(found.status, key=lambda s: ("converged", s).index(s))
         verdict.said, verdict.iterations = max(found.said), found.iterations
         try:
-            errors, verdict.reference, verdict.rounding = compare(case, problem_here, found, phase)
+            compared = compare(case, problem_here, found, phase)
+            errors, verdict.reference, verdict.rounding, verdict.whole = compared
         except Inadmissible as reason:
             verdict.outcome, verdict.what = "inadmissible", str(reason)
             return verdict

@@ -142,6 +142,16 @@ def errors(
     return out
 
 
+def whole(norms: Norms, found: Sequence[Mapping[str, Array]], answers: Sequence[Answer]) -> float:
+    """The larger of the two norms, in one number for all parts, steps and columns."""
+    away, size = np.zeros(2), np.zeros(2)
+    for mine, answer in zip(found, answers, strict=True):
+        for name, exact in answer.fields.items():
+            away += norms.of(name, np.asarray(mine[name]) - exact) ** 2
+            size += norms.of(name, exact) ** 2
+    return float(np.sqrt(np.max(away / np.maximum(size, 1e-300))))
+
+
 def spread(
     norms: Norms,
     found: Sequence[Mapping[str, Array]],
