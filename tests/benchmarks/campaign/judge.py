@@ -1,0 +1,604 @@
+"""One scene, from its script to its verdict."""
+
+from __future__ import annotations
+
+import traceback
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import dolfinx_frontend as lf
+from campaign import measure, scenes
+from campaign.measure import Error
+from campaign.points import Array
+from campaign.reference import Answer, Inadmissible, Model, Unsolved, galerkin, histories
+
+FACTOR = 3.0
+"""An error of more than this times the tolerance, or times what the result says, is wrong."""
+BALANCE = 30.0
+"""Resultants and laws may be this many tolerances off: they have no norm in common with the error."""
+ATTEMPTS = 12
+TIGHT = 1e-11
+
+
+@dataclass
+class Verdict:
+    """What came of a scene.
+
+    Attributes
+    ----------
+    outcome
+        ``right``, ``wrong`` (converged), ``not_converged``, ``raised``, ``crashed``; ``refused`` (an
+        exception at a scene that has no answer), ``rounding`` (not converged where rounding alone is above
+        the tolerance), ``unchecked`` (no reference).
+    what
+        In one line.
+    why
+        Of a wrong one: ``tolerance`` (above three of them), ``fluctuation`` and ``scatter of samples`` (the
+        same, but only there), ``estimate`` (only above three times what the result says), ``law``,
+        ``equilibrium``. Of one that did not converge: its status, and whether it was accelerated.
+    ratio
+        Said over true, of converged iterations whose true error is above rounding; None otherwise.
+    true, said
+        The largest true error, and what the result says.
+    whole
+        The largest error of a run in one number for all parts, steps and columns.
+    reference
+        How the truth was found.
+    family, kind, about, attempt, seconds, script
+        Of the scene.
+    errors
+        The worst few, in words.
+    """
+
+    seed: int
+    outcome: str
+    what: str = ""
+    why: str = ""
+    ratio: float | None = None
+    true: float | None = None
+    said: float | None = None
+    whole: float | None = None
+    rtol: float = 0.0
+    status: str = ""
+    iterations: int = 0
+    reference: str = ""
+    rounding: float = 0.0
+    family: str = ""
+    kind: str = ""
+    about: str = ""
+    attempt: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+    errors: list[str] = field(default_factory=list)
+    script: str = ""
+
+    def record(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass
+class Found:
+    """What a run of the library gave, in one shape for all kinds.
+
+    Attributes
+    ----------
+    fields
+        Run (one, or one a sample or point) -> step -> part -> (n, columns).
+    said, status
+        One each run.
+    """
+
+    plan: Any
+    fields: list[list[dict[str, Array]]]
+    said: list[float]
+    status: list[str]
+    iterations: int
+    direct: bool
+    result: Any
+
+
+class Case:
+    """A scene's script, executed.
+
+    Parameters
+    ----------
+    source
+        Defines ``build(a, v)``, ``laws(a, v)``, ``run(problem)``, ``AMPLITUDES``, ``TIMES``, ``VARIABLES``,
+        ``GRID`` and ``RANDOM``.
+    """
+
+    def __init__(self, source: str | Mapping[str, Any], kind: str) -> None:
+        self.kind = kind
+        self.space: Mapping[str, Any] = source if not isinstance(source, str) else {}
+        if isinstance(source, str):
+            self.space = space = {"__name__": "scene"}
+            exec(compile(source, "<scene>", "exec"), space)  # the campaign's own text
+        self.times = self.space["TIMES"]
+        self.variables = self.space["VARIABLES"]
+        self.grid: dict[str, list[float]] = self.space["GRID"]
+        self.random: list[str] = self.space["RANDOM"]
+
+    def nominal(self, name: str) -> Any:
+        """A random variable, or the first value of a sweep."""
+        return self.variables[name] if name in self.variables else self.grid[name][0]
+
+    def assemble(self, comm: Any = None) -> Any:
+        amplitudes = self.space.get("AMPLITUDES", [])
+        return lf.assemble(self.space["build"](lambda k: amplitudes[k], self.nominal), comm=comm)
+
+    def laws(self, time: float | None = None, values: Mapping[str, float] | None = None) -> dict[str, Any]:
+        """Laws with numbers, at a time and for values of what is random or swept (its mean otherwise)."""
+        amplitudes = self.space.get("AMPLITUDES", [])
+
+        def number(name: str) -> float:
+            if values is not None and name in values:
+                return float(values[name])
+            each = self.nominal(name)
+            return float(each if isinstance(each, (int, float)) else each.mean)
+
+        return dict(self.space["laws"](lambda k: amplitudes[k](0.0 if time is None else time), number))
+
+    def run(self, problem: Any, script: Callable[[Any], Any] | None = None) -> Found:
+        result = (script or self.space["run"])(problem)
+        parts = list(problem.substructures)
+        if self.kind in ("static", "history"):
+            fields = [self._steps({p: result.displacements[p] for p in parts})]
+            status, said = [result.status], [result.error]
+        elif self.kind == "chaos":
+            fields = [[{p: result.coefficients(p) for p in parts}]]
+            status, said = [result.status], [result.error]
+        elif self.kind == "samples":
+            fields = []
+            for _, block in result.displacements():
+                count = next(iter(block.values())).shape[-1]
+                fields += [[{p: block[p][:, k : k + 1] for p in parts}] for k in range(count)]
+            status, said = list(map(str, result.points.status)), list(result.error.ravel())
+        else:
+            fields = []
+            for index in np.ndindex(*result.shape):
+                fields.append(self._steps(result.displacements(*index)))
+            status, said = list(map(str, result.points.status)), list(result.error.ravel())
+        iterations = int(np.sum(result.iterations))
+        direct = result.plan.method == "direct"
+        return Found(result.plan, fields, [float(s) for s in said], status, iterations, direct, result)
+
+    def _steps(self, fields: Mapping[str, Array]) -> list[dict[str, Array]]:
+        if self.times is None:
+            return [{p: u[:, None] for p, u in fields.items()}]
+        return [{p: u[k][:, None] for p, u in fields.items()} for k in range(len(self.times))]
+
+    def values(self, found: Found) -> tuple[list[dict[str, float]], Array | None]:
+        """Of each run: values of what is random or swept; probabilities of samples."""
+        if self.kind == "samples":
+            names = found.result.space.names
+            columns = [found.result.space.germ_names.index(n) for n in names]
+            germs = found.result.germs
+            where = list(zip(names, columns, strict=True))
+            rows = [{n: float(self.variables[n].value(g[c])) for n, c in where} for g in germs]
+            return rows, found.result.probabilities
+        if self.kind == "sweep":
+            axes = list(found.result.axes)
+            grid = np.meshgrid(*found.result.axes.values(), indexing="ij")
+            return [
+                {n: float(g.ravel()[k]) for n, g in zip(axes, grid, strict=True)} for k in range(grid[0].size)
+            ], None
+        return [{}], None
+
+
+def model_of(case: Case, problem: Any, active: Any) -> Model:
+    """The reference's model of a scene."""
+    time = None if case.times is None else float(case.times[0])
+    laws = case.laws(time)
+    return Model(problem, laws, active, case.random)
+
+
+def starts(case: Case, found: Found, run: int, model: Model) -> Callable[[int], Any] | None:
+    """Forces and jumps of a run, for the reference to begin from."""
+    if case.kind not in ("static", "history") or not hasattr(found.result, "force"):
+        return None
+    known = {}
+    for row in model.rows:
+        try:
+            both = found.result.force(row.name), found.result.jump(row.name)
+            known[row.name] = (np.asarray(both[0]), np.asarray(both[1]))
+        except lf.SceneError:
+            continue
+
+    def begin(step: int) -> Any:
+        if case.times is None:
+            return known
+        return {n: (f[step], j[step]) for n, (f, j) in known.items()}
+
+    return begin
+
+
+def truth(case: Case, problem: Any, found: Found, model: Model, run: int, values: Mapping[str, float],
+          warm: bool = False) -> list[Answer]:
+    """The reference's steps for one run."""
+    start = starts(case, found, run, model) if warm else None
+    near = found.fields[run] if warm else None
+    if case.times is None:
+        first = None if near is None else near[0]
+        answer, _ = model.solve(case.laws(None, values), start=start(0) if start else None, near=first)
+        return [answer]
+    return histories(model, lambda t: case.laws(t, values), case.times, start, near)
+
+
+def galerkin_truth(case: Case, problem: Any, found: Found, model: Model) -> list[Answer]:
+    """The reference of a linear chaos."""
+    result = found.result
+    basis, space = result.basis, result.space
+    names = space.names
+    columns = [space.germ_names.index(n) for n in names]
+    rule = space.tensor_gauss({1: 40, 2: 16}.get(space.dimension, 10))
+    points = np.asarray(rule.points)
+    psi = np.asarray(basis.evaluate(points))
+
+    def laws_of(point: Array) -> dict[str, Any]:
+        where = zip(names, columns, strict=True)
+        return case.laws(None, {n: float(case.variables[n].value(point[c])) for n, c in where})
+
+    return [galerkin(model, laws_of, case.random, points, np.asarray(rule.weights), psi)]
+
+
+def tight_truth(case: Case, problem: Any, found: Found) -> list[list[Answer]]:
+    """Where no reference exists: runs of the library at a tolerance of 1e-11, two that agree.
+
+    Raises
+    ------
+    Unsolved
+        None converged, or they differ.
+    """
+    got: list[Found] = []
+    result = found.result
+    active = list(found.plan.active)
+    for factor in (4.0, 0.7, 1.7, 12.0):
+        options = lf.Options(rtol=TIGHT, max_iterations=4000, directions="diagonal", macro="none", newton=0)
+
+        def again(problem: Any, factor: float = factor, options: Any = options) -> Any:
+            return lf.solve(problem, chaos=result.chaos, active=active, direction=factor, options=options)
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tight = case.run(problem, again)
+        if tight.status == ["converged"]:
+            got.append(tight)
+        if len(got) == 2:
+            break
+    if len(got) < 2:
+        raise Unsolved("no two tight runs converged")
+    answers = []
+    parts = list(problem.substructures)
+    from campaign.reference import Norms
+
+    norms = Norms(problem)
+    for run in range(len(found.fields)):
+        steps = []
+        for k in range(len(found.fields[run])):
+            one, two = (g.fields[run][k] for g in got)
+            floors = {
+                p: np.stack(
+                    [norms.of(p, (one[p] - two[p])[:, g]) for g in measure.columns(case.kind)]
+                    + ([np.zeros(2)] if case.kind != "chaos" else []),
+                    axis=1,
+                )
+                for p in parts
+            }
+            steps.append(Answer(dict(one), floors))
+        answers.append(steps)
+    return answers
+
+
+def _forces(case: Case, problem: Any, found: Found) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
+    """Broken laws and resultants left over, of each step of a deterministic run."""
+    broken, left = [], []
+    result = found.result
+    steps: list[int | None] = [None] if case.times is None else list(range(len(case.times)))
+    reach = max(float(np.abs(u).max()) for each in found.fields[0] for u in each.values())
+    for number, step in enumerate(steps):
+        time = None if step is None else float(case.times[step])
+        laws = case.laws(time)
+        forces, both = {}, {}
+        for name in problem.interfaces:
+            try:
+                f, j = np.asarray(result.force(name)), np.asarray(result.jump(name))
+            except lf.SceneError:
+                continue
+            if step is not None:
+                f, j = f[step], j[step]
+            forces[name] = f
+            both[name] = (f, j)
+        now = problem if time is None else problem.at(time)
+        body = {name: part.load for name, part in now.substructures.items()}
+        broken.append(measure.broken_laws(problem, laws, both, found.fields[0][number]))
+        left.append(measure.unbalanced(problem, laws, forces, body, reach))
+    return broken, left
+
+
+def compare(
+    case: Case, problem: Any, found: Found, phase: Callable[[str], None] = lambda _: None
+) -> tuple[list[Error], str, float, float]:
+    """All errors of a run, how the truth was found, what rounding explains, and the error in one number.
+
+    Raises
+    ------
+    Inadmissible, Unsolved
+        There is no truth to compare with.
+    """
+    phase("reference")
+    how = "assembled"
+    model = model_of(case, problem, found.plan.active)
+    values, probabilities = case.values(found)
+    all_errors: list[Error] = []
+    every: list[list[Answer]] = []
+    largest = 0.0
+    if case.kind == "chaos":
+        linear = all(isinstance(law, LINEAR) for law in case.laws().values())
+        if linear:
+            every = [galerkin_truth(case, problem, found, model)]
+            how = "Galerkin"
+        else:
+            every, how = tight_truth(case, problem, found), "two tight runs"
+    else:
+        for k, value in enumerate(values):
+            try:
+                every.append(truth(case, problem, found, model, k, value))
+            except Unsolved:
+                # friction may hide its answers: look next to the one that is claimed
+                if found.status[k] != "converged":
+                    raise
+                every.append(truth(case, problem, found, model, k, value, warm=True))
+                how = "assembled, from the answer that is judged"
+    for k, answers in enumerate(every):
+        if found.status[k] != "converged":
+            continue
+        label = ""
+        if case.kind in ("samples", "sweep"):
+            label = f"{'sample' if case.kind == 'samples' else 'point'} {k}"
+        kind = "chaos" if case.kind == "chaos" else ""
+
+        def errors_of(answers: list[Answer], k: int = k, label: str = label, kind: str = kind) -> list[Error]:
+            steps = case.times is not None
+            return measure.errors(model.norms, found.fields[k], answers, found.said[k], kind, label, steps)
+
+        mine = errors_of(answers)
+        largest = max(largest, measure.whole(model.norms, found.fields[k], answers))
+        nonlinear = bool(model.rows) and case.kind != "chaos"
+        if nonlinear and max((e.true for e in mine), default=0.0) > 0.3 * FACTOR * max(found.said[k], 1e-14):
+            # where friction or softening allow several answers, the nearest counts
+            try:
+                nearest = truth(case, problem, found, model, k, values[k], warm=True)
+                warm = errors_of(nearest)
+            except Unsolved:
+                warm = mine
+            if max((e.true for e in warm), default=0.0) < 0.5 * max((e.true for e in mine), default=0.0):
+                mine, how = warm, "assembled, nearest of several answers"
+                every[k] = nearest
+                largest = measure.whole(model.norms, found.fields[k], nearest)
+        all_errors += mine
+    if case.kind == "samples" and all(s == "converged" for s in found.status):
+        said = max(found.said)
+        single = [fields[0] for fields in found.fields]
+        exact = [answers[0] for answers in every]
+        all_errors += measure.spread(
+            model.norms, single, exact, np.asarray(probabilities), said, "samples"
+        )
+    rounding = 0.0
+    for answers in every:
+        exact = [answer.fields for answer in answers]
+        kind = "chaos" if case.kind == "chaos" else ""
+        floors = [e.floor for e in measure.errors(model.norms, exact, answers, 0.0, kind)]
+        # what is mostly rounding is no size to be right about
+        rounding = max([rounding] + [f for f in floors if f < 0.1])
+    return all_errors, how, rounding, largest
+
+
+LINEAR = (lf.Elastic, lf.Perfect, lf.Displacement, lf.Symmetry, lf.Pressure, lf.Traction)
+
+
+def judged(verdict: Verdict, errors: list[Error], rtol: float, direct: bool) -> None:
+    """Whether a converged run is right."""
+    bad = [e for e in errors if e.true > FACTOR * rtol or e.true > FACTOR * e.said]
+    worst = sorted(bad or errors, key=lambda e: -e.true)
+    verdict.errors = [str(e) for e in worst[:6]]
+    if errors:
+        top = max(errors, key=lambda e: e.true)
+        verdict.true, verdict.said = top.true, top.said
+        plain = [e for e in errors if not e.place.startswith("samples")]
+        top = max(plain, key=lambda e: e.true, default=top)
+        if not direct and top.true > 0.0:
+            verdict.ratio = top.said / top.true
+    if bad:
+        verdict.outcome = "wrong"
+        large = [e for e in bad if e.true > FACTOR * rtol]
+        verdict.why = "tolerance" if large else "estimate"
+        if large and all("fluctuation" in e.place for e in large):
+            verdict.why = "scatter of samples" if "samples" in large[0].place else "fluctuation"
+        verdict.what = f"{len(bad)} of {len(errors)} errors too large: {worst[0]}"
+    else:
+        verdict.outcome = "right"
+
+
+def judge(seed: int, phase: Callable[[str], None] = lambda _: None, kind: str | None = None) -> Verdict:
+    """Draw, solve, compare; a scene that turns out to be inadmissible is drawn again.
+
+    Parameters
+    ----------
+    seed
+        Of the scene.
+    phase
+        Told what begins: for whoever watches the time.
+    """
+    for attempt in range(ATTEMPTS):
+        phase(f"attempt {attempt}")
+        verdict = one(scenes.scene(seed, attempt, kind, 1), phase)
+        verdict.attempt = attempt
+        if verdict.outcome != "inadmissible":
+            break
+    return verdict
+
+
+def judge_ranked(seed: int, comm: Any, phase: Callable[[str], None] = lambda _: None) -> Verdict:
+    """As :func:`judge`, on all ranks of a communicator; the first one has the verdict."""
+    for attempt in range(ATTEMPTS):
+        verdict = one(scenes.scene(seed, attempt, None, comm.size), phase, comm=comm)
+        verdict.attempt = attempt
+        if comm.bcast(verdict.outcome, root=0) != "inadmissible":
+            break
+    return verdict
+
+
+def show(space: Mapping[str, Any], kind: str, rtol: float) -> None:
+    """What a scene's script prints: true errors beside what the result says."""
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD if MPI.COMM_WORLD.size > 1 else None
+    drawn = scenes.Scene(0, "", kind, "", rtol, 1 if comm is None else comm.size, "")
+    verdict = one(drawn, lambda _: None, comm=comm, space=space)
+    if comm is not None and comm.rank > 0:
+        return
+    print(f"{verdict.status} after {verdict.iterations} iterations")
+    print(f"asked for {rtol:.0e}, says {verdict.said}")
+    print(f"{verdict.outcome} (reference: {verdict.reference}): {verdict.what}")
+    for line in verdict.errors:
+        print("  " + line)
+
+
+def one(
+    drawn: scenes.Scene,
+    phase: Callable[[str], None] = lambda _: None,
+    perturb: float = 0.0,
+    comm: Any = None,
+    space: Mapping[str, Any] | None = None,
+) -> Verdict:
+    """One scene as it was drawn.
+
+    Parameters
+    ----------
+    perturb
+        Relative error that is added to the answer: a test of the campaign itself.
+    comm
+        Communicator of several ranks; None: one.
+    space
+        Names of a script that has run already, instead of the drawn text.
+    """
+    verdict = Verdict(
+        drawn.seed, "crashed", family=drawn.family, kind=drawn.kind, about=drawn.about, rtol=drawn.rtol
+    )
+    verdict.script = scenes.script(drawn)
+    began = perf_counter()
+
+    def spent(what: str) -> None:
+        verdict.seconds[what] = round(perf_counter() - began - sum(verdict.seconds.values()), 3)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        case = Case(drawn.source if space is None else space, drawn.kind)
+        phase("assemble")
+        try:
+            problem = case.assemble(comm)
+        except lf.SceneError as error:
+            verdict.outcome, verdict.what = "inadmissible", f"assemble: {type(error).__name__}: {error}"
+            return verdict
+        spent("assemble")
+        phase("solve")
+        problem_here, failure, found = problem, None, None
+        try:
+            found = case.run(problem) if comm is None else ranked(case, problem, comm)
+        except Exception as error:  # whatever it is, it is a finding
+            failure = error
+            verdict.what = f"{type(error).__name__}: {error}"[:600]
+            verdict.errors = traceback.format_exc().splitlines()[-4:]
+        spent("solve")
+        if comm is not None:
+            if comm.rank > 0:
+                return verdict
+            problem_here = case.assemble()
+        if found is None:
+            assert failure is not None
+            _exception(case, problem_here, verdict, failure)
+            spent("reference")
+            return verdict
+        if perturb:
+            for run in found.fields:
+                for step in run:
+                    for name in step:
+                        step[name] = step[name] * (1.0 + perturb)
+        verdict.status = max(found.status, key=lambda s: ("converged", s).index(s))
+        verdict.said, verdict.iterations = max(found.said), found.iterations
+        try:
+            compared = compare(case, problem_here, found, phase)
+            errors, verdict.reference, verdict.rounding, verdict.whole = compared
+        except Inadmissible as reason:
+            verdict.outcome, verdict.what = "inadmissible", str(reason)
+            return verdict
+        except Unsolved as reason:
+            verdict.outcome, verdict.what = "unchecked", f"{verdict.status}; reference: {reason}"
+            spent("reference")
+            return verdict
+        spent("reference")
+        rtol = drawn.rtol
+        judged(verdict, errors, rtol, found.direct)
+        if verdict.outcome == "right" and case.kind in ("static", "history") and comm is None:
+            _side_conditions(case, problem_here, found, verdict, rtol)
+        if verdict.outcome == "right" and verdict.status != "converged":
+            stuck = sum(s != "converged" for s in found.status)
+            verdict.outcome = "rounding" if verdict.rounding > rtol / FACTOR else "not_converged"
+            verdict.what = f"{verdict.status}: {stuck} of {len(found.status)}, said {verdict.said:.1e}"
+            verdict.what += f", {found.iterations} iterations"
+            plain = found.plan.options.acceleration == 0
+            verdict.why = verdict.status + (", not accelerated" if plain else "")
+            verdict.ratio = None
+    return verdict
+
+
+def _side_conditions(case: Case, problem: Any, found: Found, verdict: Verdict, rtol: float) -> None:
+    """Equilibrium, complementarity and cone of a converged run."""
+    if found.status != ["converged"]:
+        return
+    allowed = max(BALANCE * rtol, 3.0 * verdict.rounding, 1e-9)
+    broken, left = _forces(case, problem, found)
+    for what, steps in (("law", broken), ("equilibrium", left)):
+        for k, each in enumerate(steps):
+            for name, size in each.items():
+                if size > allowed:
+                    verdict.outcome, verdict.why = "wrong", what
+                    verdict.errors.append(f"{what}: {name}, step {k}: {size:.2e}")
+    if verdict.outcome == "wrong":
+        verdict.what = verdict.errors[-1]
+
+
+def _exception(case: Case, problem: Any, verdict: Verdict, failure: Exception) -> None:
+    """An exception is right only where there is no answer."""
+    verdict.outcome = "raised"
+    if isinstance(failure, lf.IndefiniteError):
+        verdict.outcome = "refused"
+        return
+    try:
+        perfect = {n: i for n, i in problem.interfaces.items() if isinstance(i.law, lf.Perfect)}
+        active = [n for n, i in perfect.items() if i.matching is None]
+        model = model_of(case, problem, active)
+        if case.times is None:
+            model.solve(case.laws())
+        else:
+            histories(model, lambda t: case.laws(t), case.times)
+    except Inadmissible:
+        verdict.outcome = "inadmissible"
+    except Unsolved:
+        verdict.outcome = "refused" if isinstance(failure, lf.SceneError) else "raised"
+
+
+def ranked(case: Case, problem: Any, comm: Any) -> Found | None:
+    """A run on several ranks, its displacements gathered on the first."""
+    result = case.space["run"](problem)
+    own = {name: np.asarray(result.displacements[name]) for name in problem.substructures}
+    gathered = comm.gather(own, root=0)
+    if comm.rank > 0:
+        return None
+    fields = case._steps({name: u for each in gathered for name, u in each.items()})
+    said = [float(result.error)]
+    return Found(result.plan, [fields], said, [result.status], result.iterations, False, result)
