@@ -340,8 +340,9 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   Watch watch;
   check_shapes(description, sides);
   for (Member& member : description.members) {
-    prolongations_.push_back(member.prolongation.size() > 0 ? std::move(member.prolongation)
+    prolongations_.push_back(member.prolongation.size() > 0 ? member.prolongation
                                                             : identity(size_));
+    member.prolongation = {};
   }
   order_active_last(sides);
   stack_sides(sides);
