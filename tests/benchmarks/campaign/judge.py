@@ -153,14 +153,15 @@ class Case:
             status, said = [result.status], [result.error]
         elif self.kind == "samples":
             fields = []
-            for _, block in result.displacements():
-                count = next(iter(block.values())).shape[-1]
-                fields += [[{p: block[p][:, k : k + 1] for p in parts}] for k in range(count)]
+            for block in result.blocks():
+                moved = {p: block.displacement(p) for p in parts}
+                count = len(next(iter(moved.values())))
+                fields += [[{p: moved[p][k][:, None] for p in parts}] for k in range(count)]
             status, said = list(map(str, result.points.status)), list(result.error.ravel())
         else:
             fields = []
             for index in np.ndindex(*result.shape):
-                fields.append(self._steps(result.displacements(*index)))
+                fields.append(self._steps(result.point(*index).displacements))
             status, said = list(map(str, result.points.status)), list(result.error.ravel())
         iterations = int(np.sum(result.iterations))
         direct = result.plan.method == "direct"

@@ -364,7 +364,7 @@ class Maker:
         elif mean < 0.0 or not positive:
             text = f'lf.Normal("{key}", {show(mean)}, std={show(abs(mean) * cov)})'
         else:
-            text = f'lf.{kind}("{key}", {show(mean)}, {show(cov)})'
+            text = f'lf.{kind}("{key}", {show(mean)}, cov={show(cov)})'
         self.variables[key] = (text, mean)
         if name not in self.random:
             self.random.append(name)
