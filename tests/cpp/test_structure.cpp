@@ -71,7 +71,7 @@ TEST(Structure, NamesWhatDoesNotFit) {
         h.interfaces[0].law = "contact";
         h.interfaces[0].paired = true;
       },
-      "law 'contact' is not linear and cannot be paired");
+      "law 'contact' is nonlinear and cannot be paired");
 }
 
 TEST(Structure, MakesItsCoarseProblemAndItsFlexibilityOnceForAllThreads) {

@@ -131,13 +131,28 @@ bool ActiveLaw::gives(const std::string& parameter) const {
 }
 
 Laws::Laws(std::shared_ptr<const Structure> structure) : structure_(std::move(structure)) {
+  std::vector<ActiveLaw> active;
   for (const ActiveInterface& interface : structure_->interfaces()) {
-    active_.push_back({interface.geometry.law, nullptr, {}, std::make_shared<const Lazy<Pair>>()});
+    active.push_back({interface.geometry.law, nullptr, {}, std::make_shared<const Lazy<Pair>>()});
   }
+  active_ = std::make_shared<const std::vector<ActiveLaw>>(std::move(active));
+}
+
+Laws Laws::with(std::map<std::size_t, ActiveLaw> changed) const {
+  if (changed.empty()) {
+    return *this;
+  }
+  std::vector<ActiveLaw> active = *active_;
+  for (auto& [i, law] : changed) {
+    active[i] = std::move(law);
+  }
+  Laws laws = *this;
+  laws.active_ = std::make_shared<const std::vector<ActiveLaw>>(std::move(active));
+  return laws;
 }
 
 const Matrix& Laws::parameter(const std::string& interface, const std::string& parameter) const {
-  const interface::Law& law = *active_[structure_->find_interface(interface)].law;
+  const interface::Law& law = *of(structure_->find_interface(interface)).law;
   if (std::ranges::count(law.parameters(), parameter, &interface::Law::ParameterInfo::name) == 0) {
     refuse(interface, "its law '" + law.name() + "' has no parameter '" + parameter + "'");
   }
@@ -168,7 +183,7 @@ void Laws::precondition(MatrixRef residual) const {
 
 const Pair& Laws::pair(std::size_t i) const {
   const ActiveInterface& interface = structure_->interface(i);
-  const ActiveLaw& active = active_[i];
+  const ActiveLaw& active = of(i);
   if (const Pair* made = active.pair->made()) {
     return *made;
   }
@@ -185,19 +200,19 @@ const Pair& Laws::pair(std::size_t i) const {
 }
 
 bool Laws::linear() const {
-  return std::ranges::all_of(active_, [](const ActiveLaw& each) { return each.law->linear(); });
+  return std::ranges::all_of(*active_, [](const ActiveLaw& each) { return each.law->linear(); });
 }
 
-bool Laws::transformed() const { return std::ranges::any_of(active_, &ActiveLaw::transformed); }
+bool Laws::transformed() const { return std::ranges::any_of(*active_, &ActiveLaw::transformed); }
 
 void Laws::check_columns(Index columns) const {
   if (columns < 1 || columns % steps_ != 0) {
     throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
                      std::to_string(steps_) + " time steps");
   }
-  for (std::size_t i = 0; i < active_.size(); ++i) {
+  for (std::size_t i = 0; i < active_->size(); ++i) {
     const ActiveInterface& interface = structure_->interface(i);
-    const ActiveLaw& active = active_[i];
+    const ActiveLaw& active = of(i);
     if (!active.transformed()) {
       check_fields(interface, *active.law, columns);
       continue;
@@ -215,22 +230,24 @@ void Laws::check_columns(Index columns) const {
   }
 }
 
-void Laws::set_law(std::size_t i, std::shared_ptr<const interface::Law> law) {
-  ActiveLaw& active = active_[i];
+ActiveLaw Laws::with_law(std::size_t i, std::shared_ptr<const interface::Law> law) const {
+  const ActiveInterface& interface = structure_->interface(i);
+  ActiveLaw active = of(i);
   active.law = std::move(law);
   const Pair* pair = active.pair->made();
-  if (pair == nullptr || pair->stiffness() != stiffness_of(structure_->interface(i), *active.law)) {
+  if (pair == nullptr || pair->stiffness() != stiffness_of(interface, *active.law)) {
     active.pair = std::make_shared<const Lazy<Pair>>();
   }
   if (active.transformed()) {
-    active.group_laws =
-        laws_of_groups(structure_->interface(i).name(), *active.law, *active.groups);
+    active.group_laws = laws_of_groups(interface.name(), *active.law, *active.groups);
   }
+  return active;
 }
 
-void Laws::set_parameters(std::size_t i, const std::vector<const LawParameter*>& changes) {
+ActiveLaw Laws::with_parameters(std::size_t i,
+                                const std::vector<const LawParameter*>& changes) const {
   const ActiveInterface& interface = structure_->interface(i);
-  std::shared_ptr<interface::Law> law = active_[i].law->copy();
+  std::shared_ptr<interface::Law> law = of(i).law->copy();
   for (const LawParameter* change : changes) {
     check_shape(interface, *law, *change);
     try {
@@ -238,36 +255,35 @@ void Laws::set_parameters(std::size_t i, const std::vector<const LawParameter*>&
     } catch (const InputError& error) {
       refuse(interface.name(), error.what());
     }
-    if (active_[i].gives(change->parameter)) {
+    if (of(i).gives(change->parameter)) {
       refuse(interface.name(), "parameter '" + change->parameter +
                                    "' is given by the transforms of its columns: set those anew, "
                                    "or take them away first");
     }
   }
-  set_law(i, std::move(law));
+  return with_law(i, std::move(law));
 }
 
 Laws Laws::with_parameters(const std::vector<LawParameter>& changes) const {
-  Laws changed = *this;
   std::map<std::size_t, std::vector<const LawParameter*>> of_interface;
   for (const LawParameter& change : changes) {
     of_interface[structure_->find_interface(change.interface)].push_back(&change);
   }
+  std::map<std::size_t, ActiveLaw> changed;
   for (const auto& [i, own] : of_interface) {
-    changed.set_parameters(i, own);
+    changed.emplace(i, with_parameters(i, own));
   }
-  return changed;
+  return with(std::move(changed));
 }
 
 Laws Laws::with_columns(const std::string& interface, std::vector<LawColumns> groups) const {
   const std::size_t i = structure_->find_interface(interface);
   check_groups(structure_->interface(i), groups);
-  Laws changed = *this;
-  ActiveLaw& active = changed.active_[i];
+  ActiveLaw active = of(i);
   active.group_laws = laws_of_groups(interface, *active.law, groups);
   active.groups =
       groups.empty() ? nullptr : std::make_shared<const std::vector<LawColumns>>(std::move(groups));
-  return changed;
+  return with({{i, std::move(active)}});
 }
 
 Laws Laws::with_steps(Index steps) const {
@@ -311,28 +327,29 @@ Laws Laws::with_extra_loads(const std::map<std::string, Matrix>& loads) const {
 }
 
 Laws Laws::repeated(Index sets) const {
-  Laws changed = *this;
-  for (std::size_t i = 0; i < active_.size(); ++i) {
-    const std::string& name = structure_->interface(i).name();
-    if (active_[i].transformed()) {
-      refuse(name, "parameter sets are not solved side by side where columns are transformed");
+  std::map<std::size_t, ActiveLaw> changed;
+  for (std::size_t i = 0; i < active_->size(); ++i) {
+    const interface::Law& own = *of(i).law;
+    if (of(i).transformed()) {
+      refuse(structure_->interface(i).name(),
+             "parameter sets are not solved side by side where columns are transformed");
     }
     std::shared_ptr<interface::Law> law;
-    for (const auto& info : active_[i].law->parameters()) {
-      const Matrix& values = active_[i].law->get(info.name).values();
+    for (const auto& info : own.parameters()) {
+      const Matrix& values = own.get(info.name).values();
       if (values.cols() > 1) {
         if (law == nullptr) {
-          law = active_[i].law->copy();
+          law = own.copy();
         }
         law->set(info.name, interface::ParameterField(Matrix(values.replicate(1, sets))),
                  interface::Law::Range::any);
       }
     }
     if (law != nullptr) {
-      changed.set_law(i, std::move(law));
+      changed.emplace(i, with_law(i, std::move(law)));
     }
   }
-  return changed;
+  return with(std::move(changed));
 }
 
 }  // namespace latin::substructure

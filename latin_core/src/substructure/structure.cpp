@@ -156,7 +156,7 @@ void Structure::add_interface(InterfaceDescription description, const Owners& ow
     refuse(name, "a coarse problem and paired interfaces are not spread over ranks");
   }
   if (description.paired && !entry.geometry.law->linear()) {
-    refuse(name, "law '" + entry.geometry.law->name() + "' is not linear and cannot be paired");
+    refuse(name, "law '" + entry.geometry.law->name() + "' is nonlinear and cannot be paired");
   }
   entry.basis = std::move(description.basis);
   entry.paired = description.paired;

@@ -71,7 +71,7 @@ class Laws {
   /// Columns that are the time steps of one history, in order; laws with history follow them. With chaos
   /// modes beside them the time steps run fastest.
   [[nodiscard]] Index steps() const { return steps_; }
-  [[nodiscard]] const ActiveLaw& of(std::size_t interface) const { return active_.at(interface); }
+  [[nodiscard]] const ActiveLaw& of(std::size_t interface) const { return active_->at(interface); }
   /// A parameter without transforms. @throws InputError on an unknown name
   [[nodiscard]] const Matrix& parameter(const std::string& interface,
                                         const std::string& parameter) const;
@@ -112,11 +112,15 @@ class Laws {
  private:
   /// Matrix search directions of a paired interface with two sides.
   [[nodiscard]] const Pair& pair(std::size_t interface) const;
-  void set_parameters(std::size_t interface, const std::vector<const LawParameter*>& changes);
-  void set_law(std::size_t interface, std::shared_ptr<const interface::Law> law);
+  [[nodiscard]] ActiveLaw with_parameters(std::size_t interface,
+                                          const std::vector<const LawParameter*>& changes) const;
+  [[nodiscard]] ActiveLaw with_law(std::size_t interface,
+                                   std::shared_ptr<const interface::Law> law) const;
+  /// A copy with the laws of some interfaces replaced.
+  [[nodiscard]] Laws with(std::map<std::size_t, ActiveLaw> changed) const;
 
   std::shared_ptr<const Structure> structure_;
-  std::vector<ActiveLaw> active_;
+  std::shared_ptr<const std::vector<ActiveLaw>> active_;
   Index steps_ = 1;
   std::shared_ptr<const std::vector<LoadResponse>> extra_;  ///< by body; null: no extra loads
 };
