@@ -40,6 +40,8 @@ from tests.kernel.bars import (
     stiffness,
 )
 
+pytestmark = pytest.mark.sanitize
+
 TIGHT = Options(rtol=1e-10)
 BACKENDS = latin_core.available_backends().split(", ")
 

@@ -207,7 +207,7 @@ std::string shape_of(Index rows, Index cols) {
 
 /// Only the lower triangle of a stiffness is used: another matrix would be solved in silence.
 void check_symmetry(const Member& member) {
-  /// Of the sums over a row and over a column, beside the sum of their magnitudes.
+  /// Of the sums over a row and over a column, beside the sum of magnitudes in the row.
   constexpr double unequal = 1e-8;
   const SparseView& matrix = *member.stiffness;
   const Index n = matrix.rows();
@@ -216,14 +216,18 @@ void check_symmetry(const Member& member) {
     x(row) = 1.0 + std::fmod(0.7548776662 * static_cast<double>(row), 1.0);
   }
   Vector difference = Vector::Zero(n);  // K x - K^T x
-  Vector size = Vector::Zero(n);
+  Vector size(n);
   for (Index row = 0; row < n; ++row) {
+    const double own = x(row);
+    double sum = 0.0;
+    double of_row = 0.0;
     for (SparseView::InnerIterator it(matrix, row); it; ++it) {
-      difference(row) += it.value() * x(it.col());
-      difference(it.col()) -= it.value() * x(row);
-      size(row) += std::abs(it.value());
-      size(it.col()) += std::abs(it.value());
+      sum += it.value() * x(it.col());
+      difference(it.col()) -= it.value() * own;
+      of_row += std::abs(it.value());
     }
+    difference(row) += sum;
+    size(row) = of_row;
   }
   for (Index row = 0; row < n; ++row) {
     if (std::abs(difference(row)) > unequal * size(row)) {
