@@ -282,6 +282,7 @@ class _Changes:
     """How the laws in the columns of a chaos differ from those without: modes x steps, the steps fastest."""
 
     steps: int
+    modes: int
     parameters: dict[str, dict[str, Array]]
     columns: dict[str, list[dict[str, Any]]]
 
@@ -307,11 +308,13 @@ class _Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        return cls(steps, parameters, columns)
+        return cls(steps, len(basis), parameters, columns)
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
-        return laws.with_(steps=self.steps, parameters=self.parameters, columns=self.columns)
+        return laws.with_(
+            steps=self.steps, modes=self.modes, parameters=self.parameters, columns=self.columns
+        )
 
 
 def _with_collocations(

@@ -34,7 +34,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   refuse_transforms(laws);
   const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
-  const Gauge gauge = gauge_of(structure);
+  const Gauge gauge = gauge_of(structure, laws.groups());
   const Matrix all_amplitudes = amplitudes.replicate(1, sets);
   Anderson history(metric_of(structure), columns, static_cast<Index>(snapshots.size()), sets);
   Stages stages(laws, all_amplitudes, false);
@@ -48,6 +48,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   history.fit(residual);
 
   substructure::GlobalStage global(laws);
+  const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.groups());
   const State& wrong = history.predicted_error();
   std::vector<Advanced> answers(static_cast<std::size_t>(sets));
   for (Index set = 0; set < sets; ++set) {
@@ -59,15 +60,15 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
     answer.indicator = stage_distance(
         stage_shares(structure.weights(), structure.directions(), answer.state, of_set(residual)));
     answer.residual = history.residual_norm(set);
-    const substructure::Size whole =
-        global.size(answer.state.data, answer.state.traces, amplitudes);
-    answer.energy = whole.strain;
+    Whole whole{global.sizes(answer.state.data, answer.state.traces, amplitudes), yardstick};
+    whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
+    answer.energy = whole.sizes.strain.sum();
     answer.error = std::numeric_limits<double>::infinity();
     const double rounding = rounding_share * history.metric().norm(answer.state.data);
     if (answer.residual > rounding && history.explained(set) >= least_explained) {
-      answer.error = std::max(predicted_error(gauge, of_set(wrong.data), of_set(wrong.traces),
-                                              history.explained(set), whole),
-                              least_of_indicator * answer.indicator);
+      answer.errors = predicted_errors(gauge, of_set(wrong.data), of_set(wrong.traces),
+                                       history.explained(set), whole);
+      answer.error = std::max(largest(answer.errors), least_of_indicator * answer.indicator);
     }
   }
   return answers;

@@ -274,6 +274,7 @@ class Sweep {
       summary.status = Status::converged;
       summary.iterations = 1;
       summary.error = answer.error;
+      summary.errors = answer.errors;
       summary.indicator = answer.indicator;
       summary.energy = answer.energy;
       summary.history.push_back({1, answer.error, answer.indicator, answer.residual, seconds});

@@ -658,9 +658,9 @@ std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef ampl
   return fields;
 }
 
-double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
-                    ConstMatrixRef amplitudes, const LoadResponse& loads, BodyWork& work) const {
-  double energy = 0.0;
+Vector Body::energies(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
+                      ConstMatrixRef amplitudes, const LoadResponse& loads, BodyWork& work) const {
+  Vector energies = Vector::Zero(traces.cols());
   const bool loaded = this->loads() > 0;  // BLAS does not take empty blocks
   Eigen::Map<Matrix> relative = work.relative.shaped(rows(), 1);
   Eigen::Map<Matrix> of_loads = work.of_loads.shaped(this->loads(), 1);
@@ -670,17 +670,17 @@ double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef f
       if (loaded) {
         relative.col(0).noalias() -= offset_traces_ * amplitudes.col(column);
       }
-      energy += relative.col(0).cwiseProduct(forces.col(column)).dot(weights_);
+      energies(column) += relative.col(0).cwiseProduct(forces.col(column)).dot(weights_);
     }
     if (loaded) {
       of_loads.col(0).noalias() = loads.work_loads * amplitudes.col(column);
       if (rows() > 0) {
         of_loads.col(0).noalias() += loads.work_traces.transpose() * data.col(column);
       }
-      energy += of_loads.col(0).dot(amplitudes.col(column));
+      energies(column) += of_loads.col(0).dot(amplitudes.col(column));
     }
   }
-  return energy;
+  return energies;
 }
 
 }  // namespace latin::substructure

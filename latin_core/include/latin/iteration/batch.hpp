@@ -9,6 +9,7 @@ namespace latin::iteration {
 /// A point of a sweep after one iteration.
 struct Advanced {
   State state;
+  Matrix errors;           ///< as `Summary::errors`; empty where they are not known
   double error = 0.0;      ///< as `Summary::error`; infinity where the history explains too little
   double indicator = 0.0;  ///< as `Summary::indicator`
   double residual = 0.0;

@@ -73,7 +73,7 @@ struct BodyCost {
 struct LoadResponse {
   Matrix extra;   ///< (n_body, l) forces beside those of the body itself; empty: none
   Matrix traces;  ///< (rows, l) at s = 0
-  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energy()
+  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energies()
   Matrix work_loads;
   Matrix work_traces;
 };
@@ -133,11 +133,11 @@ class Body {
   [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                                   const LoadResponse& loads) const;
 
-  /// Twice the strain energy u^T K u of the global-stage solution, summed over columns.
+  /// Twice the strain energies u^T K u of the global-stage solution, (c).
   /// @param data s, traces w, forces f (rows, c)  @param amplitudes (l, c)
-  [[nodiscard]] double energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
-                              ConstMatrixRef amplitudes, const LoadResponse& loads,
-                              BodyWork& work) const;
+  [[nodiscard]] Vector energies(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
+                                ConstMatrixRef amplitudes, const LoadResponse& loads,
+                                BodyWork& work) const;
 
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }

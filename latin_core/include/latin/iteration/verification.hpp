@@ -1,0 +1,60 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "latin/iteration/anderson.hpp"
+#include "latin/iteration/error_estimate.hpp"
+#include "latin/iteration/stages.hpp"
+#include "latin/substructure/tangent.hpp"
+
+namespace latin::iteration {
+
+/// How wrong an iterate is, by a few steps of Newton's method on the assembled structure from a copy of it.
+///
+/// An iteration only knows what it has seen move. Here the residual is divided by the stiffness of the whole
+/// structure with the tangents of its laws (`Tangent`), in which no soft or light part can hide. The distance to
+/// where these steps lead is the error, once they have become short beside it.
+class Verification {
+ public:
+  /// Whether there is one for these laws: not on several ranks, not where a column depends on those before it.
+  [[nodiscard]] static bool possible(const substructure::Laws& laws);
+
+  /// @param stages of the run; they must outlive this object
+  explicit Verification(Stages& stages);
+
+  struct Found {
+    Matrix errors;         ///< (groups, bodies) of the iterate
+    Matrix errors_better;  ///< of the better one, at most
+  };
+  /// @param residual of the iterate
+  /// @param whole    what errors are relative to
+  /// @param rtol     errors far below this need not be known
+  /// @return nothing where the steps do not become short: the error is not known
+  [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
+                                           const Whole& whole, double rtol);
+  /// Where the last check has led to.
+  [[nodiscard]] const State& better() const { return better_; }
+  [[nodiscard]] const Matrix& better_residual() const { return residual_; }
+  /// Its distance from the iterate: what the error is at least like, if nothing was found.
+  [[nodiscard]] const Matrix& distance() const { return distance_; }
+
+ private:
+  [[nodiscard]] Index column_of(Index column) const;
+  bool linearise();
+  void correct(MatrixRef residual);
+
+  Stages& stages_;
+  Gauge gauge_;
+  std::vector<std::unique_ptr<substructure::Tangent>> tangents_;  ///< of each distinct linearisation
+  std::vector<Matrix> slopes_;                                    ///< of each of these
+  std::vector<std::size_t> tangent_of_;                           ///< column -> tangent
+  Anderson history_;
+  State better_;
+  Matrix residual_;
+  Matrix distance_;
+  Matrix moved_;
+};
+
+}  // namespace latin::iteration

@@ -1,0 +1,65 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "latin/algebra/factor.hpp"
+#include "latin/common/types.hpp"
+#include "latin/substructure/laws.hpp"
+
+namespace latin::substructure {
+
+/// The assembled structure, linearised: condensed bodies joined by the tangent stiffnesses of their interfaces.
+///
+/// With S the stiffness of the bodies on their active unknowns, J the jump of these at the interface points, W the
+/// areas and K the tangents of the laws (force / length^3), a residual r = 2 (f^ - f) of the two stages asks for
+///
+///     (S + J^T W K J) du = T^T W r / 2 + J^T W K q,     q = J' r / (2 k),
+///
+/// J' the difference of the sides: a step of Newton's method on the whole structure. It sees what the two
+/// stages hardly see, soft and rigid motions of single bodies. Where a law is rigid, or a body hangs on
+/// nothing, K and S are replaced by something very stiff or very soft: what a step misses shows in the residual
+/// after it.
+class Tangent {
+ public:
+  /// Whether it can be made: one rank, every body with sides condensed.
+  [[nodiscard]] static bool possible(const Structure& structure);
+  /// Operations (multiplications) of one factorisation, at most.
+  [[nodiscard]] static double cost(const Structure& structure);
+
+  explicit Tangent(const Structure& structure);
+
+  /// Derivatives of the forces of one column with respect to the free jumps, at the flexibilities of the local
+  /// stage: block-diagonal by point, (unknowns, most components).
+  /// @param jumps  free jumps (unknowns, columns) of the steps of a history; the laws are those without transforms
+  [[nodiscard]] static Matrix slopes(const Laws& laws, const Matrix& jumps, Index column);
+  /// Free jumps (unknowns, c) of a state.
+  [[nodiscard]] static Matrix free_jumps(const Structure& structure, ConstMatrixRef data,
+                                         ConstMatrixRef traces);
+
+  /// Take other tangents, unless they are the same.
+  /// @param slopes as slopes() gives them
+  /// @throws NumericalError if the structure is not stable with them
+  void factorise(const Matrix& slopes);
+  /// Residual (rows, c) into the step on the data, in place.
+  /// @param moved what the step does to the traces, (rows, c)
+  void correct(MatrixRef residual, MatrixRef moved) const;
+
+ private:
+  void add_stiffness(const Body& body, Index first);
+  [[nodiscard]] SparseColumns assemble(const Matrix& slopes);
+
+  const Structure& structure_;
+  Index active_ = 0;
+  std::vector<Eigen::Triplet<double, int>> stiffness_;  ///< S, lower triangle
+  SparseRows traces_;                                   ///< T, (rows, active)
+  SparseRows jumps_;                                    ///< J, (unknowns, active)
+  SparseRows sides_;                                    ///< J', (unknowns, rows)
+  Vector areas_;                                        ///< (unknowns)
+  Vector flexibility_;                                  ///< (unknowns)
+  Matrix slopes_;                                       ///< of the last factorisation
+  SparseRows tangent_;                                  ///< W K, (unknowns, unknowns)
+  std::unique_ptr<algebra::Factor> factor_;
+};
+
+}  // namespace latin::substructure

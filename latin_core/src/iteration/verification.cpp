@@ -1,0 +1,171 @@
+#include "latin/iteration/verification.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "latin/common/error.hpp"
+
+namespace latin::iteration {
+namespace {
+
+using substructure::Tangent;
+
+/// Steps at most, and how many of them the next is combined with.
+constexpr Index most_steps = 12;
+constexpr Index depth = 8;
+/// A step below this fraction of the way so far leaves the error known, if it is that much shorter than the last.
+constexpr double shorter = 0.25;
+constexpr double contraction = 0.5;
+/// Errors below this fraction of the tolerance need not be known any better.
+constexpr double negligible = 0.05;
+/// Columns that may each have a linearisation of their own.
+constexpr std::size_t most_tangents = 16;
+
+/// Whether slopes are the same to rounding of differences.
+bool alike(const Matrix& a, const Matrix& b) {
+  constexpr double same = 1e-6;
+  return a.size() == b.size() &&
+         (a - b).cwiseAbs().maxCoeff() <= same * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
+}
+
+}  // namespace
+
+bool Verification::possible(const substructure::Laws& laws) {
+  if (!Tangent::possible(laws.structure())) {
+    return false;
+  }
+  return laws.steps() == 1 || !laws.remembers();
+}
+
+Verification::Verification(Stages& stages)
+    : stages_(stages),
+      gauge_(gauge_of(stages.structure(), stages.laws().groups())),
+      history_(metric_of(stages.structure()), stages.amplitudes().cols(), depth) {}
+
+/// The column whose slopes stand for those of a column: of a chaos, the mean's in the same step.
+Index Verification::column_of(Index column) const {
+  const substructure::ColumnGroups groups = stages_.laws().groups();
+  return groups.modes > 1 ? column % groups.steps : column;
+}
+
+/// Take the tangents of where we are. @return whether they have changed
+bool Verification::linearise() {
+  const substructure::Laws& laws = stages_.laws();
+  const Index columns = better_.data.cols();
+  const bool chaos = laws.modes() > 1;
+  const Index own = chaos ? laws.steps() : columns;
+  const Matrix jumps = Tangent::free_jumps(laws.structure(), better_.data.leftCols(own),
+                                           better_.traces.leftCols(own));
+  std::vector<Matrix> slopes;
+  std::vector<std::size_t> of_column;
+  for (Index column = 0; column < own; ++column) {
+    Matrix now = Tangent::slopes(laws, jumps, column);
+    std::size_t at = 0;
+    while (at < slopes.size() && !alike(slopes[at], now)) {
+      ++at;
+    }
+    if (at == slopes.size()) {
+      if (at == most_tangents) {
+        at = most_tangents - 1;
+      } else {
+        slopes.push_back(std::move(now));
+      }
+    }
+    of_column.push_back(at);
+  }
+  bool changed = slopes.size() != slopes_.size();
+  for (std::size_t i = 0; i < slopes.size() && !changed; ++i) {
+    changed = !alike(slopes[i], slopes_[i]);
+  }
+  tangent_of_.assign(static_cast<std::size_t>(columns), 0);
+  for (Index column = 0; column < columns; ++column) {
+    tangent_of_[static_cast<std::size_t>(column)] =
+        of_column[static_cast<std::size_t>(column_of(column))];
+  }
+  if (changed) {
+    slopes_ = std::move(slopes);
+    tangents_.resize(slopes_.size());
+    for (std::size_t i = 0; i < slopes_.size(); ++i) {
+      if (!tangents_[i]) {
+        tangents_[i] = std::make_unique<Tangent>(laws.structure());
+      }
+      tangents_[i]->factorise(slopes_[i]);
+    }
+  }
+  return changed;
+}
+
+/// Residual into step, with what that does to the traces in `moved_`.
+void Verification::correct(MatrixRef residual) {
+  moved_.resize(residual.rows(), residual.cols());
+  if (tangents_.size() == 1) {
+    tangents_.front()->correct(residual, moved_);
+    return;
+  }
+  for (std::size_t i = 0; i < tangents_.size(); ++i) {
+    std::vector<Index> columns;
+    for (std::size_t column = 0; column < tangent_of_.size(); ++column) {
+      if (tangent_of_[column] == i) {
+        columns.push_back(static_cast<Index>(column));
+      }
+    }
+    Matrix own = residual(every, columns);
+    Matrix moved(own.rows(), own.cols());
+    tangents_[i]->correct(own, moved);
+    residual(every, columns) = own;
+    moved_(every, columns) = moved;
+  }
+}
+
+std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
+                                                       const Whole& whole, double rtol) {
+  better_ = state;
+  residual_ = residual;
+  history_.clear();
+  distance_.resize(0, 0);
+  Matrix step(residual.rows(), residual.cols());
+  Matrix before;
+  const double least = negligible * rtol;
+  for (Index count = 0; count <= most_steps; ++count) {
+    try {
+      if (linearise()) {
+        history_.clear();
+      }
+    } catch (const NumericalError&) {
+      return std::nullopt;  // not stable: its error is anything
+    }
+    history_.fit(residual_);
+    history_.step(residual_, 1.0, [this](MatrixRef block) { correct(block); }, step);
+    if (!step.allFinite()) {
+      return std::nullopt;
+    }
+    if (history_.size() > 0) {
+      moved_ -= history_.predicted_error().traces;
+    }
+    const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+    if (count > 0) {
+      distance_ = whole.relative(gauge_.of_distance(better_, state));
+      const auto enough =
+          (ahead.array() <= least) || ((ahead.array() <= shorter * distance_.array()) &&
+                                       (ahead.array() <= contraction * before.array()));
+      if (enough.all()) {
+        const Matrix fall = (before.array() > 0.0)
+                                .select(ahead.cwiseQuotient(before), 0.0)
+                                .cwiseMin(contraction);
+        const Matrix rest = (ahead.array() / (1.0 - fall.array())).matrix();
+        return Found{distance_ + ahead, rest};
+      }
+    }
+    before = ahead;
+    const State from = better_;
+    const Matrix residual_before = residual_;
+    better_.data += step;
+    stages_.evaluate({better_, residual_});
+    history_.push(better_.data - from.data, residual_ - residual_before,
+                  better_.traces - from.traces);
+  }
+  return std::nullopt;
+}
+
+}  // namespace latin::iteration

@@ -1,0 +1,227 @@
+#include "latin/substructure/tangent.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "latin/common/error.hpp"
+#include "latin/substructure/local_stage.hpp"
+
+namespace latin::substructure {
+namespace {
+
+using Triplets = std::vector<Eigen::Triplet<double, int>>;
+
+/// Slopes (times the flexibility) above this are a rigid connection.
+constexpr double rigid = 1.0 - 1e-7;
+/// Springs that hold what hangs on nothing, relative to the search direction.
+constexpr double hold = 1e-11;
+/// Slopes closer than this are the same: they may come from differences.
+constexpr double same = 1e-6;
+/// Steps of difference quotients, relative to the largest free jump.
+constexpr double difference = 1e-7;
+
+/// A tangent K from a slope d f / d j0 at the flexibilities c: K = (1 - R c)^-1 R, made symmetric and bounded.
+Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
+  const Vector root = flexibility.cwiseSqrt();
+  Matrix scaled = root.asDiagonal() * slope * root.asDiagonal();
+  for (Index a = 0; a < scaled.rows(); ++a) {
+    for (Index b = 0; b < a; ++b) {
+      // friction couples one way only: no energy stands behind it
+      const double one = scaled(a, b);
+      const double two = scaled(b, a);
+      const double both = one * two > 0.0 ? std::copysign(std::min(std::abs(one), std::abs(two)), one) : 0.0;
+      scaled(a, b) = scaled(b, a) = both;
+    }
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);
+  const Vector bounded = eigen.eigenvalues().cwiseMax(0.0).cwiseMin(rigid);
+  const Vector stiffness = bounded.array() / (1.0 - bounded.array());
+  const Vector inverse = root.cwiseInverse();
+  return inverse.asDiagonal() *
+         (eigen.eigenvectors() * stiffness.asDiagonal() * eigen.eigenvectors().transpose()) *
+         inverse.asDiagonal();
+}
+
+SparseRows from(const Triplets& entries, Index rows, Index columns) {
+  SparseRows matrix(rows, columns);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+}  // namespace
+
+bool Tangent::possible(const Structure& structure) {
+  return structure.rows() > 0 && structure.has_flexibility();
+}
+
+double Tangent::cost(const Structure& structure) {
+  const auto size = static_cast<double>(structure.active_unknowns());
+  return size * size * size / 3.0;
+}
+
+Tangent::Tangent(const Structure& structure) : structure_(structure) {
+  Triplets traces;
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Body& body = structure.bodies()[b];
+    if (body.rows() == 0) {
+      continue;
+    }
+    const Index row = structure.body_rows()[b];
+    const SparseRows& own = body.active_traces();
+    for (Index i = 0; i < own.rows(); ++i) {
+      for (SparseRows::InnerIterator it(own, i); it; ++it) {
+        traces.emplace_back(static_cast<int>(row + i), static_cast<int>(active_ + it.col()),
+                            it.value());
+      }
+    }
+    add_stiffness(body, active_);
+    active_ += body.active();
+  }
+  traces_ = from(traces, structure.rows(), active_);
+  const Index unknowns = structure.interface_unknowns();
+  areas_.resize(unknowns);
+  flexibility_.resize(unknowns);
+  Triplets sides;
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    areas_.segment(interface.first_unknown, interface.size()) = interface.geometry.weights;
+    flexibility_.segment(interface.first_unknown, interface.size()) = interface.flexibility;
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      for (Index i = 0; i < interface.size(); ++i) {
+        sides.emplace_back(static_cast<int>(interface.first_unknown + i),
+                           static_cast<int>(interface.rows[s] + i), s == 0 ? -1.0 : 1.0);
+      }
+    }
+  }
+  sides_ = from(sides, unknowns, structure.rows());
+  jumps_ = sides_ * traces_;
+}
+
+/// S = L L^T - T^T W k T of a body, and what holds it if nothing else does.
+void Tangent::add_stiffness(const Body& body, Index first) {
+  const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
+  Matrix stiffness = Matrix::Zero(lower.rows(), lower.cols());
+  stiffness.selfadjointView<Eigen::Lower>().rankUpdate(lower);
+  const SparseRows& trace = body.active_traces();
+  const Vector robin = (1.0 - hold) * body.weights().cwiseProduct(body.directions());
+  const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
+  for (Index row = 0; row < springs.rows(); ++row) {
+    for (SparseRows::InnerIterator it(springs, row); it; ++it) {
+      stiffness(row, it.col()) -= it.value();
+    }
+  }
+  for (Index column = 0; column < stiffness.cols(); ++column) {
+    for (Index row = column; row < stiffness.rows(); ++row) {
+      stiffness_.emplace_back(static_cast<int>(first + row), static_cast<int>(first + column),
+                              stiffness(row, column));
+    }
+  }
+}
+
+Matrix Tangent::free_jumps(const Structure& structure, ConstMatrixRef data,
+                           ConstMatrixRef traces) {
+  Matrix jumps(structure.interface_unknowns(), data.cols());
+  Matrix share;
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    auto jump = jumps.middleRows(interface.first_unknown, interface.size());
+    share_of_jump(structure, interface, 0, data, traces, jump);
+    if (interface.rows.size() > 1) {
+      share.resize(interface.size(), data.cols());
+      share_of_jump(structure, interface, 1, data, traces, share);
+      jump -= share;
+    }
+  }
+  return jumps;
+}
+
+Matrix Tangent::slopes(const Laws& laws, const Matrix& jumps, Index column) {
+  const auto& interfaces = laws.structure().interfaces();
+  Index most = 0;
+  for (const ActiveInterface& interface : interfaces) {
+    most = std::max(most, interface.geometry.components);
+  }
+  Matrix result = Matrix::Zero(jumps.rows(), most);
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const ActiveInterface& interface = interfaces[i];
+    const Index rows = interface.size();
+    const Index components = interface.geometry.components;
+    const interface::Law& law = *laws.of(i).law;
+    const Matrix jump = jumps.middleRows(interface.first_unknown, rows);
+    const auto problem = [&](const Matrix& at) {
+      return interface::LocalProblem{components, at, interface.flexibility, laws.steps(),
+                                     interface.name()};
+    };
+    Matrix found(rows, components);
+    if (!law.slopes(problem(jump), column, found)) {
+      Matrix here(rows, jump.cols());
+      Matrix there(rows, jump.cols());
+      law.resolve(problem(jump), here);
+      double step = jump.col(column).cwiseAbs().maxCoeff();
+      step = difference * (step > 0.0 ? step : interface.flexibility.maxCoeff());
+      for (Index a = 0; a < components; ++a) {
+        Matrix moved = jump;
+        // towards closing, so that a point that just touches counts as closed
+        moved(Eigen::seqN(a, interface.geometry.points, components), column).array() -= step;
+        law.resolve(problem(moved), there);
+        found.col(a) = (here.col(column) - there.col(column)) / step;
+      }
+    }
+    result.block(interface.first_unknown, 0, rows, components) = found;
+  }
+  return result;
+}
+
+SparseColumns Tangent::assemble(const Matrix& slopes) {
+  Triplets entries;
+  for (const ActiveInterface& interface : structure_.interfaces()) {
+    const Index components = interface.geometry.components;
+    for (Index point = 0; point < interface.geometry.points; ++point) {
+      const Index first = interface.first_unknown + components * point;
+      const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
+                                        flexibility_.segment(first, components));
+      for (Index a = 0; a < components; ++a) {
+        for (Index b = 0; b < components; ++b) {
+          if (tangent(a, b) != 0.0) {
+            entries.emplace_back(static_cast<int>(first + a), static_cast<int>(first + b),
+                                 areas_(first) * tangent(a, b));
+          }
+        }
+      }
+    }
+  }
+  tangent_ = from(entries, areas_.size(), areas_.size());
+  const SparseColumns joined = SparseColumns(jumps_.transpose() * SparseRows(tangent_ * jumps_))
+                                   .triangularView<Eigen::Lower>();
+  SparseColumns lower(active_, active_);
+  lower.setFromTriplets(stiffness_.begin(), stiffness_.end());
+  return lower + joined;
+}
+
+void Tangent::factorise(const Matrix& slopes) {
+  if (factor_ != nullptr && slopes_.size() == slopes.size() &&
+      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same) {
+    return;
+  }
+  factor_ = nullptr;
+  factor_ = algebra::factorise(assemble(slopes), 0, algebra::FactorBackend::automatic,
+                               "structure of the check");
+  slopes_ = slopes;
+}
+
+void Tangent::correct(MatrixRef residual, MatrixRef moved) const {
+  const Vector& weights = structure_.weights();
+  const Vector& inverse = structure_.inverse_directions();
+  const Matrix half = 0.5 * residual;
+  const Matrix q = sides_ * (inverse.asDiagonal() * half);
+  const Matrix load = traces_.transpose() * (weights.asDiagonal() * half) +
+                      jumps_.transpose() * (tangent_ * q);
+  const Matrix answer = factor_->solve(load);
+  moved = traces_ * answer;
+  const Matrix force = areas_.cwiseInverse().asDiagonal() * (tangent_ * (jumps_ * answer - q));
+  residual = half - sides_.transpose() * force +
+             structure_.directions().asDiagonal() * moved;
+}
+
+}  // namespace latin::substructure
