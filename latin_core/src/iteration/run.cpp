@@ -17,6 +17,8 @@ constexpr double unknown = std::numeric_limits<double>::infinity();
 /// first, and snapshots share the errors that were left in all of them.
 constexpr Index observing_depth = 10;
 constexpr Index own_steps = 1;
+/// A search ends when the residual has fallen to this, times the tolerance.
+constexpr double search_until = 1e-3;
 /// A check that refuted an estimate is repeated when the residual has fallen by this.
 constexpr double fall_between_checks = 0.3;
 /// Accelerated steps so much longer than the residual are not taken where a body may fly off.
@@ -28,7 +30,8 @@ constexpr double newton_accuracy = 1e-3;
 
 /// Whether a run ended without an answer, and not because someone wanted it to.
 bool gave_up(Status status) {
-  return status == Status::max_iterations || status == Status::stagnated;
+  return status == Status::max_iterations || status == Status::stagnated ||
+         status == Status::diverged;
 }
 
 /// Whether some law is nonlinear, so that a body may lose touch. Collective.
@@ -84,7 +87,7 @@ Summary Run::run(bool traces_known) {
     std::optional<Status> status = stopping_.judge(
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
     if (status && gave_up(*status) && verifies()) {
-      measured = verify(std::move(measured), false);
+      measured = rescue(std::move(measured));
       if (summary_.error <= options_.rtol) {
         report(measured);
         status = Status::converged;
@@ -132,7 +135,7 @@ Measured Run::observe() {
     error = error_.largest(errors_);
   }
   summary_.error = error;
-  if (error <= options_.rtol && !newton_.whole() && verifies()) {
+  if (error <= options_.rtol && verifies()) {
     measured = verify(std::move(measured), true);
   }
   report(measured);
@@ -142,6 +145,28 @@ Measured Run::observe() {
 /// Whether estimates are checked before they are believed.
 bool Run::verifies() const {
   return !options_.stop_on_indicator && Verification::possible(stages_.laws());
+}
+
+/// Try what is left before giving up: a search from the best iterate.
+Measured Run::rescue(Measured measured) {
+  if (!verification_) {
+    verification_.emplace(stages_);
+  }
+  if (safeguard_.best_norm() < measured.residual || !std::isfinite(measured.residual)) {
+    if (!safeguard_.restore(at())) {
+      return measured;
+    }
+    measured = stages_.measure(at(), history_, stop_);
+  }
+  const double least = search_until * options_.rtol * measured.residual;
+  if (verification_->search(state_, residual_, least)) {
+    state_ = verification_->better();
+    residual_ = verification_->better_residual();
+    history_.clear();
+    error_.restart();
+    measured = stages_.measure(at(), history_, stop_);
+  }
+  return verify(std::move(measured), false);
 }
 
 /// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.
@@ -168,19 +193,15 @@ Measured Run::verify(Measured measured, bool believed) {
     }
     return measured;
   }
-  errors_ = found->errors;
+  state_ = verification_->better();
+  residual_ = verification_->better_residual();
+  errors_ = found->errors_better;
   summary_.error = largest(errors_);
-  if (summary_.error > options_.rtol) {
-    state_ = verification_->better();
-    residual_ = verification_->better_residual();
-    errors_ = found->errors_better;
-    summary_.error = largest(errors_);
-    history_.clear();
-    error_.restart();
-    measured = stages_.measure(at(), history_, stop_);
-    safeguard_.jumped(iterations(), measured.residual, at());
-    next_check_ = fall_between_checks * measured.residual;
-  }
+  history_.clear();
+  error_.restart();
+  measured = stages_.measure(at(), history_, stop_);
+  safeguard_.jumped(iterations(), measured.residual, at());
+  next_check_ = fall_between_checks * measured.residual;
   return measured;
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -21,6 +22,13 @@ constexpr double contraction = 0.5;
 constexpr double negligible = 0.05;
 /// Columns that may each have a linearisation of their own.
 constexpr std::size_t most_tangents = 16;
+/// Shortest step of a search, its number of steps, and plain steps where those do not help.
+constexpr double shortest = 1.0 / 64.0;
+constexpr Index most_of_search = 60;
+constexpr Index first_pause = 4;
+constexpr Index longest_pause = 64;
+/// Rounding of a force, relative to the terms that it is the balance of: of many inside the bodies.
+constexpr double rounding = 1e-15;
 
 /// Whether slopes are the same to rounding of differences.
 bool alike(const Matrix& a, const Matrix& b) {
@@ -84,14 +92,15 @@ bool Verification::linearise() {
         of_column[static_cast<std::size_t>(column_of(column))];
   }
   if (changed) {
-    slopes_ = std::move(slopes);
-    tangents_.resize(slopes_.size());
-    for (std::size_t i = 0; i < slopes_.size(); ++i) {
+    slopes_.clear();  // if a factorisation fails there are none
+    tangents_.resize(slopes.size());
+    for (std::size_t i = 0; i < slopes.size(); ++i) {
       if (!tangents_[i]) {
         tangents_[i] = std::make_unique<Tangent>(laws.structure());
       }
-      tangents_[i]->factorise(slopes_[i]);
+      tangents_[i]->factorise(slopes[i]);
     }
+    slopes_ = std::move(slopes);
   }
   return changed;
 }
@@ -116,6 +125,30 @@ void Verification::correct(MatrixRef residual) {
     residual(every, columns) = own;
     moved_(every, columns) = moved;
   }
+}
+
+/// Both stages. @return whether the laws have an answer there: too far off they may have none
+bool Verification::evaluate(State& state, Matrix& residual) {
+  try {
+    stages_.evaluate({state, residual});
+  } catch (const NumericalError&) {
+    return false;
+  }
+  return residual.allFinite();
+}
+
+/// What rounding of forces and displacements may do to the answer, by the same tangents.
+Matrix Verification::rounding_errors(const Whole& whole) {
+  const Vector& directions = stages_.structure().directions();
+  Matrix noise = better_.data.cwiseAbs() + directions.asDiagonal() * better_.traces.cwiseAbs();
+  for (Index column = 0; column < noise.cols(); ++column) {
+    for (Index row = 0; row < noise.rows(); ++row) {
+      // any fixed signs without a pattern
+      noise(row, column) *= rounding * std::copysign(1.0, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+    }
+  }
+  correct(noise);
+  return whole.relative(gauge_.of_difference(noise, moved_));
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
@@ -153,7 +186,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         const Matrix fall = (before.array() > 0.0)
                                 .select(ahead.cwiseQuotient(before), 0.0)
                                 .cwiseMin(contraction);
-        const Matrix rest = (ahead.array() / (1.0 - fall.array())).matrix();
+        const Matrix rest =
+            (ahead.array() / (1.0 - fall.array())).matrix().cwiseMax(rounding_errors(whole));
         return Found{distance_ + ahead, rest};
       }
     }
@@ -161,11 +195,92 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     const State from = better_;
     const Matrix residual_before = residual_;
     better_.data += step;
-    stages_.evaluate({better_, residual_});
+    if (!evaluate(better_, residual_)) {
+      return std::nullopt;
+    }
     history_.push(better_.data - from.data, residual_ - residual_before,
                   better_.traces - from.traces);
   }
   return std::nullopt;
+}
+
+/// A step of Newton's method, as much of it as makes the residual fall most. @return whether it fell by a tenth
+bool Verification::damped_step(double& norm) {
+  try {
+    linearise();
+  } catch (const NumericalError&) {
+    return false;
+  }
+  Matrix step = residual_;
+  correct(step);
+  if (!step.allFinite()) {
+    return false;
+  }
+  const State from = better_;
+  const Metric& metric = history_.metric();
+  State trial;
+  Matrix residual(residual_.rows(), residual_.cols());
+  State best;
+  Matrix best_residual;
+  double least = norm;
+  for (double length = 1.0; length >= shortest; length *= 0.5) {
+    trial.data = from.data + length * step;
+    trial.traces.resize(step.rows(), step.cols());
+    const double now =
+        evaluate(trial, residual) ? metric.norm(residual) : std::numeric_limits<double>::infinity();
+    if (now < least) {
+      least = now;
+      best = trial;
+      best_residual = residual;
+    }
+    if (now < (1.0 - 0.5 * length) * norm) {
+      break;
+    }
+  }
+  const bool enough = least < 0.9 * norm;
+  if (least < norm) {
+    better_ = std::move(best);
+    residual_ = std::move(best_residual);
+    norm = least;
+  }
+  return enough;
+}
+
+/// Averaged steps, which come nearer to the answer of every monotone law.
+void Verification::plain_steps(Index count, double& norm) {
+  for (Index i = 0; i < count; ++i) {
+    better_.data += averaged_share * residual_;
+    if (!evaluate(better_, residual_)) {
+      norm = std::numeric_limits<double>::infinity();
+      return;
+    }
+  }
+  norm = history_.metric().norm(residual_);
+}
+
+bool Verification::search(const State& state, const Matrix& residual, double least) {
+  better_ = state;
+  residual_ = residual;
+  const double first = history_.metric().norm(residual);
+  double norm = first;
+  State best = better_;
+  Matrix best_residual = residual_;
+  double best_norm = norm;
+  Index pause = first_pause;
+  for (Index count = 0; count < most_of_search && norm > least && std::isfinite(norm); ++count) {
+    if (!damped_step(norm)) {
+      plain_steps(pause, norm);
+      pause = std::min<Index>(2 * pause, longest_pause);
+    }
+    if (norm < best_norm) {
+      best_norm = norm;
+      best = better_;
+      best_residual = residual_;
+    }
+  }
+  better_ = std::move(best);
+  residual_ = std::move(best_residual);
+  return best_norm < first;
 }
 
 }  // namespace latin::iteration

@@ -1,7 +1,9 @@
 #include "latin/substructure/body.hpp"
 
 #include <Eigen/Dense>
+#include <Eigen/Cholesky>
 #include <algorithm>
+#include <numeric>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -620,6 +622,24 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   factor.triangularView<Eigen::Lower>().transpose().solveInPlace(single);
   unknowns = scale * single.cast<double>();
   multiply_sparse(active_traces_, unknowns, traces);
+}
+
+const Matrix& Body::schur() const {
+  return schur_.get([this] {
+    if (condensed()) {
+      const Matrix lower = condensed_.triangularView<Eigen::Lower>();
+      Matrix product = Matrix::Zero(active_, active_);
+      product.selfadjointView<Eigen::Lower>().rankUpdate(lower);
+      return product;
+    }
+    std::vector<Index> all(static_cast<std::size_t>(active_));
+    std::iota(all.begin(), all.end(), Index{0});
+    const Eigen::LLT<Matrix> inverse(inverse_block(all));
+    if (inverse.info() != Eigen::Success) {
+      throw NumericalError("body '" + name_ + "': its condensed stiffness is not definite");
+    }
+    return Matrix(inverse.solve(Matrix::Identity(active_, active_)));
+  });
 }
 
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {

@@ -20,6 +20,13 @@ constexpr double rigid = 1.0 - 1e-7;
 constexpr double hold = 1e-11;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
+/// Where more of the matrix is filled than this, it is dense.
+constexpr double filled = 0.3;
+/// Operations of the check that nobody notices, and those beside the factorisations of the bodies, of which a factor
+/// of n numbers takes about n^1.4 (grids, in three dimensions).
+constexpr double negligible = 2e8;
+constexpr double affordable = 0.1;
+constexpr double operations_of_numbers = 1.4;
 /// Steps of difference quotients, relative to the largest free jump.
 constexpr double difference = 1e-7;
 
@@ -54,12 +61,19 @@ SparseRows from(const Triplets& entries, Index rows, Index columns) {
 }  // namespace
 
 bool Tangent::possible(const Structure& structure) {
-  return structure.rows() > 0 && structure.has_flexibility();
-}
-
-double Tangent::cost(const Structure& structure) {
-  const auto size = static_cast<double>(structure.active_unknowns());
-  return size * size * size / 3.0;
+  if (structure.rows() == 0 || !structure.communicator().alone()) {
+    return false;
+  }
+  double price = 0.0;
+  double factors = 0.0;
+  for (const Body& body : structure.bodies()) {
+    const auto active = static_cast<double>(body.active());
+    const double numbers = body.cost().factor_numbers;
+    price += active * active * active;
+    price += body.condensed() ? 0.0 : 2.0 * active * numbers;
+    factors += std::pow(numbers, operations_of_numbers);
+  }
+  return price <= std::max(negligible, affordable * factors);
 }
 
 Tangent::Tangent(const Structure& structure) : structure_(structure) {
@@ -77,9 +91,14 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
                             it.value());
       }
     }
-    add_stiffness(body, active_);
+    add_stiffness(body);
     active_ += body.active();
   }
+  double entries = 0.0;
+  for (const Matrix& each : stiffness_) {
+    entries += static_cast<double>(each.size());
+  }
+  dense_ = entries > filled * static_cast<double>(active_ * active_);
   traces_ = from(traces, structure.rows(), active_);
   const Index unknowns = structure.interface_unknowns();
   areas_.resize(unknowns);
@@ -99,11 +118,9 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   jumps_ = sides_ * traces_;
 }
 
-/// S = L L^T - T^T W k T of a body, and what holds it if nothing else does.
-void Tangent::add_stiffness(const Body& body, Index first) {
-  const Matrix lower = body.condensed_factor().triangularView<Eigen::Lower>();
-  Matrix stiffness = Matrix::Zero(lower.rows(), lower.cols());
-  stiffness.selfadjointView<Eigen::Lower>().rankUpdate(lower);
+/// S of a body, and what holds it if nothing else does.
+void Tangent::add_stiffness(const Body& body) {
+  Matrix stiffness = body.schur();
   const SparseRows& trace = body.active_traces();
   const Vector robin = (1.0 - hold) * body.weights().cwiseProduct(body.directions());
   const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
@@ -112,12 +129,7 @@ void Tangent::add_stiffness(const Body& body, Index first) {
       stiffness(row, it.col()) -= it.value();
     }
   }
-  for (Index column = 0; column < stiffness.cols(); ++column) {
-    for (Index row = column; row < stiffness.rows(); ++row) {
-      stiffness_.emplace_back(static_cast<int>(first + row), static_cast<int>(first + column),
-                              stiffness(row, column));
-    }
-  }
+  stiffness_.push_back(std::move(stiffness));
 }
 
 Matrix Tangent::free_jumps(const Structure& structure, ConstMatrixRef data,
@@ -173,7 +185,8 @@ Matrix Tangent::slopes(const Laws& laws, const Matrix& jumps, Index column) {
   return result;
 }
 
-SparseColumns Tangent::assemble(const Matrix& slopes) {
+/// W K of the points.
+void Tangent::set_tangents(const Matrix& slopes) {
   Triplets entries;
   for (const ActiveInterface& interface : structure_.interfaces()) {
     const Index components = interface.geometry.components;
@@ -192,21 +205,60 @@ SparseColumns Tangent::assemble(const Matrix& slopes) {
     }
   }
   tangent_ = from(entries, areas_.size(), areas_.size());
+}
+
+SparseColumns Tangent::assemble() const {
+  Triplets entries;
+  Index first = 0;
+  for (const Matrix& each : stiffness_) {
+    for (Index column = 0; column < each.cols(); ++column) {
+      for (Index row = column; row < each.rows(); ++row) {
+        entries.emplace_back(static_cast<int>(first + row), static_cast<int>(first + column),
+                             each(row, column));
+      }
+    }
+    first += each.rows();
+  }
+  SparseColumns lower(active_, active_);
+  lower.setFromTriplets(entries.begin(), entries.end());
   const SparseColumns joined = SparseColumns(jumps_.transpose() * SparseRows(tangent_ * jumps_))
                                    .triangularView<Eigen::Lower>();
-  SparseColumns lower(active_, active_);
-  lower.setFromTriplets(stiffness_.begin(), stiffness_.end());
   return lower + joined;
 }
 
+void Tangent::factorise_dense() {
+  Matrix matrix = Matrix::Zero(active_, active_);
+  Index first = 0;
+  for (const Matrix& each : stiffness_) {
+    matrix.block(first, first, each.rows(), each.cols()) = each;
+    first += each.rows();
+  }
+  const SparseRows joined = jumps_.transpose() * SparseRows(tangent_ * jumps_);
+  for (Index row = 0; row < joined.rows(); ++row) {
+    for (SparseRows::InnerIterator it(joined, row); it; ++it) {
+      matrix(row, it.col()) += it.value();
+    }
+  }
+  cholesky_.compute(matrix);
+  if (cholesky_.info() != Eigen::Success) {
+    throw NumericalError("the structure is not stable with the tangents of its laws");
+  }
+}
+
 void Tangent::factorise(const Matrix& slopes) {
-  if (factor_ != nullptr && slopes_.size() == slopes.size() &&
+  if (slopes_.size() == slopes.size() &&
       ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same) {
     return;
   }
-  factor_ = nullptr;
-  factor_ = algebra::factorise(assemble(slopes), 0, algebra::FactorBackend::automatic,
-                               "structure of the check");
+  slopes_.resize(0, 0);
+  set_tangents(slopes);
+  if (dense_) {
+    factorise_dense();
+  } else {
+    factor_ = nullptr;
+    factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+                                 "structure of the check");
+  }
   slopes_ = slopes;
 }
 
@@ -217,7 +269,7 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) const {
   const Matrix q = sides_ * (inverse.asDiagonal() * half);
   const Matrix load = traces_.transpose() * (weights.asDiagonal() * half) +
                       jumps_.transpose() * (tangent_ * q);
-  const Matrix answer = factor_->solve(load);
+  const Matrix answer = dense_ ? Matrix(cholesky_.solve(load)) : factor_->solve(load);
   moved = traces_ * answer;
   const Matrix force = areas_.cwiseInverse().asDiagonal() * (tangent_ * (jumps_ * answer - q));
   residual = half - sides_.transpose() * force +

@@ -50,6 +50,7 @@ class Run {
   Measured observe();
   void report(const Measured& measured);
   [[nodiscard]] Matrix estimate(const Measured& measured);
+  Measured rescue(Measured measured);
   Measured verify(Measured measured, bool believed);
   [[nodiscard]] bool verifies() const;
   void advance(const Measured& measured);

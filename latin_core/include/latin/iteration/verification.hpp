@@ -34,7 +34,12 @@ class Verification {
   /// @return nothing where the steps do not become short: the error is not known
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
                                            const Whole& whole, double rtol);
-  /// Where the last check has led to.
+  /// Look for the answer itself, by damped steps of the same kind and plain ones where those do not help: what is
+  /// left to try where an iteration got stuck.
+  /// @param least residual norm at which to stop
+  /// @return whether the residual has fallen; better() is then where it is least
+  bool search(const State& state, const Matrix& residual, double least);
+  /// Where the last check or search has led to.
   [[nodiscard]] const State& better() const { return better_; }
   [[nodiscard]] const Matrix& better_residual() const { return residual_; }
   /// Its distance from the iterate: what the error is at least like, if nothing was found.
@@ -43,7 +48,11 @@ class Verification {
  private:
   [[nodiscard]] Index column_of(Index column) const;
   bool linearise();
+  bool evaluate(State& state, Matrix& residual);
+  [[nodiscard]] bool damped_step(double& norm);
+  void plain_steps(Index count, double& norm);
   void correct(MatrixRef residual);
+  [[nodiscard]] Matrix rounding_errors(const Whole& whole);
 
   Stages& stages_;
   Gauge gauge_;

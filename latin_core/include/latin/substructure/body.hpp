@@ -118,6 +118,9 @@ class Body {
   /// As apply(), with the condensed factor in single precision where there is one: what it is fast for are
   /// changes of the data, whose own error shrinks with them. The copy is made when first asked for.
   void apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const;
+  /// Schur complement of the operator on the active unknowns, with the springs k: (active, active), lower triangle.
+  /// Made when first asked for; a body that is not condensed solves for every active unknown.
+  [[nodiscard]] const Matrix& schur() const;
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
 
@@ -181,6 +184,7 @@ class Body {
   Lazy<Matrix> compliance_;
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
+  Lazy<Matrix> schur_;
   Matrix load_;           ///< right-hand side of the load patterns, with offsets
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
   Matrix offset_energy_;  ///< u0^T K u0

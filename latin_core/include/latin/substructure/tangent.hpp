@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <memory>
 #include <vector>
 
@@ -22,10 +23,8 @@ namespace latin::substructure {
 /// after it.
 class Tangent {
  public:
-  /// Whether it can be made: one rank, every body with sides condensed.
+  /// Whether it can be made (on one rank) at a price that fits that of the bodies.
   [[nodiscard]] static bool possible(const Structure& structure);
-  /// Operations (multiplications) of one factorisation, at most.
-  [[nodiscard]] static double cost(const Structure& structure);
 
   explicit Tangent(const Structure& structure);
 
@@ -46,12 +45,14 @@ class Tangent {
   void correct(MatrixRef residual, MatrixRef moved) const;
 
  private:
-  void add_stiffness(const Body& body, Index first);
-  [[nodiscard]] SparseColumns assemble(const Matrix& slopes);
+  void add_stiffness(const Body& body);
+  void set_tangents(const Matrix& slopes);
+  [[nodiscard]] SparseColumns assemble() const;
+  void factorise_dense();
 
   const Structure& structure_;
   Index active_ = 0;
-  std::vector<Eigen::Triplet<double, int>> stiffness_;  ///< S, lower triangle
+  std::vector<Matrix> stiffness_;                       ///< S of the bodies, lower triangles
   SparseRows traces_;                                   ///< T, (rows, active)
   SparseRows jumps_;                                    ///< J, (unknowns, active)
   SparseRows sides_;                                    ///< J', (unknowns, rows)
@@ -59,7 +60,9 @@ class Tangent {
   Vector flexibility_;                                  ///< (unknowns)
   Matrix slopes_;                                       ///< of the last factorisation
   SparseRows tangent_;                                  ///< W K, (unknowns, unknowns)
-  std::unique_ptr<algebra::Factor> factor_;
+  bool dense_ = false;
+  Eigen::LLT<Matrix> cholesky_;              ///< where it is dense
+  std::unique_ptr<algebra::Factor> factor_;  ///< else
 };
 
 }  // namespace latin::substructure
