@@ -286,6 +286,13 @@ void Run::finish(Status status) {
   if (!stages_.exact()) {
     stages_.refresh(state_);
   }
+  // what the bodies' factors leave is no part of the iteration, but of the error
+  for (Index b = 0; b < summary_.errors.cols(); ++b) {
+    const double rounding = structure_.bodies()[static_cast<std::size_t>(b)].rounding();
+    summary_.errors.col(b) =
+        summary_.errors.col(b).cwiseMax(std::min(rounding, options_.rtol));
+  }
+  summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
   summary_.status = status;
   summary_.iterations = iterations();
   summary_.restarts = safeguard_.restarts();

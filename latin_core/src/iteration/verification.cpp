@@ -18,15 +18,20 @@ constexpr Index depth = 8;
 /// A step below this fraction of the way so far leaves the error known, if it is that much shorter than the last.
 constexpr double shorter = 0.25;
 constexpr double contraction = 0.5;
+/// A step that is no shorter than the last may be this fraction of what is left.
+constexpr double most_left = 20.0;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
 /// Columns that may each have a linearisation of their own.
 constexpr std::size_t most_tangents = 16;
-/// Shortest step of a search, its number of steps, and plain steps where those do not help.
-constexpr double shortest = 1.0 / 64.0;
-constexpr Index most_of_search = 60;
+/// Steps of a search, and plain steps where those do not help.
+constexpr Index most_of_search = 200;
 constexpr Index first_pause = 4;
-constexpr Index longest_pause = 64;
+/// A residual of a search may grow by this: it does where a part begins to move.
+constexpr double bearable_growth = 1.2;
+/// Springs that hold the bodies, relative to the search direction.
+constexpr double largest_hold = 25.0;
+constexpr double least_hold = 1e-11;
 /// Rounding of a force, relative to the terms that it is the balance of: of many inside the bodies.
 constexpr double rounding = 1e-15;
 
@@ -58,7 +63,7 @@ Index Verification::column_of(Index column) const {
 }
 
 /// Take the tangents of where we are. @return whether they have changed
-bool Verification::linearise() {
+bool Verification::linearise(double hold) {
   const substructure::Laws& laws = stages_.laws();
   const Index columns = better_.data.cols();
   const bool chaos = laws.modes() > 1;
@@ -82,7 +87,7 @@ bool Verification::linearise() {
     }
     of_column.push_back(at);
   }
-  bool changed = slopes.size() != slopes_.size();
+  bool changed = slopes.size() != slopes_.size() || hold != hold_;
   for (std::size_t i = 0; i < slopes.size() && !changed; ++i) {
     changed = !alike(slopes[i], slopes_[i]);
   }
@@ -98,9 +103,10 @@ bool Verification::linearise() {
       if (!tangents_[i]) {
         tangents_[i] = std::make_unique<Tangent>(laws.structure());
       }
-      tangents_[i]->factorise(slopes[i]);
+      tangents_[i]->factorise(slopes[i], hold);
     }
     slopes_ = std::move(slopes);
+    hold_ = hold;
   }
   return changed;
 }
@@ -160,9 +166,11 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix step(residual.rows(), residual.cols());
   Matrix before;
   const double least = negligible * rtol;
+  double first = 0.0;
+  const double noise = 10.0 * rounding_share * history_.metric().norm(state.data);
   for (Index count = 0; count <= most_steps; ++count) {
     try {
-      if (linearise()) {
+      if (linearise(least_hold)) {
         history_.clear();
       }
     } catch (const NumericalError&) {
@@ -170,6 +178,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     }
     history_.fit(residual_);
     history_.step(residual_, 1.0, [this](MatrixRef block) { correct(block); }, step);
+    if (count == 0) {
+      first = history_.residual_norm();
+    }
     if (!step.allFinite()) {
       return std::nullopt;
     }
@@ -179,16 +190,16 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
     if (count > 0) {
       distance_ = whole.relative(gauge_.of_distance(better_, state));
+      // how much of an error a step leaves, as far as the last two of them say
+      const Matrix left = (before.array() > 0.0)
+                              .select(ahead.cwiseQuotient(before), 0.0)
+                              .cwiseMin(1.0 - 1.0 / most_left);
+      const Matrix rest = (ahead.array() / (1.0 - left.array())).matrix();
       const auto enough =
-          (ahead.array() <= least) || ((ahead.array() <= shorter * distance_.array()) &&
-                                       (ahead.array() <= contraction * before.array()));
-      if (enough.all()) {
-        const Matrix fall = (before.array() > 0.0)
-                                .select(ahead.cwiseQuotient(before), 0.0)
-                                .cwiseMin(contraction);
-        const Matrix rest =
-            (ahead.array() / (1.0 - fall.array())).matrix().cwiseMax(rounding_errors(whole));
-        return Found{distance_ + ahead, rest};
+          (rest.array() <= least) ||
+          ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
+      if (enough.all() && history_.residual_norm() <= std::max(first, noise)) {
+        return Found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole))};
       }
     }
     before = ahead;
@@ -204,46 +215,31 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   return std::nullopt;
 }
 
-/// A step of Newton's method, as much of it as makes the residual fall most. @return whether it fell by a tenth
-bool Verification::damped_step(double& norm) {
+/// A step with bodies held by springs of that fraction of k. @return whether it is one to go on from
+bool Verification::held_step(double hold, double& norm) {
+  Matrix step = residual_;
   try {
-    linearise();
+    linearise(hold);
+    correct(step);
   } catch (const NumericalError&) {
     return false;
   }
-  Matrix step = residual_;
-  correct(step);
   if (!step.allFinite()) {
     return false;
   }
-  const State from = better_;
-  const Metric& metric = history_.metric();
-  State trial;
-  Matrix residual(residual_.rows(), residual_.cols());
-  State best;
-  Matrix best_residual;
-  double least = norm;
-  for (double length = 1.0; length >= shortest; length *= 0.5) {
-    trial.data = from.data + length * step;
-    trial.traces.resize(step.rows(), step.cols());
-    const double now =
-        evaluate(trial, residual) ? metric.norm(residual) : std::numeric_limits<double>::infinity();
-    if (now < least) {
-      least = now;
-      best = trial;
-      best_residual = residual;
-    }
-    if (now < (1.0 - 0.5 * length) * norm) {
-      break;
-    }
+  State trial{better_.data + step, Matrix(step.rows(), step.cols())};
+  Matrix residual(step.rows(), step.cols());
+  if (!evaluate(trial, residual)) {
+    return false;
   }
-  const bool enough = least < 0.9 * norm;
-  if (least < norm) {
-    better_ = std::move(best);
-    residual_ = std::move(best_residual);
-    norm = least;
+  const double now = history_.metric().norm(residual);
+  if (!(now <= bearable_growth * norm)) {
+    return false;
   }
-  return enough;
+  better_ = std::move(trial);
+  residual_ = std::move(residual);
+  norm = now;
+  return true;
 }
 
 /// Averaged steps, which come nearer to the answer of every monotone law.
@@ -266,11 +262,16 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
   State best = better_;
   Matrix best_residual = residual_;
   double best_norm = norm;
-  Index pause = first_pause;
+  double hold = 1.0;
   for (Index count = 0; count < most_of_search && norm > least && std::isfinite(norm); ++count) {
-    if (!damped_step(norm)) {
-      plain_steps(pause, norm);
-      pause = std::min<Index>(2 * pause, longest_pause);
+    const double before = norm;
+    if (held_step(hold, norm)) {
+      hold = std::max(hold * (norm < 0.5 * before ? 0.05 : 0.3), least_hold);
+    } else if (hold < largest_hold) {
+      hold = std::min(5.0 * hold, largest_hold);
+    } else {
+      plain_steps(first_pause, norm);
+      hold = 1.0;
     }
     if (norm < best_norm) {
       best_norm = norm;

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <limits>
 #include <numeric>
 #include <array>
 #include <chrono>
@@ -622,6 +623,10 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   factor.triangularView<Eigen::Lower>().transpose().solveInPlace(single);
   unknowns = scale * single.cast<double>();
   multiply_sparse(active_traces_, unknowns, traces);
+}
+
+double Body::rounding() const {
+  return std::numeric_limits<double>::epsilon() / factor_->least_pivot();
 }
 
 const Matrix& Body::schur() const {

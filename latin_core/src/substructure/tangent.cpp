@@ -1,6 +1,6 @@
 #include "latin/substructure/tangent.hpp"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,10 +14,8 @@ namespace {
 
 using Triplets = std::vector<Eigen::Triplet<double, int>>;
 
-/// Slopes (times the flexibility) above this are a rigid connection.
+/// Slopes (times the flexibility) are reduced by this: a rigid connection is very stiff.
 constexpr double rigid = 1.0 - 1e-7;
-/// Springs that hold what hangs on nothing, relative to the search direction.
-constexpr double hold = 1e-11;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
@@ -30,26 +28,15 @@ constexpr double operations_of_numbers = 1.4;
 /// Steps of difference quotients, relative to the largest free jump.
 constexpr double difference = 1e-7;
 
-/// A tangent K from a slope d f / d j0 at the flexibilities c: K = (1 - R c)^-1 R, made symmetric and bounded.
+/// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
 Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
-  const Vector root = flexibility.cwiseSqrt();
-  Matrix scaled = root.asDiagonal() * slope * root.asDiagonal();
-  for (Index a = 0; a < scaled.rows(); ++a) {
-    for (Index b = 0; b < a; ++b) {
-      // friction couples one way only: no energy stands behind it
-      const double one = scaled(a, b);
-      const double two = scaled(b, a);
-      const double both = one * two > 0.0 ? std::copysign(std::min(std::abs(one), std::abs(two)), one) : 0.0;
-      scaled(a, b) = scaled(b, a) = both;
-    }
+  const Matrix bounded = rigid * slope;
+  if (slope.rows() == 1) {
+    return bounded / (1.0 - bounded(0, 0) * flexibility(0));
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scaled);
-  const Vector bounded = eigen.eigenvalues().cwiseMax(0.0).cwiseMin(rigid);
-  const Vector stiffness = bounded.array() / (1.0 - bounded.array());
-  const Vector inverse = root.cwiseInverse();
-  return inverse.asDiagonal() *
-         (eigen.eigenvectors() * stiffness.asDiagonal() * eigen.eigenvectors().transpose()) *
-         inverse.asDiagonal();
+  const Matrix open = Matrix::Identity(slope.rows(), slope.cols()) -
+                      bounded * flexibility.asDiagonal();
+  return open.partialPivLu().solve(bounded);
 }
 
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
@@ -116,13 +103,15 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   }
   sides_ = from(sides, unknowns, structure.rows());
   jumps_ = sides_ * traces_;
+  const Vector robin = structure.weights().cwiseProduct(structure.directions());
+  springs_ = traces_.transpose() * SparseRows(robin.asDiagonal() * traces_);
 }
 
-/// S of a body, and what holds it if nothing else does.
+/// S of a body.
 void Tangent::add_stiffness(const Body& body) {
   Matrix stiffness = body.schur();
   const SparseRows& trace = body.active_traces();
-  const Vector robin = (1.0 - hold) * body.weights().cwiseProduct(body.directions());
+  const Vector robin = body.weights().cwiseProduct(body.directions());
   const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
   for (Index row = 0; row < springs.rows(); ++row) {
     for (SparseRows::InnerIterator it(springs, row); it; ++it) {
@@ -185,17 +174,26 @@ Matrix Tangent::slopes(const Laws& laws, const Matrix& jumps, Index column) {
   return result;
 }
 
+/// J^T W K J and what holds the bodies.
+SparseRows Tangent::joined_springs() const {
+  return SparseRows(jumps_.transpose() * SparseRows(tangent_ * jumps_)) + hold_ * springs_;
+}
+
 /// W K of the points.
 void Tangent::set_tangents(const Matrix& slopes) {
   Triplets entries;
+  symmetric_ = true;
   for (const ActiveInterface& interface : structure_.interfaces()) {
     const Index components = interface.geometry.components;
     for (Index point = 0; point < interface.geometry.points; ++point) {
       const Index first = interface.first_unknown + components * point;
       const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
                                         flexibility_.segment(first, components));
+      const double size = tangent.cwiseAbs().maxCoeff();
       for (Index a = 0; a < components; ++a) {
+        symmetric_ = symmetric_ && tangent(a, a) >= 0.0;
         for (Index b = 0; b < components; ++b) {
+          symmetric_ = symmetric_ && std::abs(tangent(a, b) - tangent(b, a)) <= same * size;
           if (tangent(a, b) != 0.0) {
             entries.emplace_back(static_cast<int>(first + a), static_cast<int>(first + b),
                                  areas_(first) * tangent(a, b));
@@ -219,25 +217,37 @@ SparseColumns Tangent::assemble() const {
     }
     first += each.rows();
   }
-  SparseColumns lower(active_, active_);
-  lower.setFromTriplets(entries.begin(), entries.end());
-  const SparseColumns joined = SparseColumns(jumps_.transpose() * SparseRows(tangent_ * jumps_))
-                                   .triangularView<Eigen::Lower>();
-  return lower + joined;
+  SparseColumns matrix(active_, active_);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  const SparseColumns joined = joined_springs();
+  if (symmetric_) {
+    return matrix + SparseColumns(joined.triangularView<Eigen::Lower>());
+  }
+  return SparseColumns(matrix.selfadjointView<Eigen::Lower>()) + joined;
 }
 
-void Tangent::factorise_dense() {
+Matrix Tangent::assemble_dense() const {
   Matrix matrix = Matrix::Zero(active_, active_);
   Index first = 0;
   for (const Matrix& each : stiffness_) {
-    matrix.block(first, first, each.rows(), each.cols()) = each;
+    matrix.block(first, first, each.rows(), each.cols()) =
+        each.selfadjointView<Eigen::Lower>();
     first += each.rows();
   }
-  const SparseRows joined = jumps_.transpose() * SparseRows(tangent_ * jumps_);
+  const SparseRows joined = joined_springs();
   for (Index row = 0; row < joined.rows(); ++row) {
     for (SparseRows::InnerIterator it(joined, row); it; ++it) {
       matrix(row, it.col()) += it.value();
     }
+  }
+  return matrix;
+}
+
+void Tangent::factorise_dense() {
+  const Matrix matrix = assemble_dense();
+  if (!symmetric_) {
+    lu_.compute(matrix);
+    return;
   }
   cholesky_.compute(matrix);
   if (cholesky_.info() != Eigen::Success) {
@@ -245,19 +255,40 @@ void Tangent::factorise_dense() {
   }
 }
 
-void Tangent::factorise(const Matrix& slopes) {
-  if (slopes_.size() == slopes.size() &&
+void Tangent::factorise_sparse() {
+  factor_ = nullptr;
+  sparse_lu_ = nullptr;
+  if (symmetric_) {
+    factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+                                 "structure of the check");
+    return;
+  }
+  sparse_lu_ = std::make_unique<Eigen::SparseLU<SparseColumns>>();
+  sparse_lu_->compute(assemble());
+  if (sparse_lu_->info() != Eigen::Success) {
+    throw NumericalError("the structure is not stable with the tangents of its laws");
+  }
+}
+
+Matrix Tangent::solve(const Matrix& load) const {
+  if (dense_) {
+    return symmetric_ ? Matrix(cholesky_.solve(load)) : Matrix(lu_.solve(load));
+  }
+  return symmetric_ ? factor_->solve(load) : Matrix(sparse_lu_->solve(load));
+}
+
+void Tangent::factorise(const Matrix& slopes, double hold) {
+  if (hold == hold_ && slopes_.size() == slopes.size() &&
       ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same) {
     return;
   }
   slopes_.resize(0, 0);
+  hold_ = hold;
   set_tangents(slopes);
   if (dense_) {
     factorise_dense();
   } else {
-    factor_ = nullptr;
-    factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
-                                 "structure of the check");
+    factorise_sparse();
   }
   slopes_ = slopes;
 }
@@ -269,7 +300,7 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) const {
   const Matrix q = sides_ * (inverse.asDiagonal() * half);
   const Matrix load = traces_.transpose() * (weights.asDiagonal() * half) +
                       jumps_.transpose() * (tangent_ * q);
-  const Matrix answer = dense_ ? Matrix(cholesky_.solve(load)) : factor_->solve(load);
+  const Matrix answer = solve(load);
   moved = traces_ * answer;
   const Matrix force = areas_.cwiseInverse().asDiagonal() * (tangent_ * (jumps_ * answer - q));
   residual = half - sides_.transpose() * force +

@@ -34,8 +34,9 @@ class Verification {
   /// @return nothing where the steps do not become short: the error is not known
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
                                            const Whole& whole, double rtol);
-  /// Look for the answer itself, by damped steps of the same kind and plain ones where those do not help: what is
-  /// left to try where an iteration got stuck.
+  /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
+  /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
+  /// iteration got stuck.
   /// @param least residual norm at which to stop
   /// @return whether the residual has fallen; better() is then where it is least
   bool search(const State& state, const Matrix& residual, double least);
@@ -47,9 +48,9 @@ class Verification {
 
  private:
   [[nodiscard]] Index column_of(Index column) const;
-  bool linearise();
+  bool linearise(double hold);
   bool evaluate(State& state, Matrix& residual);
-  [[nodiscard]] bool damped_step(double& norm);
+  [[nodiscard]] bool held_step(double hold, double& norm);
   void plain_steps(Index count, double& norm);
   void correct(MatrixRef residual);
   [[nodiscard]] Matrix rounding_errors(const Whole& whole);
@@ -60,6 +61,7 @@ class Verification {
   std::vector<Matrix> slopes_;                                    ///< of each of these
   std::vector<std::size_t> tangent_of_;                           ///< column -> tangent
   Anderson history_;
+  double hold_ = 0.0;  ///< of the last linearisation
   State better_;
   Matrix residual_;
   Matrix distance_;

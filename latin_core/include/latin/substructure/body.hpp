@@ -111,6 +111,8 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
+  /// Relative error that rounding may leave in its displacements.
+  [[nodiscard]] double rounding() const;
 
   /// Response of the traces to the interface data alone: w = T A^-1 T^T W s.
   /// @param data s (rows, c)  @param traces w (rows, c), overwritten

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <Eigen/SparseLU>
 #include <memory>
 #include <vector>
 
@@ -20,7 +22,7 @@ namespace latin::substructure {
 /// J' the difference of the sides: a step of Newton's method on the whole structure. It sees what the two
 /// stages hardly see, soft and rigid motions of single bodies. Where a law is rigid, or a body hangs on
 /// nothing, K and S are replaced by something very stiff or very soft: what a step misses shows in the residual
-/// after it.
+/// after it. Friction makes it unsymmetric, softening indefinite.
 class Tangent {
  public:
   /// Whether it can be made (on one rank) at a price that fits that of the bodies.
@@ -39,7 +41,8 @@ class Tangent {
   /// Take other tangents, unless they are the same.
   /// @param slopes as slopes() gives them
   /// @throws NumericalError if the structure is not stable with them
-  void factorise(const Matrix& slopes);
+  /// @param hold springs on all bodies, relative to the search direction
+  void factorise(const Matrix& slopes, double hold);
   /// Residual (rows, c) into the step on the data, in place.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, MatrixRef moved) const;
@@ -47,12 +50,18 @@ class Tangent {
  private:
   void add_stiffness(const Body& body);
   void set_tangents(const Matrix& slopes);
+  [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
+  [[nodiscard]] Matrix assemble_dense() const;
   void factorise_dense();
+  void factorise_sparse();
+  [[nodiscard]] Matrix solve(const Matrix& load) const;
 
   const Structure& structure_;
   Index active_ = 0;
   std::vector<Matrix> stiffness_;                       ///< S of the bodies, lower triangles
+  SparseRows springs_;                                  ///< T^T W k T, (active, active)
+  double hold_ = 0.0;
   SparseRows traces_;                                   ///< T, (rows, active)
   SparseRows jumps_;                                    ///< J, (unknowns, active)
   SparseRows sides_;                                    ///< J', (unknowns, rows)
@@ -61,8 +70,12 @@ class Tangent {
   Matrix slopes_;                                       ///< of the last factorisation
   SparseRows tangent_;                                  ///< W K, (unknowns, unknowns)
   bool dense_ = false;
-  Eigen::LLT<Matrix> cholesky_;              ///< where it is dense
-  std::unique_ptr<algebra::Factor> factor_;  ///< else
+  bool symmetric_ = true;
+  // one of these, as it is dense and symmetric or not
+  Eigen::LLT<Matrix> cholesky_;
+  Eigen::PartialPivLU<Matrix> lu_;
+  std::unique_ptr<algebra::Factor> factor_;
+  std::unique_ptr<Eigen::SparseLU<SparseColumns>> sparse_lu_;
 };
 
 }  // namespace latin::substructure
