@@ -24,6 +24,8 @@ constexpr double most_left = 20.0;
 constexpr double negligible = 0.05;
 /// Columns that may each have a linearisation of their own.
 constexpr std::size_t most_tangents = 16;
+/// Time steps of a history with memory, each of which has tangents of its own.
+constexpr Index most_steps_of_history = 16;
 /// Steps of a search, and plain steps where those do not help.
 constexpr Index most_of_search = 200;
 constexpr Index first_pause = 4;
@@ -48,7 +50,7 @@ bool Verification::possible(const substructure::Laws& laws) {
   if (!Tangent::possible(laws.structure())) {
     return false;
   }
-  return laws.steps() == 1 || !laws.remembers();
+  return laws.steps() <= most_steps_of_history || !laws.remembers();
 }
 
 Verification::Verification(Stages& stages)
@@ -143,6 +145,21 @@ bool Verification::evaluate(State& state, Matrix& residual) {
   return residual.allFinite();
 }
 
+/// Errors of steps with those that laws with memory carry over from the steps before.
+Matrix Verification::carried(Matrix errors) const {
+  const substructure::ColumnGroups groups = stages_.laws().groups();
+  if (!stages_.laws().remembers()) {
+    return errors;
+  }
+  const Index block = groups.steps * groups.kinds();
+  for (Index group = groups.kinds(); group < errors.rows(); ++group) {
+    if (group % block >= groups.kinds()) {
+      errors.row(group) += errors.row(group - groups.kinds());
+    }
+  }
+  return errors;
+}
+
 /// What rounding of forces and displacements may do to the answer, by the same tangents.
 Matrix Verification::rounding_errors(const Whole& whole) {
   const Vector& directions = stages_.structure().directions();
@@ -194,7 +211,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const Matrix left = (before.array() > 0.0)
                               .select(ahead.cwiseQuotient(before), 0.0)
                               .cwiseMin(1.0 - 1.0 / most_left);
-      const Matrix rest = (ahead.array() / (1.0 - left.array())).matrix();
+      const Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       const auto enough =
           (rest.array() <= least) ||
           ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
@@ -255,33 +272,40 @@ void Verification::plain_steps(Index count, double& norm) {
 }
 
 bool Verification::search(const State& state, const Matrix& residual, double least) {
-  better_ = state;
-  residual_ = residual;
   const double first = history_.metric().norm(residual);
-  double norm = first;
-  State best = better_;
-  Matrix best_residual = residual_;
-  double best_norm = norm;
+  Best best{state, residual, first};
+  for (const double patience : {0.3, 0.5}) {
+    if (best.norm > least) {
+      better_ = state;
+      residual_ = residual;
+      search_once(patience, least, best);
+    }
+  }
+  better_ = std::move(best.state);
+  residual_ = std::move(best.residual);
+  return best.norm < first;
+}
+
+/// @param patience how much less the bodies are held after a step that did not make the residual fall
+void Verification::search_once(double patience, double least, Best& best) {
+  double norm = history_.metric().norm(residual_);
   double hold = 1.0;
   for (Index count = 0; count < most_of_search && norm > least && std::isfinite(norm); ++count) {
     const double before = norm;
     if (held_step(hold, norm)) {
-      hold = std::max(hold * (norm < 0.5 * before ? 0.05 : 0.3), least_hold);
+      const double fall = norm / before;
+      hold *= fall < 0.5 ? 0.05 : fall < 0.95 ? 0.3 : fall <= 1.0 + 1e-3 ? patience : 3.0 * patience;
+      hold = std::clamp(hold, least_hold, largest_hold);
     } else if (hold < largest_hold) {
       hold = std::min(5.0 * hold, largest_hold);
     } else {
       plain_steps(first_pause, norm);
       hold = 1.0;
     }
-    if (norm < best_norm) {
-      best_norm = norm;
-      best = better_;
-      best_residual = residual_;
+    if (norm < best.norm) {
+      best = {better_, residual_, norm};
     }
   }
-  better_ = std::move(best);
-  residual_ = std::move(best_residual);
-  return best_norm < first;
 }
 
 }  // namespace latin::iteration

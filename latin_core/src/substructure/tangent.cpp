@@ -251,7 +251,8 @@ void Tangent::factorise_dense() {
   }
   cholesky_.compute(matrix);
   if (cholesky_.info() != Eigen::Success) {
-    throw NumericalError("the structure is not stable with the tangents of its laws");
+    symmetric_ = false;  // not definite, yet there may be an answer
+    lu_.compute(matrix);
   }
 }
 
@@ -259,9 +260,13 @@ void Tangent::factorise_sparse() {
   factor_ = nullptr;
   sparse_lu_ = nullptr;
   if (symmetric_) {
-    factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
-                                 "structure of the check");
-    return;
+    try {
+      factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+                                   "structure of the check");
+      return;
+    } catch (const NumericalError&) {
+      symmetric_ = false;  // not definite, yet there may be an answer
+    }
   }
   sparse_lu_ = std::make_unique<Eigen::SparseLU<SparseColumns>>();
   sparse_lu_->compute(assemble());
@@ -303,8 +308,9 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) const {
   const Matrix answer = solve(load);
   moved = traces_ * answer;
   const Matrix force = areas_.cwiseInverse().asDiagonal() * (tangent_ * (jumps_ * answer - q));
+  // the springs that hold the bodies act as forces of the interfaces
   residual = half - sides_.transpose() * force +
-             structure_.directions().asDiagonal() * moved;
+             (1.0 - hold_) * (structure_.directions().asDiagonal() * moved);
 }
 
 }  // namespace latin::substructure

@@ -18,7 +18,7 @@ namespace latin::iteration {
 /// where these steps lead is the error, once they have become short beside it.
 class Verification {
  public:
-  /// Whether there is one for these laws: not on several ranks, not where a column depends on those before it.
+  /// Whether there is one for these laws: not on several ranks, nor for long histories of laws with memory.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
 
   /// @param stages of the run; they must outlive this object
@@ -51,6 +51,13 @@ class Verification {
   bool linearise(double hold);
   bool evaluate(State& state, Matrix& residual);
   [[nodiscard]] bool held_step(double hold, double& norm);
+  struct Best {
+    State state;
+    Matrix residual;
+    double norm;
+  };
+  void search_once(double patience, double least, Best& best);
+  [[nodiscard]] Matrix carried(Matrix errors) const;
   void plain_steps(Index count, double& norm);
   void correct(MatrixRef residual);
   [[nodiscard]] Matrix rounding_errors(const Whole& whole);
