@@ -199,9 +199,3 @@ def nodal_normals(shape: sp.csr_matrix, weights: Array, normals: Array, nodes: I
     length = np.linalg.norm(mean, axis=1)
     out: Array = mean / np.where(length > 0.0, length, 1.0)[:, None]
     return out
-
-
-def snapped(normal: Array) -> Array:
-    """A mean normal, made exact if it is a coordinate axis up to rounding."""
-    rounded = np.round(normal)
-    return rounded if np.abs(normal - rounded).max() < 1e-9 else normal

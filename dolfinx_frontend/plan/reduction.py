@@ -7,17 +7,17 @@ Elastic interfaces stay as springs between members, prescribed forces go into th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.groups import group_labels, grouped
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law
 
@@ -26,6 +26,7 @@ __all__ = [
     "body_load",
     "body_matrix",
     "displacements",
+    "members_of_bodies",
     "reduce",
     "spring_jump",
     "spring_operator",
@@ -101,21 +102,11 @@ def _free_basis(rows: Array) -> Array:
     return basis
 
 
-def _groups(problem: Problem, eliminate: set[str]) -> list[list[str]]:
-    """Substructures by body, in the order of the problem."""
-    names = list(problem.substructures)
-    if not names:  # a rank without parts
-        return []
-    number = {n: k for k, n in enumerate(names)}
-    pairs = [
-        [number[s.substructure] for s in i.sides]
-        for i in problem.interfaces.values()
-        if i.name in eliminate and len(i.sides) == 2
-    ]
-    a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(names),) * 2)
-    count, label = connected_components(graph, False)
-    return [[n for n in names if label[number[n]] == k] for k in range(count)]
+def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[str]]:
+    """Substructures of this rank by body, in the order of the problem."""
+    here = problem.substructures
+    sides = [[s.substructure for s in i.sides] for i in problem.interfaces.values() if i.name in eliminate]
+    return grouped(list(here), [(s[0], s[-1]) for s in sides if here.keys() >= set(s)])
 
 
 def _check(interface: Interface, law: Law) -> None:
@@ -149,8 +140,7 @@ def _shifts(
         owner.append(np.full(len(jump), k))
     a, b = np.concatenate(first), np.concatenate(second)
     step, who = np.concatenate(delta), np.concatenate(owner)
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
-    _, label = connected_components(graph, False)
+    label = group_labels(nodes, np.stack([a, b], axis=1))
     known = np.zeros(nodes, dtype=bool)
     known[np.unique(label, return_index=True)[1]] = True  # first node of each class
     while True:  # one sweep a link between parts, never more than parts meet at a node
@@ -197,9 +187,8 @@ def _body(
         for i, _ in glued
         if i.matching is not None
     ]
-    a, b = np.concatenate(pairs).T if pairs else np.zeros((2, 0), dtype=np.int64)
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
-    classes_count, label = connected_components(graph, False)
+    label = group_labels(nodes, np.concatenate(pairs) if pairs else [])
+    classes_count = int(label.max()) + 1
     shift = _shifts(problem, glued, start, nodes)
 
     # constraints: (node, which interface), directions of each interface, values of each pair
@@ -255,7 +244,8 @@ def _body(
     size = int(columns[-1])
     if size == 0:
         raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
-    prolongation, offset = {}, {}
+    prolongation: dict[str, sp.csr_matrix] = {}
+    offset: dict[str, Array] = {}
     for m, count, s in zip(members, counts, starts, strict=False):
         own = label[s : s + count]
         entries = []
@@ -322,7 +312,7 @@ def reduce(
             raise unknown_name("interface", name, problem.interfaces)
         _check(problem.interfaces[name], current[name])
     bodies = []
-    for members in _groups(problem, chosen):
+    for members in members_of_bodies(problem, chosen):
         inside = [
             i
             for i in problem.interfaces.values()
@@ -354,12 +344,12 @@ def spring_operator(
 
 
 def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
-    """Jump j = w_2 - w_1 (m, d) in the local frame, of displacements by substructure."""
+    """Jump j = w_2 - w_1 (m, d[, columns]) in the local frame, of displacements (n[, columns]) by part."""
     i = problem.interfaces[name]
     jump = -(i.local_trace(0) @ u[i.sides[0].substructure])
     if len(i.sides) == 2:
         jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
-    out: Array = jump.reshape(i.num_points, i.dim)
+    out: Array = jump.reshape(i.num_points, i.dim, *jump.shape[1:])
     return out
 
 

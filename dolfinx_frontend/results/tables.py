@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -119,7 +120,7 @@ class Table:
                 room = WIDTH - fixed
             blocks[-1].append(name)
             room -= widths[name] + 2
-        texts = [self._block(shown, widths, [*self.labels, *names]) for names in blocks]
+        texts = [self._block(shown, [*self.labels, *names]) for names in blocks]
         notes = [line for note in self.notes for line in textwrap.wrap(note, WIDTH)]
         return "\n\n".join(texts) + "".join(f"\n{line}" for line in notes)
 
@@ -137,16 +138,9 @@ class Table:
             largest["moment"] = max(largest["moment"], largest["force"] * size)
         return largest
 
-    def _block(self, shown: dict[str, list[str]], widths: dict[str, int], names: list[str]) -> str:
-        def line(cells: Iterable[str]) -> str:
-            padded = (
-                c.ljust(widths[n]) if n in ("interface", "law", "statistic") else c.rjust(widths[n])
-                for n, c in zip(names, cells, strict=True)
-            )
-            return "  ".join(padded).rstrip()
-
-        rows = zip(*(shown[n] for n in names), strict=True)
-        return "\n".join([line(names), *(line(row) for row in rows)])
+    def _block(self, shown: dict[str, list[str]], names: list[str]) -> str:
+        sides = "".join("<" if n in ("interface", "law", "statistic") else ">" for n in names)
+        return "\n".join(columns([names, *zip(*(shown[n] for n in names), strict=True)], sides))
 
     def __repr__(self) -> str:
         return str(self)

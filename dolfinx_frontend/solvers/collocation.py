@@ -20,6 +20,7 @@ from latin_core import stochastic
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.kernel.columns import Collocation, nominal_fields
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -46,17 +47,9 @@ UNEVEN = 0.5
 def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
     """Germs of all interfaces that are joined to one by parts and interfaces."""
     problem = random.problem
-    parts = {side.substructure for side in problem.interfaces[name].sides}
-    while True:
-        touching = [
-            {side.substructure for side in i.sides}
-            for i in problem.interfaces.values()
-            if any(side.substructure in parts for side in i.sides)
-        ]
-        grown = parts.union(*touching)
-        if grown == parts:
-            break
-        parts = grown
+    joined = [(i.sides[0].substructure, i.sides[-1].substructure) for i in problem.interfaces.values()]
+    start = problem.interfaces[name].sides[0].substructure
+    parts = next(set(group) for group in grouped(list(problem.parts), joined) if start in group)
     germs: set[int] = set()
     for (other, _), source in random.sources.items():
         if any(side.substructure in parts for side in problem.interfaces[other].sides):
