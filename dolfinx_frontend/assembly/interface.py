@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
@@ -49,6 +50,9 @@ class Side:
     flatness: float
     normal: Array
     area: float
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
@@ -93,6 +97,9 @@ class Interface:
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def __repr__(self) -> str:
         sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)

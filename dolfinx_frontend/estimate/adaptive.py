@@ -4,8 +4,9 @@ stop as soon as an answer is good enough."""
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite, log2
 from typing import Literal, TypeVar
 
@@ -21,7 +22,6 @@ from dolfinx_frontend.estimate.errors import (
     INTERRUPTED,
     REPLICATES,
     UNKNOWN,
-    Interest,
     by_solves,
     change_of,
     complete,
@@ -30,12 +30,9 @@ from dolfinx_frontend.estimate.errors import (
     error_of_meshes,
     errors,
     errors_of_samples,
-    interest,
-    moments,
     next_halving,
     not_known,
     sizes_of,
-    tightened,
     whole_of,
 )
 from dolfinx_frontend.kernel.running import Interrupted
@@ -44,7 +41,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, Resultant, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
@@ -114,7 +111,7 @@ def solve_to_accuracy(
     """
     if not (np.isfinite(accuracy) and 1e-10 <= accuracy <= 0.5):
         raise SceneError(f"accuracy = {accuracy!r}: it must lie in 1e-10..0.5")
-    what = interest(problem, quantity)
+    what = interest(problem.interfaces, quantity)
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
@@ -148,13 +145,13 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
         made = _settled(result, quantity)
         while made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
             fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
-            result = tightened(result, max(result.plan.options.rtol * fall, FINEST))
+            result = result.tightened(max(result.plan.options.rtol * fall, FINEST))
             made = not_known(result, quantity)
             complete(result)
             made = _settled(result, quantity)
     except Interrupted:
         notes = (INTERRUPTED,)
-    return _with_errors(result, made, accuracy, of_meshes, notes)
+    return _with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
 def _visible(
@@ -165,7 +162,7 @@ def _visible(
         return accuracy
     relative = of_meshes.energy
     if quantity is not None and of_meshes.quantity is not None:
-        relative = share_of(of_meshes.quantity, moments(result, quantity).mean)
+        relative = share_of(of_meshes.quantity, result.mean_std(quantity).mean)
     return float(np.clip(0.1 * relative, accuracy, 0.5)) if isfinite(relative) else accuracy
 
 
@@ -175,13 +172,13 @@ def _settled(result: Result, quantity: Resultant | None) -> Errors:
         found = ErrorShare(result.error if result.plan.active else FINEST, how="its estimate")
         if quantity is None:
             return Errors(found, None, None, None, None)
-        value = moments(result, quantity)
+        value = result.mean_std(quantity)
         found = replace(found, quantity=FINEST * abs(value.mean), how="direct solve")
         return Errors(found, None, None, quantity, value)
-    value = moments(result, quantity)
-    tight = tightened(result, max(DIGIT * result.plan.options.rtol, FINEST))
+    value = result.mean_std(quantity)
+    tight = result.tightened(max(DIGIT * result.plan.options.rtol, FINEST))
     complete(tight)
-    after = moments(tight, quantity)
+    after = tight.mean_std(quantity)
     how = "the iteration carried on for one digit"
     found = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
     return Errors(found, None, None, quantity, value)
@@ -196,8 +193,9 @@ def _with_errors(
     accuracy: float,
     of_meshes: ErrorShare | None,
     notes: tuple[str, ...],
+    halving: Callable[[Errors], str] | None = None,
 ) -> Answered:
-    """The result with what is known of its errors."""
+    """The result with what is known of its errors; `halving` says what would halve them (None: as `made`)."""
     made = replace(made, asked=accuracy, discretisation=of_meshes)
     if made.relative("discretisation") > accuracy:
         notes += (
@@ -206,8 +204,8 @@ def _with_errors(
         )
     if made.total > accuracy:
         notes += (f"the accuracy was not reached: {made.total:.1e} is left",)
-    if isinstance(result, Result) and INTERRUPTED not in notes:
-        made = replace(made, next_halving=next_halving(result, made))
+    if halving is not None and INTERRUPTED not in notes:
+        made = replace(made, next_halving=halving(made))
     for note in notes:
         _log.warning("%s", note)
     return result.with_notes(found=replace(made, notes=notes))
@@ -270,7 +268,8 @@ class _Search:
         return self._found(made)
 
     def _found(self, made: Errors) -> ChaosResult:
-        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes)
+        halving = partial(next_halving, self.result)
+        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
 
     def _carry_on(self, chaos: Chaos, rtol: float) -> None:
         self.result = carry_on(self.result, chaos, rtol)
@@ -281,10 +280,10 @@ class _Search:
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
-        before = None if quantity is None else moments(result, quantity)
+        before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:
-            change = change_of(before, moments(self.result, quantity), rtol)
+            change = change_of(before, self.result.mean_std(quantity), rtol)
             self.gain = max(change / loose, _mean_over_spread(self.result))
 
     def _grow(self, curved: bool) -> tuple[float, bool]:
@@ -297,7 +296,7 @@ class _Search:
             chaos = self._next(curved)
             if chaos is None:
                 break
-            before = None if quantity is None else moments(old, quantity)
+            before = None if quantity is None else old.mean_std(quantity)
             try:
                 self._carry_on(chaos, self.rtol)
             except IndefiniteError as error:
@@ -306,7 +305,7 @@ class _Search:
             if quantity is None or before is None:
                 change = distance(self.result, old)
             else:
-                change = change_of(before, moments(self.result, quantity), self.rtol)
+                change = change_of(before, self.result.mean_std(quantity), self.rtol)
             if isfinite(change_before) and change_before > 0.0:
                 fall = min(change / change_before, SLOWEST)
                 stalled = curved and change > STALLED * change_before and change > target
@@ -383,7 +382,7 @@ def _errors_of_chaos(
     how = "the change by the last modes, carried on"
     if quantity is None:
         return Errors(algebraic, ErrorShare(left, how=how), None, None, None)
-    value = moments(result, quantity)
+    value = result.mean_std(quantity)
     whole = whole_of(value, result.plan.options.rtol)
     assert whole is not None  # of a chaos
     size = gain * result.error
@@ -406,7 +405,7 @@ def _by_rules(
             return None
         samples = result.sample(rule.points, rule.weights, "quadrature", rtol=rtol)
         complete(samples)
-        value = moments(samples, quantity)
+        value = samples.mean_std(quantity)
         if before is not None:
             changes.append(change_of(before, value, rtol))
             # earlier changes count, too, and the fall of all

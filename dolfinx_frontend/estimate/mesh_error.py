@@ -31,8 +31,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.results.resultant import Interest, Resultant, interest
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
@@ -104,7 +103,7 @@ class DiscretisationError:
 
 
 def discretisation_error(
-    result: Result, quantity: Resultant | str | None = None, step: int = -1
+    result: Result, quantity: Interest = None, step: int = -1
 ) -> DiscretisationError:
     """Estimate the error of the meshes in a result; collective on several ranks.
 
@@ -129,14 +128,10 @@ def discretisation_error(
         A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
         converge.
     """
-    if not isinstance(result, Result):
-        raise SceneError(
-            f"{type(result).__name__} has no displacement fields to recover: take the result of "
-            "solve(problem), e.g. at the mean of the parameters"
-        )
-    if isinstance(quantity, str):
-        quantity = Resultant(quantity)
+    if result.without_recovery is not None:
+        raise SceneError(result.without_recovery)
     problem = result.problem
+    quantity = interest(problem.interfaces, quantity)
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
     began = perf_counter()
     dual: _Dual | None = None
@@ -220,7 +215,7 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
     """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d)."""
     name = quantity.interface
     result.problem.on_one_rank(f"the reaction of {name!r}, which was assembled across,")
-    if isinstance(result, StochasticResult):
+    if result.statistics != "value":
         raise SceneError(
             f"interface {name!r} was assembled across, its mean force is not known: solve with "
             f"active=[{name!r}]"
@@ -369,9 +364,10 @@ class _Dual:
 
     def _base(self, laws: Laws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""
-        if isinstance(self.result, StochasticResult):  # its state has other columns
-            return self._run(laws, [])
-        return self.result.state if _linear(self.result) else self._run(laws, [self.result.state])
+        state = self.result.mean_state
+        if state is not None and _linear(self.result):
+            return state
+        return self._run(laws, [] if state is None else [state])
 
     def _run(self, laws: Laws, start: list[State]) -> State:
         solver, options = self.result.solver, self.result.plan.options

@@ -32,7 +32,6 @@ __all__ = [
     "build",
     "definite",
     "laws",
-    "read_only",
 ]
 
 
@@ -321,13 +320,6 @@ def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]
         for known, body in zip(found, bodies, strict=True):
             known[amplitude] = body
     return found
-
-
-def read_only(values: Array) -> Array:
-    """A view that cannot be written."""
-    view = np.asarray(values, dtype=np.float64).view()
-    view.flags.writeable = False
-    return view
 
 
 def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.uncertainty.quantities import Kind
@@ -70,6 +71,9 @@ class Surface:
     frames: Array = field(repr=False)
     contact: bool = False
     bolt: int | None = None
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def dim(self) -> int:

@@ -10,7 +10,17 @@ import numpy as np
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.resultant import Resultant
 
-__all__ = ["ErrorShare", "Errors", "Estimator", "MeanStd", "not_measured", "share_of"]
+__all__ = [
+    "Continuation",
+    "ErrorShare",
+    "Errors",
+    "Estimator",
+    "MeanStd",
+    "Source",
+    "not_continued",
+    "not_measured",
+    "share_of",
+]
 
 Source = Literal["algebraic", "truncation", "discretisation"]
 
@@ -141,3 +151,14 @@ def not_measured(result: Any, quantity: Resultant | str | None = None) -> Errors
     raise SceneError(
         "this result was made without an estimator: dolfinx_frontend.errors(result) measures its errors"
     )
+
+
+class Continuation(Protocol):
+    """Carries the run of a result on to another tolerance, on the same factors."""
+
+    def __call__(self, result: Any, rtol: float) -> Any: ...
+
+
+def not_continued(result: Any, rtol: float) -> Any:
+    """The continuation of a result that was made without one."""
+    raise SceneError("this result was made without a continuation: solve again, with start=result")

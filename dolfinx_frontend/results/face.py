@@ -92,6 +92,14 @@ class Face(ABC):
         """Why there are no displacements, and how to get them; None: there are."""
         return None
 
+    @property
+    def without_recovery(self) -> str | None:
+        """Why the error of the meshes cannot be estimated, and what to do; None: it can."""
+        return (
+            f"{type(self).__name__} has no displacement fields to recover: take the result of "
+            "solve(problem), e.g. at the mean of the parameters"
+        )
+
     def moment_blocks(self) -> Iterator[Block]:
         """The samples from which moments of fields are made."""
         return self.blocks()

@@ -461,9 +461,15 @@ def _run(
         proven=proven,
         collocations=collocations,
         estimator=estimator,
+        continuation=_tightened,
         sampler=sample_chaos,
     )
     return _checked(result)
+
+
+def _tightened(result: ChaosResult, rtol: float) -> ChaosResult:
+    """The same chaos, carried on to another tolerance."""
+    return carry_on(result, result.chaos, rtol)
 
 
 def _checked(result: ChaosResult) -> ChaosResult:
