@@ -196,6 +196,9 @@ class Answer(Protocol):
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
 
+    def load(self, interface: str) -> Array | None:
+        """Force ([T,] m, components) that is prescribed, the same in all samples; None: it is an answer."""
+
     def force(self, interface: str) -> Array:
         """Force per area on side 1, local frame; of a chaos the mean, of samples and sweeps all of them."""
 

@@ -25,10 +25,11 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
-from dolfinx_frontend.results.reactions import eliminated_fields
+from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
 from dolfinx_frontend.results.stress import stress_function, stress_of
 from dolfinx_frontend.results.surfaces import surface_of
 from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
 
 __all__ = ["Face"]
@@ -154,6 +155,19 @@ class Face(ABC):
         self._check_interface(interface)
         return surface_of(self.problem.interfaces[interface], self.times)
 
+    def load(self, interface: str) -> Array | None:
+        """Force ([T,] m, components) of a load that was assembled into its part; None: it is no such load."""
+        each, times = self.problem.interfaces[interface], self.times
+        if interface in self.plan.active or each.law.prescribes != "force":
+            return None
+        force = prescribed_force(each, self._laws(interface))
+        return force[0] if times is None else force
+
+    def _laws(self, interface: str) -> list[Law]:
+        """The law of an interface at every time."""
+        law, times = self.problem.interfaces[interface].law, self.times
+        return [law] if times is None else [law.at(t) for t in times]
+
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
         if self.problem.distribution is not None:
@@ -211,12 +225,11 @@ class Face(ABC):
                 f"the displacements: {self.without_displacements}"
             )
         times = self.times
-        laws = [interface.law] if times is None else [interface.law.at(t) for t in times]
 
         def stepwise(part: str, unknowns: Ints | None) -> Array:
             return stepped(displacement(part, unknowns), times, 1)
 
-        force, jump = eliminated_fields(interface, laws, stepwise)
+        force, jump = eliminated_fields(interface, self._laws(name), stepwise)
         return (force[:, 0], jump[:, 0]) if times is None else (force, jump)
 
     # --- fields --------------------------------------------------------------------------------

@@ -313,6 +313,10 @@ class SavedResult(Face):
             each.bolt,
         )
 
+    def load(self, interface: str) -> Array | None:
+        """None: the file has the forces of loads as all others."""
+        return None
+
     def why_unknown(self, interface: str) -> str | None:
         """Why an interface without force has no row."""
         return "eliminated, or saved without fields: the file has the numbers of its own samples only"
