@@ -1,4 +1,4 @@
-"""The interface space ``facets``: one value a facet of side 1, constant on it (P0).
+"""The interface space ``facets``: one value per facet of side 1, constant on it (P0).
 
 Interface point = centroid, weight = area, trace row = mean of the shape functions:
 
@@ -16,7 +16,7 @@ than the piece).  An error remains where an edge is not where its chord is.  Mea
 cylinder, the means of the coordinates differ by O(h^2) with straight facets (the distance of the
 chords) and by O(h^4) with quadratic ones.
 
-On triangles of degree 1 there are two facets a node: laws that prescribe jumps lock there.
+On triangles of degree 1 there are two facets per node: laws that prescribe jumps lock there.
 """
 
 from __future__ import annotations

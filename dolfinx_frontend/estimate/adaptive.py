@@ -418,7 +418,7 @@ def _by_rules(
             if len(changes) > 1 and left <= 0.5 * target:
                 whole = whole_of(value, rtol)
                 error = float(np.nanmax(samples.error))
-                how = f"the change by the last of {points} points a germ, carried on"
+                how = f"the change by the last of {points} points per germ, carried on"
                 made = Errors(
                     ErrorShare(error, error * abs(value.mean), error * abs(value.mean), "its estimate"),
                     ErrorShare(np.nan, left * abs(value.mean), left * (whole or 0.0), how),
@@ -431,7 +431,7 @@ def _by_rules(
                 count = more**result.space.dimension
                 seconds = sum(samples.seconds.values()) * count / len(rule.points)
                 return samples, replace(
-                    made, next_halving=f"{more} points a germ, {count} solves, about {seconds:.2g} s"
+                    made, next_halving=f"{more} points per germ, {count} solves, about {seconds:.2g} s"
                 )
         before = value
     return None

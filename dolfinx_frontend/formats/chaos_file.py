@@ -66,7 +66,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class ParameterMap:
-    """How a physical parameter (one row) or random field (one row a point) follows from its germs.
+    """How a physical parameter (one row) or random field (one row per point) follows from its germs.
 
     With a = offset + matrix @ germs: ``"affine"``: the value is a; ``"exponential"``: exp(a);
     ``"table"``: linear interpolation of `value` over `argument`, both ascending.
@@ -343,7 +343,7 @@ def _tree(
         if block.ndim != 2 or block.shape[1] != len(table) or len(block) == 0:
             raise ChaosFileError(
                 f"{where}: coefficients of shape {block.shape}; wanted (rows, {len(table)}), one "
-                "column a mode"
+                "column per mode"
             )
         shape = (len(block),) if given.shape is None else tuple(int(s) for s in given.shape)
         if math.prod(shape) != len(block) or min(shape, default=1) < 0:

@@ -330,7 +330,7 @@ def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:
 
 
 def active_fields(interface: Interface, plan: Plan) -> Fields:
-    """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
+    """An active law for the kernel; parameters that change in time have a column per time or load pattern."""
     law = interface.law
     if plan.times is None or plan.history == "none":
         return law.fields(interface)

@@ -22,7 +22,7 @@ class ColumnGroup:
     begin, end
         The components.
     forward, backward
-        None, one for all points, or one a point: (columns, q) into the columns of the law, (q, columns) back.
+        None, one for all points, or one per point: (columns, q) into the columns of the law, (q, columns) back.
     parameters
         Kernel parameter -> (rows, q * steps) in the columns of the law.
     """

@@ -260,7 +260,7 @@ def _newton(tangent: Array, residual: Array, root: Array) -> Array:
 
 
 class _Intervals:
-    """Regions [low, high] that enclose the roots of one component, one a row."""
+    """Regions [low, high] that enclose the roots of one component, one per row."""
 
     def __init__(self, y: Array, residual: Array) -> None:
         self.low = np.full_like(y, -np.inf)
@@ -292,7 +292,7 @@ class _Intervals:
 
 
 class _Ellipsoids:
-    """Regions {centre + B u, |u| <= 1} that enclose the roots, one a row."""
+    """Regions {centre + B u, |u| <= 1} that enclose the roots, one per row."""
 
     def __init__(self, y: Array, residual: Array) -> None:
         count = y.shape[1]

@@ -67,7 +67,7 @@ class Direction:
         L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
         smaller; with a coarse problem, which sees the scene as a whole, the mean size of a body.
     given
-        Interface name -> k, a number or one value a point; goes before the factor.
+        Interface name -> k, a number or one value per point; goes before the factor.
     """
 
     factor: float | None = None
@@ -118,7 +118,7 @@ class Plan:
         The amplitudes of the load patterns; None stands for what is constant in time.
     history
         What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
-        ``"patterns"`` (linear: one column a load pattern, superposed) or ``"steps"`` (one column a time).
+        ``"patterns"`` (linear: one column per load pattern, superposed) or ``"steps"`` (one column per time).
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """

@@ -135,7 +135,7 @@ class RandomLaws:
             )
         kernel_name, unit, values = law.kernel_values(interface, parameter, values)
         if isinstance(source, DiscretisedField):
-            # one row of values a point of the interface, spread over the rows of the parameter
+            # one row of values per point of the interface, spread over the rows of the parameter
             m = interface.num_points
             pattern = np.zeros((len(unit), m))
             pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // m)] = unit[:, 0]
@@ -174,7 +174,7 @@ def sampled_parameters(
     Parameters
     ----------
     fields
-        The law, with one column or one a time step.
+        The law, with one column or one per time step.
     """
     values = {}
     for parameter, block in fields.parameters.items():

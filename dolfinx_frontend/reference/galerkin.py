@@ -7,7 +7,7 @@ a = sum_i a_i Psi_i and jumps j_k = B u_k of the springs,
     K_0 u_k + B^T W sum_j A_kj (B u_j - Delta_j) = F_k,    A_kj = sum_i a_i E[Psi_i Psi_j Psi_k],
 
 for all modes k: one system of n (P + 1) unknowns.  K_0 holds the parts and the fixed springs; A is
-one matrix for a uniform parameter and one a point for a random field.  Delta_j and F_j are the
+one matrix for a uniform parameter and one per point for a random field.  Delta_j and F_j are the
 coefficients of imposed jumps and loads on the basis, so a random stiffness times a random jump is
 A(a) times the projection of the jump: the same definition as in LATIN-PCE.
 

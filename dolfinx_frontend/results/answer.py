@@ -267,6 +267,6 @@ def one_number_a_sample(values: npt.ArrayLike, count: int, name: str) -> Array:
     if data.shape != (count,):
         raise SceneError(
             f"quantity {name!r}: the function returned shape {data.shape} for {count} samples; "
-            "return one number a sample"
+            "return one number per sample"
         )
     return data

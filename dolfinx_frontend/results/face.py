@@ -375,7 +375,7 @@ class Face(ABC):
     ) -> Quantity:
         """A scalar quantity of interest, evaluated sample by sample.
 
-        A deterministic answer gives one value, a sweep one a point of its grid.
+        A deterministic answer gives one value, a sweep one per point of its grid.
 
         Parameters
         ----------
@@ -414,9 +414,9 @@ class Face(ABC):
         (friction at its limit) of contacts. Of interfaces that were eliminated as supports or glue, the
         reactions; their points carry no pressure that is known. Collective on several ranks.
 
-        A random answer has a row a statistic: mean, standard deviation and quantiles of the number itself,
+        A random answer has a row per statistic: mean, standard deviation and quantiles of the number itself,
         sample by sample (the largest pressure of each sample, not that of the mean); a quadrature has no
-        quantiles. A sweep has a row a point.
+        quantiles. A sweep has a row per point.
 
         Parameters
         ----------
@@ -447,7 +447,7 @@ class Face(ABC):
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
-        """The numbers behind the tables, a number a sample and a time step."""
+        """The numbers behind the tables, a number per sample and time step."""
         return read(self, interfaces, samples, seed)
 
     def save(

@@ -32,7 +32,7 @@ PLANE = 1e-9
 
 @dataclass(frozen=True)
 class Measures:
-    """Numbers of one interface, each ([N,] [T]): a number a sample and a time step.
+    """Numbers of one interface, each ([N,] [T]): a number per sample and time step.
 
     Attributes
     ----------

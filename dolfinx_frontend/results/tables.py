@@ -36,7 +36,7 @@ class Table:
     Attributes
     ----------
     columns
-        Name -> one entry a row.
+        Name -> one entry per row.
     labels
         Columns that name a row: interface, and swept parameters, time, statistic where there are several.
     notes

@@ -217,7 +217,7 @@ def _reading(
 def _through_time(
     problem: Problem, plan: Plan, interface: str, parameter: str, pattern: Array
 ) -> tuple[Array, int]:
-    """Pattern of a swept value with a block of rows a column, and the number of columns."""
+    """Pattern of a swept value with a block of rows per column, and the number of columns."""
     value = problem.interfaces[interface].law.varying.get(parameter)
     if value is None or plan.times is None:
         return pattern, 1

@@ -27,7 +27,7 @@ __all__ = ["Expansion", "RandomSpace", "Sobol"]
 class Expansion(NamedTuple):
     """A random quantity in its own chaos."""
 
-    coefficients: Array  # (rows, n): one row, or one an interface point
+    coefficients: Array  # (rows, n): one row, or one per interface point
     indices: MultiIndexSet  # n multi-indices in the germs of the space
 
 

@@ -18,12 +18,12 @@ namespace latin::substructure {
 /// for its components [begin, end): `samples = block * forward`, `block = samples * backward`.
 ///
 /// Chaos modes take the eigenvectors of the Galerkin matrix of a random stiffness (exact: the coupled
-/// systems of size P + 1 of the paper's section 4.3, one a point and direction, fall apart into P + 1
+/// systems of size P + 1 of the paper's section 4.3, one per point and direction, fall apart into P + 1
 /// scalar ones), or the basis at quadrature points (a projection, for nonlinear laws).
 struct LawColumns {
   Index begin = 0;
   Index end = 0;
-  /// None: the identity, which costs nothing. One: (c, q), for all points. Several: one a point, for a
+  /// None: the identity, which costs nothing. One: (c, q), for all points. Several: one per point, for a
   /// stiffness that is a random field.
   std::vector<stochastic::ColumnTransform> transforms;
   /// Parameters as the law sees them in the samples: name -> field of q columns. They are not held to the
