@@ -40,7 +40,7 @@ __all__ = ["Averages", "Polygons", "average", "means", "polygons"]
 
 
 UNCOVERED = 0.01
-"""Largest share of side 1 that may be left uncovered without ``overlap="partial"``.
+"""Largest fraction of side 1 that may be left uncovered without ``overlap="partial"``.
 
 Not zero: the edges of a round face are chords, and two meshes have different ones."""
 
@@ -101,7 +101,7 @@ class Averages:
     gap
         (m,), mean distance from side 1 to side 2 along the normal, length.
     covered
-        Covered share of the area of side 1.
+        Covered fraction of the area of side 1.
     """
 
     facets: Ints

@@ -65,7 +65,7 @@ STALLED = 0.6
 MOST_SAMPLES = 8192
 
 RULES = (3, 5, 7, 9, 12, 16, 20)
-"""Points a germ of the tensor rules that are tried one after the other, at least three of them: the third
+"""Points per germ of the tensor rules that are tried one after the other, at least three of them: the third
 looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
 
 SUREST = 0.5

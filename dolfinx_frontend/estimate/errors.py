@@ -59,7 +59,7 @@ FINEST = 1e-12
 """Tightest tolerance of an iteration."""
 
 DROPPED = 0.02
-"""Variance of modes that may be left out, as predicted, as a share of the accuracy of the moments: these
+"""Variance of modes that may be left out, as predicted, relative to the accuracy of the moments: these
 change with the square of such modes, and predictions are right within a factor of three, squared."""
 
 INTERRUPTED = "interrupted (Ctrl-C): what is nan was not measured"

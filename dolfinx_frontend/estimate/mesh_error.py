@@ -39,7 +39,7 @@ __all__ = ["DiscretisationError", "discretisation_error"]
 
 
 SMALL = 1e-3
-"""Change from which a nonlinear law tells its tangent, as a share of the largest displacement."""
+"""Change from which a nonlinear law tells its tangent, relative to the largest displacement."""
 TANGENT_RTOL = 1e-7
 """Tolerance of the two answers whose difference that is."""
 
@@ -81,7 +81,7 @@ class DiscretisationError:
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
 
     def relative(self) -> float:
-        """Error of the quantity of interest as a share of its value.
+        """Error of the quantity of interest relative to its value.
 
         Raises
         ------

@@ -248,7 +248,7 @@ def write_interfaces(
     ``opening``, ``slip``     normal and tangential part of the jump w2 - w1, length; slip in global axes
     ``gap``                   of contacts: their distance, length
     ``state``                 of contacts: 0 open, 1 closed (stick, with friction), 2 slip; on facets
-                              with several points the shares of its area, ``open share``, ``slip share``
+                              with several points the fractions of its area, ``open share``, ``slip share``
     ``area``                  that a point or facet stands for
     ========================  ====================================================================
 

@@ -38,13 +38,13 @@ __all__ = [
 _log = logging.getLogger(__name__)
 
 HELD, PUSHED = 1e3, 1e-3
-"""Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
+"""Search direction of a paired boundary interface, relative to factor * E / L: with prescribed
 displacements far above the stiffness of any part, with prescribed forces far below."""
 
 # contacts take a third, E / L by default; `./run bench iterations` measures it
 CONTACT = 1.0 / 3.0
 SOFTEST = 1e-3
-"""Smallest search direction of an elastic interface, as a share of factor * E / L."""
+"""Smallest search direction of an elastic interface, relative to factor * E / L."""
 
 RANGE = 1e130
 """Largest strain of an iteration, and the inverse of the smallest: room for squares, moduli and tolerance."""

@@ -129,7 +129,7 @@ class Block:
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (n, [T,] m, components), local frame: component 0 is normal.
 
-        A nonlinear law of a chaos is evaluated anew at every sample, with the parameters of the
+        A nonlinear law of a chaos is evaluated again at every sample, with the parameters of the
         sample: it holds exactly, so that a contact never pulls.
         """
         return self._both(interface)[0]

@@ -46,7 +46,7 @@ CHUNK = 512
 """Samples of a field that are evaluated at once."""
 
 NOISE = 100.0
-"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
+"""A standard deviation below so many times the tolerance, relative to the mean, is noise."""
 
 
 @dataclass(frozen=True)

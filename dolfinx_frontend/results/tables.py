@@ -26,7 +26,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 WIDTH = 110
 """Characters of a line of a printed table."""
 ROUNDING = 1e-8
-"""What a printed table shows as 0, as a share of the largest number of its kind."""
+"""What a printed table shows as 0, relative to the largest number of its kind."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Table:
         return float(self[column][rows[0]])
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """One dict a row."""
+        """One dict per row."""
         for entries in zip(*self.columns.values(), strict=True):
             yield dict(zip(self.columns, entries, strict=True))
 

@@ -63,7 +63,7 @@ _JAMMED = 1e-6
 """Cosine below which a force counts as perpendicular to a motion."""
 
 _TOUCHING = 1e-6
-"""Opening, as a share of the face's size, below which two faces touch."""
+"""Opening, relative to the face's size, below which two faces touch."""
 
 
 T = TypeVar("T")

@@ -64,7 +64,7 @@ class Communicator {
 
 /// Blocks that neighbours swap: one message each way between two ranks, whatever their number of slots.
 ///
-/// Requests are persistent; their buffers are made anew when the number of columns changes.
+/// Requests are persistent; their buffers are made again when the number of columns changes.
 class Exchange {
  public:
   explicit Exchange(const Communicator& communicator) : communicator_(communicator) {}
