@@ -48,7 +48,7 @@ OPPOSED = -0.5
 """Two facets face each other if the product of their unit normals is below this."""
 
 _WHOLE = 1e-9
-"""A facet whose uncovered share is below this is covered."""
+"""A facet is covered if a smaller fraction of it is not."""
 
 _DIGITS, _REGION, _MOST = 11.0, 1.3, 20
 """On quadrilaterals that are no parallelograms shape functions are analytic, not polynomial, in the

@@ -13,7 +13,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "Side", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "frames", "nodal_normals"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,8 +58,36 @@ class Side:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
 
 
+class PointFrames:
+    """What follows from the points (m, d), weights (m,) and frames (m, d, d) of an interface."""
+
+    points: Array
+    weights: Array
+    frames: Array
+
+    @property
+    def dim(self) -> int:
+        """Space dimension d."""
+        return int(self.points.shape[1])
+
+    @property
+    def num_points(self) -> int:
+        """Number of interface points m."""
+        return len(self.weights)
+
+    @property
+    def area(self) -> float:
+        """Area of side 1, of its covered part if the sides overlap partly."""
+        return float(self.weights.sum())
+
+    @property
+    def normals(self) -> Array:
+        """(m, d), unit normals out of side 1."""
+        return self.frames[:, 0, :]
+
+
 @dataclass(frozen=True, repr=False)
-class Interface:
+class Interface(PointFrames):
     """One or two sides with a law, discretised.
 
     Attributes
@@ -116,26 +144,6 @@ class Interface:
         """
         crossing = (self.gap < 0.0) & (self.gap >= -self.sag)
         return np.where(crossing, 0.0, self.gap)
-
-    @property
-    def dim(self) -> int:
-        """Space dimension d."""
-        return int(self.points.shape[1])
-
-    @property
-    def num_points(self) -> int:
-        """Number of interface points m."""
-        return len(self.weights)
-
-    @property
-    def area(self) -> float:
-        """Area of side 1, of its covered part if the sides overlap partly."""
-        return float(self.weights.sum())
-
-    @property
-    def normals(self) -> Array:
-        """(m, d), unit normals out of side 1."""
-        return self.frames[:, 0, :]
 
     def local_trace(self, side: int) -> sp.csr_matrix:
         """T of side 0 or 1 in the local frame of side 1, (d*m, n)."""

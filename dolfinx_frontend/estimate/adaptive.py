@@ -1,5 +1,5 @@
-"""Answers that are as right as asked: the measurements of :mod:`dolfinx_frontend.estimate.errors`, used to
-stop as soon as an answer is good enough."""
+"""Answers of a given accuracy: errors are measured as in :mod:`dolfinx_frontend.estimate.errors` while the
+computation goes on, which stops as soon as they are small enough."""
 
 from __future__ import annotations
 
@@ -52,24 +52,24 @@ __all__ = ["solve_to_accuracy"]
 _log = logging.getLogger(__name__)
 
 SLOWEST = 0.7
-"""Errors are not taken to fall more slowly than so from one set of modes to the next."""
+"""Largest factor by which errors are assumed to change from one set of modes to the next."""
 
 MOST_MODES = 2000
 
 MOST_ORDER = 8
-"""Of an adaptive chaos: beyond, samples are cheaper."""
+"""Highest order of an adaptive chaos: beyond it, samples are cheaper."""
 
 STALLED = 0.6
-"""MeanStd that change more than so from order to order, in terms of the change before, do not converge."""
+"""A chaos does not converge if mean and deviation change by more than this times the change before."""
 
 MOST_SAMPLES = 8192
 
 RULES = (3, 5, 7, 9, 12, 16, 20)
 """Points per germ of the tensor rules that are tried one after the other, at least three of them: the third
-looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
+reaches out to 3.8 standard deviations: a kink beyond that has next to no weight."""
 
 SUREST = 0.5
-"""Changes from rule to rule are assumed to fall by this factor at best: with kinks they fall irregularly."""
+"""Smallest factor by which changes are assumed to fall from rule to rule: at kinks they fall irregularly."""
 
 FORGOTTEN = 0.5
 """Weight of the change of the rule before: with a kink, a change can be small by chance."""
@@ -91,7 +91,7 @@ def solve_to_accuracy(
     options: Options | None = None,
     meshes: bool = True,
 ) -> Result | SampleResult:
-    """Solve until the error of a quantity is at most as large as asked.
+    """Solve until the error of a quantity is at most `accuracy`.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
 def _visible(
     accuracy: float, of_meshes: ErrorShare | None, quantity: Resultant | None, result: Result
 ) -> float:
-    """What the other errors must keep below: none is reduced below a tenth of the error of the meshes."""
+    """Target of the other errors: the accuracy, but not less than a tenth of the error of the meshes."""
     if of_meshes is None:
         return accuracy
     relative = of_meshes.energy
@@ -179,7 +179,7 @@ def _settled(result: Result, quantity: Resultant | None) -> Errors:
     tight = result.tightened(max(DIGIT * result.plan.options.rtol, FINEST))
     complete(tight)
     after = tight.mean_std(quantity)
-    how = "the iteration carried on for one digit"
+    how = "the iteration carried on to a tenth of its error"
     found = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
     return Errors(found, None, None, quantity, value)
 
@@ -219,7 +219,7 @@ class _Search:
     result
         The largest chaos so far.
     target
-        What algebraic and truncation error must keep below.
+        What algebraic and truncation error must stay below.
     gain
         How much worse the quantity is than the energy norm.
     """
@@ -234,7 +234,7 @@ class _Search:
         self.notes: tuple[str, ...] = ()
 
     def answer(self, meshes: bool) -> ChaosResult | SampleResult:
-        """The chaos, or samples where it does not converge; after Ctrl-C the chaos as far as it came."""
+        """The chaos, or samples where it does not converge; after Ctrl-C the last chaos that was solved."""
         try:
             return self._answer(meshes)
         except Interrupted:
@@ -250,8 +250,8 @@ class _Search:
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
         if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
-            # few germs and nonlinear laws: rules converge where the chaos does, at less for a point
-            # what the iteration leaves shows in the changes from rule to rule
+            # few germs and nonlinear laws: rules converge where the chaos does, and a point costs less; the
+            # error of the iteration is part of the changes from rule to rule
             each = float(np.clip(0.03 * self.target, FINEST, 3e-3))
             by_rules = _by_rules(result, quantity, self.target, each)
             if by_rules is None:
@@ -276,7 +276,7 @@ class _Search:
         complete(self.result)
 
     def _calibrate(self) -> None:
-        """Find out where it is cheap how much worse the quantity is than the energy norm."""
+        """Measure, on the first and cheapest chaos, how much worse the quantity is than the energy norm."""
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
@@ -287,7 +287,7 @@ class _Search:
             self.gain = max(change / loose, _mean_over_spread(self.result))
 
     def _grow(self, curved: bool) -> tuple[float, bool]:
-        """Enlarge the chaos; what it still leaves out, and whether it has stopped converging."""
+        """Enlarge the chaos. Returns what it still leaves out, and whether it has stopped converging."""
         quantity, target = self.quantity, self.target
         change_before, left, fall = np.nan, np.inf, SLOWEST
         stalled = False
@@ -364,7 +364,7 @@ def _mean_over_spread(result: ChaosResult) -> float:
 
 
 def _decay(result: ChaosResult, quantity: Resultant | None) -> float:
-    """Fall of the modes from the last degree but one to the last."""
+    """Size of the modes of the last degree, relative to those of the last but one."""
     sizes, _ = sizes_of(result, quantity)
     degree = result.basis.indices.table.sum(axis=1)
     last = int(degree.max())
@@ -408,7 +408,7 @@ def _by_rules(
         value = samples.mean_std(quantity)
         if before is not None:
             changes.append(change_of(before, value, rtol))
-            # earlier changes count, too, and the fall of all
+            # earlier changes count with less weight, and the fall is the mean over all of them
             change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
             fall = SUREST
             if len(changes) > 1 and changes[0] > 0.0:

@@ -1,8 +1,8 @@
 """How wrong an answer is: the error of its iteration, of its chaos, of its meshes.
 
-Each is measured in the energy norm and in a quantity of interest by doing a little more and looking at what
-changes: the iteration goes on for one digit, the chaos gets its next modes (both on the factors that are
-there, started from the answer that is there).
+Each is measured in the energy norm and in a quantity of interest by computing a little more and comparing:
+the iteration is carried on until its error is ten times smaller, the chaos gets its next modes. Both use the
+factorisation of the answer and start from its state.
 """
 
 from __future__ import annotations
@@ -53,18 +53,18 @@ _log = logging.getLogger(__name__)
 Index = tuple[int, ...]
 
 DIGIT = 0.1
-"""By so much the tolerance is tightened to see how far the iteration was."""
+"""Factor by which the tolerance is tightened to measure the error of the iteration."""
 
 FINEST = 1e-12
 """Tightest tolerance of an iteration."""
 
 DROPPED = 0.02
-"""Variance of modes that may be left out, as predicted, relative to the accuracy of the moments: these
-change with the square of such modes, and predictions are right within a factor of three, squared."""
+"""Predicted variance of modes that may be left out, relative to the accuracy of the moments. Moments change
+with the square of such modes, and the prediction of a mode may be wrong by a factor of three."""
 
 INTERRUPTED = "interrupted (Ctrl-C): what is nan was not measured"
 UNKNOWN = 0.3
-"""Fall from one degree to the next where nothing is known of it."""
+"""Assumed decay of the modes from one degree to the next where it cannot be measured."""
 
 REPLICATES = 4
 
@@ -105,7 +105,7 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
 
 # --- more of the same -------------------------------------------------------------------------------
 def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
-    """Indices outside of a set whose every backward neighbour is in it."""
+    """Indices outside of a set all of whose backward neighbours are in it."""
     inside = {tuple(int(i) for i in row) for row in table}
     found: dict[Index, None] = {}
     for index in inside:
@@ -120,7 +120,7 @@ def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
 
 
 def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Array]:
-    """(P + 1,) how much each mode matters in the quantity and in the whole field, relative to the mean."""
+    """(P + 1,) size of each mode in the quantity, and in the whole field, relative to the mean."""
     steps = result.steps
     metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
@@ -133,7 +133,7 @@ def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Ar
 
 
 def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.0) -> Chaos:
-    """The chaos with the modes of the margin that are predicted to matter to an accuracy; 0: all of them."""
+    """The chaos with those of its next modes that are predicted to matter at an accuracy; 0: all of them."""
     table = result.basis.indices.table
     caps = [germ.capacity - 1 if germ.capacity is not None else 2**30 for germ in result.space.germs]
     names: list[Index] = [tuple(int(i) for i in row) for row in table]
@@ -143,7 +143,7 @@ def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.
     margin = _margin(table, caps)
 
     def predicted(index: Index) -> float:
-        """By the decay along each germ, the largest."""
+        """Size of a mode by the decay along each germ: the largest of these guesses."""
         guesses = []
         for germ, degree in enumerate(index):
             if degree == 0:
@@ -165,7 +165,7 @@ def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.
     variance = sum(size**2 for index, size in sizes.items() if any(index))
     # in the energy norm an error is the size of the modes that are left out, in moments its square
     allowed = variance * (DROPPED * target if quantity is not None else DROPPED * target**2)
-    after = squares.sum() - np.cumsum(squares)  # what is dropped behind each
+    after = squares.sum() - np.cumsum(squares)  # variance of all that rank behind each
     count = min(int(np.searchsorted(-after, -allowed)) + 1, len(ranked)) if target else len(ranked)
     chosen = [index for _, index in ranked[:count]]
     indices = (*sizes, *chosen)
@@ -185,8 +185,10 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
         A :class:`Resultant`, the name of an interface (its normal force), or ``"energy"``; None: what
         ``solve(accuracy=..., quantity=...)`` was asked for, or the energy norm.
 
-    The iteration is carried on for one digit, and a chaos is solved again with its next modes, both started
-    from the answer: about half the cost of the run without its factorisation. The result stays as it is.
+    The iteration is carried on until its error is ten times smaller, and a chaos is solved again with its
+    next modes. Both start from the answer, which takes about half as long as the run without its
+    factorisation. The result stays as it is.
+
     Ctrl-C ends the measurement: what it has not reached is NaN then, and a note says so.
     """
     if quantity is None and result.found is not None:
@@ -219,7 +221,7 @@ def _errors_of_run(
 
 
 def complete(result: Result | SampleResult) -> None:
-    """Ctrl-C in a measurement is no measurement.
+    """Check that a run of a measurement was not interrupted.
 
     Raises
     ------
@@ -246,9 +248,9 @@ def not_known(result: Result, quantity: Resultant | None) -> Errors:
 def _algebraic(
     result: Result, tight: Result, quantity: Resultant | None, value: MeanStd | None
 ) -> ErrorShare:
-    """The error of the iteration by the run that was carried on."""
+    """The error of the iteration, from the run with the tighter tolerance."""
     complete(tight)
-    how = "the iteration carried on for one digit"
+    how = "the iteration carried on to a tenth of its error"
     if quantity is None or value is None:
         return ErrorShare(result.error, how=how)
     after = tight.mean_std(quantity)
@@ -260,7 +262,7 @@ def _difference(one: float | None, other: float | None) -> float | None:
 
 
 def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
-    """The error of a chaos, by a larger one."""
+    """The error of a chaos, from a larger one."""
     if result.collocations:
         return by_solves(result, quantity)
     try:
@@ -304,7 +306,7 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
 
 
 def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
-    """By the spread of parts of the sample, one after the other."""
+    """Errors of samples, from the differences between consecutive parts of the sample."""
     error = float(np.nanmax(result.error))
     if quantity is None:
         raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
@@ -392,7 +394,7 @@ _HALVINGS: Mapping[Source, Callable[[Any, Errors], str]] = {
 
 
 def _iterations_for(result: Result, fall: float) -> int:
-    """Iterations until the error has fallen so much, by the rate of the run."""
+    """Iterations until the error has fallen by a factor, at the mean rate of the run."""
     record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
     if len(record) < 2 or record[-1][1] >= record[0][1]:
         return 1

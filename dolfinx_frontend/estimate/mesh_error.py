@@ -39,9 +39,9 @@ __all__ = ["DiscretisationError", "discretisation_error"]
 
 
 SMALL = 1e-3
-"""Change from which a nonlinear law tells its tangent, relative to the largest displacement."""
+"""Size of the change that gives the tangent of a nonlinear law, relative to the largest displacement."""
 TANGENT_RTOL = 1e-7
-"""Tolerance of the two answers whose difference that is."""
+"""Tolerance of the two answers whose difference is taken for it."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class DiscretisationError:
     energy
         Relative error in the energy norm of the parts: sqrt(a(u - u_h) / a(u_h)), a(v) = sum of v^T K v.
     parts
-        Substructure -> its share of that; their squares add up to the square of `energy`.
+        Substructure -> its contribution to that; their squares add up to the square of `energy`.
     quantity
         Size of the error of the quantity of interest, in its unit; None: none was named. The larger of
-        |correction| and the root of the sum of squares of its shares by cell: where these cancel, what is
-        left is no estimate any more.
+        |correction| and the root of the sum of the squares of its contributions by cell: where these cancel,
+        their sum is no estimate.
     value
         The quantity in the result.
     correction
@@ -66,7 +66,7 @@ class DiscretisationError:
         sqrt(a(e_u) a(e_z)), which no error exceeds: what is left of it is cancellation, on which to count is
         a risk where stresses are singular.
     shares
-        Substructure -> its share of `correction`.
+        Substructure -> its contribution to `correction`.
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
     """

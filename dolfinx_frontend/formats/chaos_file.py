@@ -32,6 +32,7 @@ from dolfinx_frontend.formats.hdf5 import (
     replaced,
     write_tree,
 )
+from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
@@ -237,10 +238,7 @@ class ChaosFile:
             if name not in numbers:
                 raise unknown_name("parameter", name, numbers, str(self.path))
             given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        sizes = {len(v) for v in given.values()} - {1}
-        if len(sizes) > 1:
-            raise SceneError(f"{self.path}: values of different lengths: {sorted(sizes)}")
-        count = sizes.pop() if sizes else 1
+        count = common_length(given, f"{self.path}: ")
         points = np.zeros((count, self.dimension))
         matrix = np.zeros((len(numbers), self.dimension))
         scores = np.empty((len(numbers), count))

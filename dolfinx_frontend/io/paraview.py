@@ -237,8 +237,8 @@ def write_interfaces(
 ) -> Path:
     """Write what acts on the interfaces.
 
-    There are two groups of blocks, one block per interface in each. ``points`` are the points at which the law
-    is evaluated: a cloud (with ``space="points"`` the quadrature points of the facets). ``facets`` is the
+    There are two groups of blocks, one block per interface in each. ``points`` are the points at which the
+    law is evaluated: a cloud (with ``space="points"`` the quadrature points of the facets). ``facets`` is the
     surface of side 1, facet by facet, with constant cell data: of interfaces with ``space="facets"`` what is
     computed there, of others the means, by area, of the points of each facet. Both have
 

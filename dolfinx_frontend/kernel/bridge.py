@@ -47,7 +47,8 @@ SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, relative to factor * E / L."""
 
 RANGE = 1e130
-"""Largest strain of an iteration, and the inverse of the smallest: room for squares, moduli and tolerance."""
+"""Largest strain of an iteration, and the inverse of the smallest: squares, moduli and tolerances must fit
+beside it into double precision."""
 
 
 def _scale(problem: Problem, plan: Plan) -> float:
@@ -80,7 +81,7 @@ def _direction(
         if plan.macro:
             shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
         if patch:
-            # bodies give way to a contact as over its own size, where that is smaller than theirs
+            # a body yields to a contact over the size of the contact, where that is smaller than the body's
             size = interface.area ** (1.0 / (interface.dim - 1))
             shorter = max(shorter, _length(problem) / size)
         unit *= shorter
@@ -274,7 +275,7 @@ def build(problem: Problem, plan: Plan) -> Structure:
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
     """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
     if not laws:
-        return 0.0  # one solve; nothing is squared to decide anything
+        return 0.0  # one solve; no squares, which may overflow
     found = [0.0]
 
     def add(value: Array, unit: float) -> None:

@@ -18,7 +18,7 @@ Moments = Literal["resultants", "linear"]
 _FLAT = 1e-4
 """A face has no extent in a direction in which it is thinner than this fraction of its size."""
 _DEPENDENT = 1e-6
-"""Fields whose part that is independent of the others is below this share are left out."""
+"""Fields are left out if less than this fraction of them is independent of the others."""
 
 
 def basis(interface: Interface, frames: Array, components: int, moments: Moments = "linear") -> Array:

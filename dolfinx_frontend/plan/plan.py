@@ -1,7 +1,7 @@
 """The plan: what of a scene is modelled, and how, decided before anything is factorised.
 
-A scene pays only for what it contains: interfaces that are linear and fixed are assembled across,
-and the iteration runs on the others. Every decision carries its reason and can be overridden.
+Interfaces that are linear and fixed are assembled across, so that they cost nothing afterwards, and the
+iteration runs on the others. Every decision carries its reason and can be overridden.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _PLAIN_FACTOR = 2.0
 _ACCELERATED_FACTOR = 3.0
 _MACRO_FACTOR = 10.0
 _FEW, _MANY = 2, 3
-"""Interfaces between parts from which a coarse problem pays: with matrix directions, and without."""
+"""Fewest interfaces between parts for which a coarse problem pays: with matrix directions, and without."""
 _UNMATCHED = "its meshes do not match"
 _UNGLUED = "its jump cannot be glued"
 _ASKED = "asked for"
@@ -443,7 +443,7 @@ def _reach(
     options: Options,
     plain_columns: bool,
 ) -> tuple[tuple[str, ...], Moments, tuple[str, ...], list[Decision]]:
-    """How far an iteration reaches: interfaces in the coarse problem, its moments, paired ones, and why."""
+    """Interfaces in the coarse problem, its moments, interfaces with matrix directions, and why."""
     decisions: list[Decision] = []
     paired: tuple[str, ...] = ()
     if problem.distribution is not None:
@@ -528,7 +528,7 @@ def _constant_loads(problem: Problem) -> bool:
     for interface in problem.interfaces.values():
         law = interface.law
         if not law.linear:
-            continue  # its loading is no load of a body
+            continue  # its loading is not a load of a body
         for name in law.loading:
             value = getattr(law, name)
             terms = [v for a, v in value.terms if a is None] if isinstance(value, Varying) else [value]

@@ -27,7 +27,7 @@ Source = RandomParameter | DiscretisedField
 class SampledParameter(NamedTuple):
     """A random parameter in kernel terms at N points of the germs: ``pattern @ values``."""
 
-    name: str  # the kernel's
+    name: str  # of the kernel's parameter
     pattern: Array  # (rows, r)
     values: Array  # (r, N)
 
@@ -169,7 +169,7 @@ def sampled_parameters(
 ) -> dict[str, Array]:
     """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
 
-    What is the same everywhere keeps its one column.
+    A parameter that is the same everywhere has one column.
 
     Parameters
     ----------

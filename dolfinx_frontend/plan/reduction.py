@@ -143,7 +143,7 @@ def _shifts(
     label = group_labels(nodes, np.stack([a, b], axis=1))
     known = np.zeros(nodes, dtype=bool)
     known[np.unique(label, return_index=True)[1]] = True  # first node of each class
-    while True:  # one sweep a link between parts, never more than parts meet at a node
+    while True:  # one sweep per link between parts: not more than parts that meet at a node
         forward, backward = known[a] & ~known[b], known[b] & ~known[a]
         if not (forward.any() or backward.any()):
             break

@@ -218,7 +218,7 @@ class Answer(Protocol):
         """Mean and standard deviation."""
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
-        """The samples, some at a time; of a chaos so many random ones."""
+        """The samples, some at a time; of a chaos this many random ones."""
 
     def moment_blocks(self) -> Iterator[Block]:
         """The samples from which moments of fields are made."""
@@ -251,12 +251,12 @@ def timed(plan: Plan, block: Array) -> Array:
 
 
 def stepped(values: Array, times: Array | None, leading: int = 0) -> Array:
-    """Fields with an axis of time steps after so many others, with or without a history."""
+    """Fields with an axis of time steps after this many others, with or without a history."""
     return values if times is not None else np.expand_dims(values, leading)
 
 
 def chunks(count: int, numbers: int) -> Iterator[slice]:
-    """Slices of `count` samples of so many numbers each, whose fields fit into memory."""
+    """Slices of `count` samples of this many numbers each, whose fields fit into memory."""
     chunk = max(1, int(BYTES / (32.0 * max(numbers, 1))))
     return (slice(k, min(k + chunk, count)) for k in range(0, count, chunk))
 

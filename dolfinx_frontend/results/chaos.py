@@ -46,7 +46,7 @@ CHUNK = 512
 """Samples of a field that are evaluated at once."""
 
 NOISE = 100.0
-"""A standard deviation below so many times the tolerance, relative to the mean, is noise."""
+"""A standard deviation below this many times the tolerance, relative to the mean, is noise."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _moment_errors(
     shift, margin = estimate((truth - better) ** 2 - (chaos - mean) ** 2)
     ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
     away = [np.abs(end - np.sqrt(variance)) for end in ends]
-    # nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
+    # a deviation that is only noise, e.g. of a resultant fixed by equilibrium, is compared with the mean
     noise = _relative(truth.std(axis=0, ddof=1), better, weights) <= NOISE * rtol
     whole = np.abs(better) if noise else ends[0]
     of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
@@ -166,7 +166,7 @@ class Sampler(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ChaosResult(Result, StochasticResult):
-    """Answer of one LATIN-PCE run; fields have one column a chaos mode.
+    """Answer of one LATIN-PCE run; fields have one column per chaos mode.
 
     Over a load history every field has the T time steps in front of its own axes.
 

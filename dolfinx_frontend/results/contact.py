@@ -1,4 +1,4 @@
-"""Where a contact is open, sticks or slips, and the values of its law that say so."""
+"""Where a contact is open, sticks or slips, and the values of its law that decide it."""
 
 from __future__ import annotations
 

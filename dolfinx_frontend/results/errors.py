@@ -86,7 +86,7 @@ class Errors:
     notes: tuple[str, ...] = ()
 
     def relative(self, source: Source) -> float:
-        """One error, relative: of mean and standard deviation the larger, or of the energy norm; else 0."""
+        """One error, relative: the larger of mean and deviation, or that in the energy norm; 0: none."""
         share: ErrorShare | None = getattr(self, source)
         if share is None:
             return 0.0

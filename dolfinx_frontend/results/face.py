@@ -72,7 +72,7 @@ class Face(ABC):
 
     @abstractmethod
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
-        """The samples, some at a time; of a chaos so many random ones (None: as many as a table takes)."""
+        """The samples, some at a time; of a chaos this many random ones (None: as many as a table takes)."""
 
     @abstractmethod
     def unknowns(self, part: str) -> Array:
@@ -384,7 +384,7 @@ class Face(ABC):
         name, unit
             For tables and figures.
         samples, seed
-            Of a chaos: so many random samples (None: 100 000). Other answers have the samples that they have.
+            Of a chaos: this many random samples (None: 100 000). Other answers use all their samples.
         """
         blocks = self.blocks(samples or self.draws, seed)
         found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
@@ -429,7 +429,7 @@ class Face(ABC):
         quantiles
             Probabilities, where the answer is random.
         samples, seed
-            Of a chaos: so many random samples (None: 4096).
+            Of a chaos: this many random samples (None: 4096).
         """
         return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
 

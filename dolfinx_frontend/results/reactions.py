@@ -130,7 +130,7 @@ def reaction(answer: Answer, name: str) -> Reaction | None:
 
 
 def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callable[[Block], Array]:
-    """What holds the nodes of a side beside the loads and the forces that are known, (n, T, nodes, d)."""
+    """Forces (n, T, nodes, d) that balance the nodes of a side, besides loads and forces that are known."""
     problem, times = answer.problem, answer.times
     side = problem.interfaces[name].sides[number]
     part, nodes = problem.substructures[side.substructure], side.nodes

@@ -189,7 +189,7 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
     found = []
     for block in blocks:
         force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
-        # the block has its fields already, what is made of them comes in parts
+        # the fields of a block are in memory already; what is computed from them is done in parts
         for part in chunks(len(force), force[0].size):
             limits = None if contact is None else contact[part].limits
             found.append(measure(surface, force[part], limits))
@@ -244,7 +244,7 @@ def read(
     interfaces
         Names; None: all.
     samples, seed
-        Of a chaos: at so many random samples.
+        Of a chaos: at this many random samples.
 
     Raises
     ------

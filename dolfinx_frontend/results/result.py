@@ -162,8 +162,9 @@ class Result(Value, Face):
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
 
-        The iteration is carried on for one digit, a chaos gets its next modes: about half the cost of the
-        run without its factorisation. After ``solve(accuracy=...)`` they are there already.
+        The iteration is carried on until its error is ten times smaller, a chaos gets its next modes: about
+        half the cost of the run without its factorisation. After ``solve(accuracy=...)`` they are known
+        already.
 
         Parameters
         ----------

@@ -179,7 +179,7 @@ class SampleResult(Value, PointResults, StochasticResult):
         return MeanStd(float(mean), float(std))
 
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
-        """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
+        """As :meth:`Result.errors`; the error of the sampling from the spread over parts of it."""
         return self.estimator(self, quantity)
 
     def _count(self) -> str:

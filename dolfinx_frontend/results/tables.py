@@ -147,7 +147,7 @@ class Table:
 
 
 def _kind(column: str) -> str:
-    """Columns of one kind are of one size: a number far below the others of its kind is rounding."""
+    """Kind of a column; a number far below the others of its kind is rounding."""
     if column in ("normal", "shear", "before", "after", "change", "lowest", "highest"):
         return "force"
     return "pressure" if column == "shear_max" else column.split("_")[0]

@@ -29,13 +29,14 @@ __all__ = ["MOST_TENSOR", "collocation"]
 
 
 MOST_TENSOR = 4096
-"""Points up to which a tensor Gauss rule is the default..."""
+"""Points up to which a tensor Gauss rule is the default, if the memory allows it, see `MOST_BYTES`."""
 MOST_BYTES = 1e9
-"""...if samples and forces of the interface take no more memory."""
+"""Memory that samples and forces of an interface may take with a tensor rule."""
 LEAST_LINE = 16
-"""Points that a germ is given at least while all germs together take no more than..."""
+"""Fewest Gauss points of a germ, while all germs together have at most `CHEAP` points: at kinks a coarse rule
+is wrong by up to a tenth of a per cent of the mean."""
 CHEAP = 256
-"""...so many: kinks cost a coarse rule up to a tenth of a per cent of the mean."""
+"""Points up to which every germ gets `LEAST_LINE` of them."""
 SOBOL_A_MODE = 16
 """Sobol points taken for each mode that is projected, at least."""
 FEWEST_SOBOL = 1024

@@ -1,7 +1,7 @@
 """Sampling: many deterministic solves at points of the germs, each warm-started from its neighbours.
 
-The comparison for chaos, and the way out where it does not converge: Monte Carlo, quasi-Monte Carlo,
-tensor and sparse quadrature are the same run over different points.
+A reference for chaos, and a replacement where it does not converge: Monte Carlo, quasi-Monte Carlo, tensor
+and sparse quadrature are the same run over different points.
 """
 
 from __future__ import annotations

@@ -393,7 +393,7 @@ def sobol_of(
     seed
         Of the points and the bootstrap.
     level, resamples
-        Bootstrap percentile intervals, by so many resamplings of the n rows.
+        Bootstrap percentile intervals, by this many resamplings of the n rows.
 
     Returns
     -------
