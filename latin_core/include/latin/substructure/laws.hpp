@@ -30,7 +30,7 @@ struct LawColumns {
   /// law's minimum: eigenvalues of a Galerkin matrix are not values, and the caller guards their sign.
   std::vector<std::pair<std::string, interface::ParameterField>> parameters;
 
-  /// Columns of a sample block for a run of c columns in histories of so many steps.
+  /// Columns of a sample block for a run of c columns in histories of this many steps.
   [[nodiscard]] Index samples(Index columns, Index steps) const {
     return transforms.empty() ? columns : transforms.front().forward.cols() * steps;
   }
@@ -87,7 +87,7 @@ class Laws {
   [[nodiscard]] bool linear() const;
   /// Whether some columns are transformed.
   [[nodiscard]] bool transformed() const;
-  /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
+  /// Whether laws and transforms fit a run of this many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
 
   /// Parameters replaced. They reach transformed columns, too.
@@ -105,7 +105,7 @@ class Laws {
   /// @param loads (n, l), force, by substructure of this rank
   /// @throws InputError naming a substructure that is not on this rank, or whose load does not fit
   [[nodiscard]] Laws with_extra_loads(const std::map<std::string, Matrix>& loads) const;
-  /// For so many parameter sets side by side: parameters that change from column to column are repeated.
+  /// For this many parameter sets side by side: parameters that change from column to column are repeated.
   /// @throws InputError naming an interface whose columns are transformed
   [[nodiscard]] Laws repeated(Index sets) const;
 
