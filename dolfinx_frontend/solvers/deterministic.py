@@ -71,7 +71,16 @@ def _run(
     cuts = solver.fields_of_cuts(laws, state)
     kind = Result if plan.times is None else HistoryResult
     return kind(
-        solver.problem, plan, summary, state, seconds, solver, laws, cuts, estimator=estimator
+        solver.problem,
+        plan,
+        summary,
+        state,
+        seconds,
+        solver,
+        laws,
+        cuts,
+        estimator=estimator,
+        continuation=solve_on,
     )
 
 
@@ -79,4 +88,4 @@ def start_states(start: Result | State | None) -> list[State]:
     """Start states for the kernel."""
     if start is None:
         return []
-    return [start.state if isinstance(start, Result) else start]
+    return [start if isinstance(start, State) else start.state]
