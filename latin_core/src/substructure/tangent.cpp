@@ -121,6 +121,15 @@ void Tangent::add_stiffness(const Body& body) {
   stiffness_.push_back(std::move(stiffness));
 }
 
+Index Tangent::component(const Structure& structure, Index unknown) {
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    if (unknown < interface.first_unknown + interface.size()) {
+      return (unknown - interface.first_unknown) % interface.geometry.components;
+    }
+  }
+  return 0;
+}
+
 Matrix Tangent::free_jumps(const Structure& structure, ConstMatrixRef data,
                            ConstMatrixRef traces) {
   Matrix jumps(structure.interface_unknowns(), data.cols());

@@ -34,10 +34,14 @@ class Tangent {
   /// stage: block-diagonal by point, (unknowns, most components).
   /// @param jumps  free jumps (unknowns, columns) of the steps of a history; the laws are those without transforms
   [[nodiscard]] static Matrix slopes(const Laws& laws, const Matrix& jumps, Index column);
+  /// The component of its point that an unknown is.
+  [[nodiscard]] static Index component(const Structure& structure, Index unknown);
   /// Free jumps (unknowns, c) of a state.
   [[nodiscard]] static Matrix free_jumps(const Structure& structure, ConstMatrixRef data,
                                          ConstMatrixRef traces);
 
+  /// Flexibility (unknowns) at which the laws are asked.
+  [[nodiscard]] const Vector& flexibility() const { return flexibility_; }
   /// Take other tangents, unless they are the same.
   /// @param slopes as slopes() gives them
   /// @throws NumericalError if the structure is not stable with them
