@@ -78,6 +78,8 @@ class SweepPoints:
         points in the order in which they were solved in this run.
     states
         (points, 2, rows, columns): s and w of every point, if asked for.
+    scatter
+        Of samples: least scatter of the displacements of a body, relative to their size.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -90,6 +92,7 @@ class SweepPoints:
     order: list[int] = field(default_factory=list)
     states: Array | None = None
     outputs: dict[str, Array] = field(default_factory=dict)
+    scatter: float = 1.0
 
     def __repr__(self) -> str:
         reached = self.iterations >= 0
@@ -253,6 +256,7 @@ def sweep(
             for name, function in outputs.items():
                 arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
             keeper.keep(point, arrays)
+            result.scatter = summary.scatter
             if result.states is not None:
                 result.states[point] = state.data, state.traces
             log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)
