@@ -107,15 +107,15 @@ Measured Stages::measure(Iterate at, Anderson& history, const ErrorEstimate& err
   return measured;
 }
 
-NewtonProposal::Solver Stages::newton(Index limit, double tolerance) {
-  if (!substructure::InterfaceSystem::suits(laws(), limit)) {
+NewtonProposal::Solver Stages::newton(double tolerance) {
+  if (!substructure::InterfaceSystem::suits(laws()) || !structure().has_flexibility()) {
     return {};
   }
   return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
     if (!newton) {
-      newton = std::make_shared<Newton>(global_, local_, amplitudes_);
+      newton = std::make_shared<Newton>(global_, amplitudes_);
     }
-    return newton->solve(state.data, state.traces, tolerance);
+    return newton->solve(state, tolerance);
   };
 }
 
