@@ -1,7 +1,10 @@
 #include "latin/iteration/newton.hpp"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <limits>
 #include <utility>
 
@@ -40,9 +43,25 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
       own_(system_.law_flexibility(flexibility_.own())),
       metric_(own_.cwiseProduct(flexibility_.areas())),
       tangent_system_(flexibility_, layout_, own_ + flexibility_.direct()),
-      memory_(system_.blank()) {}
+      memory_(system_.blank()) {
+  if (const Matrix& jumps = flexibility_.modal_jumps(); jumps.cols() > 0) {
+    const Matrix weighted = metric_.cwiseSqrt().asDiagonal() * jumps;
+    modes_ = Eigen::HouseholderQR<Matrix>(weighted).householderQ() *
+             Matrix::Identity(jumps.rows(), std::min(jumps.rows(), jumps.cols()));
+  } else {
+    modes_.resize(jumps.rows(), 0);
+  }
+}
 
-double Newton::norm(const Vector& force) const { return std::sqrt(force.cwiseAbs2().dot(metric_)); }
+/// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
+/// nothing need not be known. Modes have no share in the flexibility: resultants count as forces do by themselves.
+double Newton::norm(const Vector& force) const {
+  Vector given = with_mu * (flexibility_.matrix() * force);
+  given -= flexibility_.direct().cwiseProduct(force);
+  const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
+  const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
+  return std::sqrt(std::max(work, 0.0) + resultants.squaredNorm());
+}
 
 double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
   double size = 0.0;
@@ -222,6 +241,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     }
     take(now, dy, da, way == Way::searched);
     ++steps;
+    if (std::getenv("NDEBUG_TRACE")) std::fprintf(stderr, "col %ld way %d step %ld norm %.3e best %.3e scale %.2e fact %ld prod %ld closed %ld\n", (long)now.index, (int)way, (long)count, now.norm, column.norm, scale_, (long)tangent_system_.factorisations(), (long)tangent_system_.products(), (long)(tangent.array()!=0.0).rowwise().any().count());
     if (!std::isfinite(now.norm) || now.norm > growth * std::max(column.norm, tie ? scale_ : 0.0)) {
       return false;
     }

@@ -79,6 +79,7 @@ class Newton {
   const substructure::InterfaceSystem::Layout& layout_;
   Vector own_;     ///< flexibility at which the laws are asked
   Vector metric_;  ///< areas * own_
+  Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
   TangentSystem tangent_system_;
   substructure::InterfaceSystem::Memory memory_;  ///< of the columns before
   double scale_ = 0.0;                            ///< size of the forces
