@@ -8,9 +8,6 @@
 #include <limits>
 #include <utility>
 
-#include "latin/iteration/stages.hpp"
-#include "latin/iteration/step.hpp"
-
 namespace latin::iteration {
 namespace {
 
@@ -27,10 +24,9 @@ constexpr double shortest = 0.06;
 constexpr double rounding = 1e-9;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
-/// Accelerated steps between two attempts at a column, and their history.
+/// Global stages before an attempt at a column, twice as many before each further one.
 constexpr Index first_relaxation = 6;
 constexpr Index last_relaxation = 48;
-constexpr Index depth = 10;
 
 }  // namespace
 
@@ -43,6 +39,7 @@ Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
       own_(system_.law_flexibility(flexibility_.own())),
       metric_(own_.cwiseProduct(flexibility_.areas())),
       tangent_system_(flexibility_, layout_, own_ + flexibility_.direct()),
+      subspace_(global, system_),
       memory_(system_.blank()) {
   if (const Matrix& jumps = flexibility_.modal_jumps(); jumps.cols() > 0) {
     const Matrix weighted = metric_.cwiseSqrt().asDiagonal() * jumps;
@@ -136,16 +133,20 @@ NewtonOutcome Newton::solve(State& state, double tolerance) {
         state.traces.col(index) = own.traces;
       }
     }
+    // from far, and where the whole of it is not solved at once, from what a few global stages bring
     bool solved = false;
-    if (far && columns > 1) {
-      Anderson history(metric_of(global_.laws().structure()), 1, depth);
-      for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
-        relax(state, index, history, count);
+    const Index first = far && columns > 1 ? first_relaxation : 0;
+    for (Index count = first; !solved && count <= last_relaxation;
+         count = count == 0 ? first_relaxation : 2 * count) {
+      if (count > 0) {
+        const Index before = subspace_.stages();
+        State own{state.data.col(index), state.traces.col(index)};
+        subspace_.improve(index, memory_, own, 0.0, count);
+        state.data.col(index) = own.data;
+        state.traces.col(index) = own.traces;
         column = begin(state, index);
-        stages += 1.0 + static_cast<double>(count);
-        solved = iterate(column, tolerance * scale_, outcome.steps);
+        stages += 1.0 + static_cast<double>(subspace_.stages() - before);
       }
-    } else {
       solved = iterate(column, tolerance * scale_, outcome.steps);
     }
     if (!solved) {
@@ -166,39 +167,6 @@ void Newton::apply(State& state, Index index) {
   Matrix trace(state.data.rows(), 1);
   global_.apply(state.data.col(index), amplitudes_.col(index), trace);
   state.traces.col(index) = trace;
-}
-
-void Newton::local(Index index, const Matrix& data, const Matrix& traces, Matrix& residual) const {
-  const Matrix jump = system_.free_jumps(data, traces);
-  const Vector force = system_.forces(index, memory_, jump.col(0), system_.direct());
-  residual = 2.0 * (flexibility_.spread(force) - data +
-                    global_.laws().structure().directions().asDiagonal() * traces);
-}
-
-void Newton::relax(State& state, Index index, Anderson& history, Index count) {
-  FixedPoint stages{
-      [&](Matrix&, Matrix& data, Matrix& traces) {
-        global_.apply(data, amplitudes_.col(index), traces);
-      },
-      [&](const Matrix& data, const Matrix& traces, Matrix& residual) {
-        local(index, data, traces, residual);
-      },
-      {}};
-  const substructure::Laws& laws = global_.laws();
-  if (laws.preconditions()) {
-    stages.precondition = [&laws](MatrixRef residual) { laws.precondition(residual); };
-  }
-  State own{state.data.col(index), state.traces.col(index)};
-  Matrix residual;
-  stages.local(own.data, own.traces, residual);
-  Stepper stepper(std::move(stages), history, 1.0);
-  for (Index i = 0; i < count; ++i) {
-    history.fit(residual);
-    stepper.step(history.size() > 0 ? Stepper::Kind::accelerated : Stepper::Kind::averaged,
-                 {own, residual});
-  }
-  state.data.col(index) = own.data;
-  state.traces.col(index) = own.traces;
 }
 
 bool Newton::iterate(Column& column, double tolerance, Index& steps) {

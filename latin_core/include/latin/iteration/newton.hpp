@@ -1,9 +1,9 @@
 #pragma once
 
 #include "latin/common/types.hpp"
-#include "latin/iteration/anderson.hpp"
 #include "latin/iteration/newton_proposal.hpp"
 #include "latin/iteration/state.hpp"
+#include "latin/iteration/subspace.hpp"
 #include "latin/iteration/tangent_system.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/interface_system.hpp"
@@ -66,10 +66,6 @@ class Newton {
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
   /// Traces of the data of one column.
   void apply(State& state, Index index);
-  /// Residual of the two stages, of one column (data, traces) after those that are solved.
-  void local(Index index, const Matrix& data, const Matrix& traces, Matrix& residual) const;
-  /// Accelerated steps of the two stages, of one column alone.
-  void relax(State& state, Index index, Anderson& history, Index count);
   [[nodiscard]] double norm(const Vector& force) const;
 
   substructure::GlobalStage& global_;
@@ -81,6 +77,7 @@ class Newton {
   Vector metric_;  ///< areas * own_
   Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
   TangentSystem tangent_system_;
+  Subspace subspace_;
   substructure::InterfaceSystem::Memory memory_;  ///< of the columns before
   double scale_ = 0.0;                            ///< size of the forces
 };
