@@ -3,8 +3,6 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <limits>
 #include <utility>
 
@@ -14,7 +12,7 @@ namespace {
 constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
 /// Steps without a better residual before another tangent is tried, and a residual that counts as better.
 constexpr Index patience = 5;
-constexpr double better = 0.7;
+constexpr double better = 0.3;
 /// A residual that grew by so much is not followed.
 constexpr double growth = 1e4;
 constexpr Index most_steps = 40;
@@ -27,6 +25,14 @@ constexpr double close = 1e-2;
 /// Global stages before an attempt at a column, twice as many before each further one.
 constexpr Index first_relaxation = 6;
 constexpr Index last_relaxation = 48;
+/// Unknowns for which a factorisation costs as much as a global stage more.
+constexpr Index unknowns_per_stage = 100;
+/// Residual of the two stages, beside the data, from which Newton's method needs no more of them.
+constexpr double near = 1e-3;
+/// The same before each further attempt, beside that before it.
+constexpr double nearer = 1e-2;
+/// Residual of an attempt that failed, beside that at its start, from which the next one goes on.
+constexpr double halfway = 0.3;
 
 }  // namespace
 
@@ -101,8 +107,7 @@ Newton::Column Newton::begin(const State& state, Index index) {
 }
 
 void Newton::evaluate(Column& column) {
-  column.phi =
-      system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
+  column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
   column.norm = norm(column.phi);
 }
 
@@ -135,32 +140,45 @@ NewtonOutcome Newton::solve(State& state, double tolerance) {
     }
     // from far, and where the whole of it is not solved at once, from what a few global stages bring
     bool solved = false;
-    const Index first = far && columns > 1 ? first_relaxation : 0;
+    const Index shortest_start =
+        std::clamp(system_.unknowns() / unknowns_per_stage, first_relaxation, last_relaxation);
+    const Index first = far && columns > 1 ? shortest_start : 0;
+    double target = near;
     for (Index count = first; !solved && count <= last_relaxation;
-         count = count == 0 ? first_relaxation : 2 * count) {
+         count = count == 0 ? shortest_start : 2 * count) {
       if (count > 0) {
         const Index before = subspace_.stages();
         State own{state.data.col(index), state.traces.col(index)};
-        subspace_.improve(index, memory_, own, 0.0, count);
+        subspace_.improve(index, memory_, own, target * subspace_.norm(own.data), count);
+        target *= nearer;
         state.data.col(index) = own.data;
         state.traces.col(index) = own.traces;
         column = begin(state, index);
         stages += 1.0 + static_cast<double>(subspace_.stages() - before);
       }
-      solved = iterate(column, tolerance * scale_, outcome.steps);
+      const double start = column.norm;
+      // factorisations of a large zone cost more than global stages: one way at first
+      const bool all = shortest_start == first_relaxation || 2 * count > last_relaxation;
+      solved = iterate(column, tolerance * scale_, all, outcome.steps);
+      if (solved || column.norm < halfway * start) {
+        commit(state, column);
+        stages += 2.0;
+      }
     }
     if (!solved) {
       break;
     }
-    state.data.col(index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
-                             flexibility_.modal_data(column.a);
-    apply(state, index);
-    stages += 2.0;
     system_.advance(index, memory_, column.jump, own_);
     ++outcome.solved;
   }
   outcome.stages = (stages + static_cast<double>(outcome.steps)) / static_cast<double>(columns);
   return outcome;
+}
+
+void Newton::commit(State& state, const Column& column) {
+  state.data.col(column.index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
+                                  flexibility_.modal_data(column.a);
+  apply(state, column.index);
 }
 
 void Newton::apply(State& state, Index index) {
@@ -169,10 +187,10 @@ void Newton::apply(State& state, Index index) {
   state.traces.col(index) = trace;
 }
 
-bool Newton::iterate(Column& column, double tolerance, Index& steps) {
+bool Newton::iterate(Column& column, double tolerance, bool all, Index& steps) {
   return attempt(column, tolerance, Way::searched, steps) ||
-         attempt(column, tolerance, Way::whole, steps) ||
-         attempt(column, tolerance, Way::tied, steps);
+         (all && (attempt(column, tolerance, Way::whole, steps) ||
+                  attempt(column, tolerance, Way::tied, steps)));
 }
 
 /// Newton's steps from here, as long as they lead somewhere.
@@ -209,7 +227,6 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
     }
     take(now, dy, da, way == Way::searched);
     ++steps;
-    if (std::getenv("NDEBUG_TRACE")) std::fprintf(stderr, "col %ld way %d step %ld norm %.3e best %.3e scale %.2e fact %ld prod %ld closed %ld\n", (long)now.index, (int)way, (long)count, now.norm, column.norm, scale_, (long)tangent_system_.factorisations(), (long)tangent_system_.products(), (long)(tangent.array()!=0.0).rowwise().any().count());
     if (!std::isfinite(now.norm) || now.norm > growth * std::max(column.norm, tie ? scale_ : 0.0)) {
       return false;
     }

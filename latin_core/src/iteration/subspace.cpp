@@ -3,8 +3,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <utility>
 
 #include "latin/iteration/stages.hpp"
@@ -15,10 +13,10 @@ namespace {
 using Memory = substructure::InterfaceSystem::Memory;
 
 /// Directions that stay when there are too many.
-constexpr Index kept = 80;
+constexpr Index kept = 60;
 /// Steps of Gauss and Newton between two directions, and the least that one has to bring.
 constexpr Index most_steps = 20;
-constexpr double enough = 0.9;
+constexpr double enough = 0.5;
 /// Shortest step of the line search.
 constexpr double shortest = 0.01;
 /// Ridge of the normal equations, relative to their mean.
@@ -83,7 +81,6 @@ bool Subspace::improve(Index column, const Memory& before, State& state, double 
         break;
       }
     }
-    if (std::getenv("NDEBUG_TRACE")) std::fprintf(stderr, "sub col %ld size %ld stages %ld steps %ld norm %.3e tol %.1e\n", (long)column, (long)size_, (long)stages_, (long)steps_, point.norm, tolerance);
     if (point.norm <= tolerance || stages_ >= end || !std::isfinite(point.norm)) {
       break;
     }
@@ -168,8 +165,10 @@ bool Subspace::grow(const Vector& direction) {
     if (count > 0) {
       Matrix d = Matrix::Zero(rows, 1);
       Matrix t = Matrix::Zero(rows, 1);
-      d.middleRows(structure.body_rows()[b], count) = data.middleRows(structure.body_rows()[b], count);
-      t.middleRows(structure.body_rows()[b], count) = traces.middleRows(structure.body_rows()[b], count);
+      d.middleRows(structure.body_rows()[b], count) =
+          data.middleRows(structure.body_rows()[b], count);
+      t.middleRows(structure.body_rows()[b], count) =
+          traces.middleRows(structure.body_rows()[b], count);
       grown = add(std::move(d), std::move(t)) || grown;
     }
   }
@@ -184,8 +183,7 @@ bool Subspace::add(Matrix data, Matrix traces) {
   }
   const double before = norm(data);
   for (int twice = 0; twice < 2; ++twice) {
-    const Vector along =
-        data_.leftCols(size_).transpose() * weights_.cwiseProduct(data.col(0));
+    const Vector along = data_.leftCols(size_).transpose() * weights_.cwiseProduct(data.col(0));
     data.col(0) -= data_.leftCols(size_) * along;
     traces.col(0) -= traces_.leftCols(size_) * along;
   }

@@ -80,8 +80,7 @@ Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
 
 bool TangentSystem::fits(const Matrix& tangent) const {
   return tangent_.size() == tangent.size() &&
-         (tangent_ - tangent).cwiseAbs().maxCoeff() <=
-             same_tangent * tangent.cwiseAbs().maxCoeff();
+         (tangent_ - tangent).cwiseAbs().maxCoeff() <= same_tangent * tangent.cwiseAbs().maxCoeff();
 }
 
 bool TangentSystem::approach(const Matrix& tangent, const Vector& right, double tolerance,
@@ -91,10 +90,9 @@ bool TangentSystem::approach(const Matrix& tangent, const Vector& right, double 
   if (tangent_.size() != tangent.size() || affordable < 3) {
     return false;
   }
-  const KrylovOutcome outcome =
-      gmres([&](const Vector& x) { return apply(tangent, x); },
-            [&](const Vector& x) { return solve_factorised(x); }, right, answer, tolerance,
-            affordable);
+  const KrylovOutcome outcome = gmres([&](const Vector& x) { return apply(tangent, x); },
+                                      [&](const Vector& x) { return solve_factorised(x); }, right,
+                                      answer, tolerance, affordable);
   products_ += outcome.products;
   return outcome.solved;
 }
@@ -119,7 +117,7 @@ Vector TangentSystem::solve_factorised(const Vector& right) const {
     reduced.tail(count) +=
         flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(open);
   }
-  if (reduced.size() > 0) {
+  if (lu_) {
     reduced = Vector(lu_->transpose().solve(reduced));
   }
   Vector answer(right.size());

@@ -66,12 +66,12 @@ KrylovOutcome gmres(const Apply& apply, const Precondition& precondition, const 
     const double left = std::abs(right(k + 1)) / size;
     outcome.solved = left <= tolerance;
     const auto done = static_cast<double>(k + 1);
-    const bool hopeless = k + 1 >= told && std::log(left) * static_cast<double>(most) / done >
-                                               std::log(tolerance);
+    const bool hopeless =
+        k + 1 >= told && std::log(left) * static_cast<double>(most) / done > std::log(tolerance);
     if (outcome.solved || hopeless || beyond == 0.0) {
       break;
     }
-    basis.push_back(next / beyond);
+    basis.emplace_back(next / beyond);
   }
   const Index k = outcome.products;
   const Vector shares =

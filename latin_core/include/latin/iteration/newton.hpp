@@ -39,7 +39,6 @@ class Newton {
   [[nodiscard]] const TangentSystem& tangent_system() const { return tangent_system_; }
   [[nodiscard]] const substructure::InterfaceSystem& system() const { return system_; }
 
-
  private:
   /// One column: where it starts, and what Newton changes.
   struct Column {
@@ -55,7 +54,7 @@ class Newton {
   };
   [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
   [[nodiscard]] Column begin(const State& state, Index index);
-  [[nodiscard]] bool iterate(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] bool iterate(Column& column, double tolerance, bool all, Index& steps);
   /// `searched`: shorter steps where those make the residual fall and whole ones do not, which is the better way
   /// far from the answer but may end in a local minimum; `tied`: whole steps, the first as if everything were
   /// closed and stuck, for bodies that nothing else holds.
@@ -64,6 +63,8 @@ class Newton {
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
+  /// What has changed in a column, as data and traces.
+  void commit(State& state, const Column& column);
   /// Traces of the data of one column.
   void apply(State& state, Index index);
   [[nodiscard]] double norm(const Vector& force) const;

@@ -33,6 +33,8 @@ class Subspace {
   bool improve(Index column, const substructure::InterfaceSystem::Memory& before, State& state,
                double tolerance, Index most);
 
+  /// Norm of data or residuals.
+  [[nodiscard]] double norm(ConstMatrixRef block) const;
   /// Norm of the residual of a column, (rows, 1).
   [[nodiscard]] double residual_norm(Index column,
                                      const substructure::InterfaceSystem::Memory& before,
@@ -41,7 +43,7 @@ class Subspace {
   [[nodiscard]] Index stages() const { return stages_; }
   [[nodiscard]] Index steps() const { return steps_; }
   /// Directions that are kept at most.
-  static constexpr Index most_directions = 160;
+  static constexpr Index most_directions = 120;
 
  private:
   /// A column where the search is.
@@ -56,7 +58,6 @@ class Subspace {
   /// Residual of forces (unknowns, c), data and traces (rows, c).
   [[nodiscard]] Matrix residual(const Matrix& forces, ConstMatrixRef data,
                                 ConstMatrixRef traces) const;
-  [[nodiscard]] double norm(ConstMatrixRef block) const;
   /// One step of Gauss and Newton in the space. @return whether the residual fell by enough to go on
   bool step(Index column, const substructure::InterfaceSystem::Memory& before, Point& point);
   /// A direction more. @return whether it is new

@@ -66,8 +66,7 @@ class InterfaceSystem {
   void ask(std::size_t interface, Index column, const Memory& before, const Vector& jump,
            const Vector& flexibility, Matrix& kept, Vector& force) const;
   void slopes_by_differences(std::size_t interface, Index column, const Memory& before,
-                             const Vector& jump, const Vector& flexibility,
-                             MatrixRef slopes) const;
+                             const Vector& jump, const Vector& flexibility, MatrixRef slopes) const;
 
   Laws laws_;
   Vector direct_;
