@@ -58,25 +58,27 @@ def test_with_and_without_newton_it_is_the_same_answer(operator: Any) -> None:
     exact = solve(problem, times=[1.0, 2.0], options=alone)
     assert result.converged and exact.converged
     assert result.summary.newton_steps > 0 == exact.summary.newton_steps
-    assert result.iterations <= 60
+    assert result.iterations <= 100
     # three times what the result says, as its estimate promises
     assert reference.energy_difference(problem, result, exact) <= 3 * rtol
 
 
 MEASURED = """
-import resource
+from pathlib import Path
 import numpy as np
 from dolfinx_frontend import *
 scene = Scene()
 for i in range(2):
     box = geometry.box((1.0, 1.0, 0.5), (11, 11, 2), origin=(0.0, 0.0, 0.5 * i), cell="hexahedron")
-    scene.substructure(f"a{i}", box, LinearElastic(2e5, 0.3))
+    scene.substructure(f"a{i}", box, LinearElastic(2e5, 0.3), degree=1)
 scene.fix("a0:z0")
 scene.interface("joint", "a0:z1", "a1:z0", Contact(friction=0.3))
 press, shear = Amplitude([0, 1], [0, 1]), Amplitude([1, 2, 3, 4], [0, 1, -1, 1])
 scene.fix("a1:z1", press * (0.0, 0.0, -0.0005) + shear * (0.0002, 0.0, 0.0), name="grip")
 problem = assemble(scene)
-peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+def peak():  # bytes; ru_maxrss would be that of the process that started this one
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 before = peak()
 result = solve(problem, times=np.linspace(0.05, 4.0, 80))
 assert result.converged and result.summary.newton_steps >= 80
