@@ -59,8 +59,8 @@ class Options:
     backend
         ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
     memory_limit
-        Bytes that one condensed block may take before ``"automatic"`` goes sparse, and the dense flexibility of
-        Newton steps before they do without; 0: no limit.
+        Bytes that one condensed block may take before ``"automatic"`` goes sparse, and the dense
+        flexibility of Newton steps before they do without; 0: no limit.
     """
 
     rtol: float = 1e-6
