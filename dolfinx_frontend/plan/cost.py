@@ -9,15 +9,22 @@ times too many, which is enough to choose between dense and sparse, few and many
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import log2
+from typing import NamedTuple
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.plan.reduction import members_of_bodies
+from latin_core import Options
 
-__all__ = ["Cost", "predict", "shown"]
+__all__ = ["Cost", "interface_unknowns", "newton_is_dense", "predict", "shown"]
+
+_DIRECTIONS = 120
+"""Directions that the kernel's ``Subspace`` keeps at most."""
+_STEPS_BESIDE_NEWTON = 2
+"""Depth that the history of the acceleration reaches before Newton's method takes over."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +42,7 @@ class Cost:
     iteration_flops, iteration_bytes
         Operations of one iteration with all columns, and bytes that it reads.
     memory
-        Bytes of the factors, the dense blocks and the history of the iteration.
+        Bytes of the factors, the dense blocks, Newton's matrices and the history of the iteration.
     """
 
     unknowns: int
@@ -70,29 +77,22 @@ def _removed(interface: Interface) -> int:
     return len(interface.sides[0].nodes) * interface.law.removed(interface.dim)
 
 
-def predict(
-    problem: Problem,
-    active: Iterable[str],
-    columns: int,
-    depth: int,
-    paired: Iterable[str] = (),
-) -> Cost:
-    """Cost of factorising and iterating with these active interfaces.
+class _Body(NamedTuple):
+    """A body after reduction: its unknowns, those that active sides touch, and numbers in its sparse factor."""
 
-    Parameters
-    ----------
-    active
-        Names of the active interfaces.
-    columns
-        Columns of every field.
-    depth
-        Depth of the acceleration, whose history is kept.
-    paired
-        Interfaces that are solved with both of their parts: a dense factor each.
-    """
-    kept = tuple(active)
-    unknowns = touched = rows = 0
-    numbers = flops = products = dense = 0.0
+    unknowns: int
+    active: int
+    entries: float
+
+    def condensed(self, options: Options) -> bool:
+        """Whether the kernel applies a dense factor on the active unknowns (as in its ``body.cpp``)."""
+        block = float(self.active) ** 2
+        cheaper = block <= 50.0 * float(self.unknowns) ** (4 / 3)
+        fits = options.memory_limit <= 0 or 8.0 * block <= options.memory_limit
+        return options.operator == "condensed" or (options.operator == "automatic" and cheaper and fits)
+
+
+def _bodies(problem: Problem, kept: tuple[str, ...]) -> Iterator[_Body]:
     for group in members_of_bodies(problem, set(problem.interfaces).difference(kept)):
         n = sum(problem.substructures[name].size for name in group)
         on_body: set[tuple[str, int]] = set()
@@ -104,16 +104,64 @@ def predict(
             elif mine:
                 n -= _removed(interface)
         n = max(n, 1)
-        active_unknowns = min(problem.dim * len(on_body), n)
         entries = 15.0 * n ** (4 / 3) if problem.dim == 3 else 6.0 * n * max(log2(n), 1.0)
-        numbers += entries
-        flops += 1.3 * entries**2 / n
-        block = float(active_unknowns) ** 2
-        block = min(block, 4.0 * entries)  # else the sparse factor is applied
+        yield _Body(n, min(problem.dim * len(on_body), n), entries)
+
+
+def interface_unknowns(problem: Problem, active: Iterable[str]) -> int:
+    """Points times components of the active interfaces."""
+    interfaces = (problem.interfaces[name] for name in active)
+    return sum(i.num_points * i.law.count(i.dim) for i in interfaces)
+
+
+def newton_is_dense(problem: Problem, active: Iterable[str], options: Options) -> bool:
+    """Whether Newton's method has a dense flexibility of the interfaces: all bodies condensed, and within the
+    memory limit."""
+    kept = tuple(active)
+    size = 8.0 * float(interface_unknowns(problem, kept)) ** 2
+    return (options.memory_limit <= 0 or size <= options.memory_limit) and all(
+        body.condensed(options) for body in _bodies(problem, kept) if body.active
+    )
+
+
+def predict(
+    problem: Problem,
+    active: Iterable[str],
+    columns: int,
+    options: Options,
+    paired: Iterable[str] = (),
+    newton: bool = False,
+) -> Cost:
+    """Cost of factorising and iterating with these active interfaces.
+
+    Parameters
+    ----------
+    active
+        Names of the active interfaces.
+    columns
+        Columns of every field.
+    options
+        The acceleration has a history of its depth; the operators keep to the memory limit.
+    paired
+        Interfaces that are solved with both of their parts: a dense factor each.
+    newton
+        Whether Newton's method is used, with its matrices: few accelerated steps are left beside it.
+    """
+    kept = tuple(active)
+    unknowns = touched = rows = 0
+    numbers = flops = products = dense = of_newton = 0.0
+    dense_newton = newton and newton_is_dense(problem, kept, options)
+    for body in _bodies(problem, kept):
+        numbers += body.entries
+        flops += 1.3 * body.entries**2 / body.unknowns
+        block = float(body.active) ** 2
+        block = min(block, 4.0 * body.entries)  # else the sparse factor is applied
         dense += block
         products += 2.0 * block
-        unknowns += n
-        touched += active_unknowns
+        unknowns += body.unknowns
+        touched += body.active
+        if dense_newton:  # the same body without its search direction
+            of_newton += float(body.active) ** 2
     for name in kept:
         interface = problem.interfaces[name]
         rows += len(interface.sides) * interface.num_points * interface.dim
@@ -124,6 +172,14 @@ def predict(
             dense += block
             products += 2.0 * block
             flops += block**1.5
+    depth = options.acceleration if kept else 0
+    if dense_newton:
+        # the flexibility, and the factor of a zone that is all closed
+        of_newton += 2.0 * float(interface_unknowns(problem, kept)) ** 2
+    if newton:
+        # directions with their traces and residuals
+        of_newton += 4.0 * _DIRECTIONS * rows
+        depth = min(depth, _STEPS_BESIDE_NEWTON)
     history = 8.0 * rows * columns * (6.0 + 3.0 * depth)
     return Cost(
         unknowns=unknowns,
@@ -133,5 +189,5 @@ def predict(
         factor_flops=flops,
         iteration_flops=columns * (products + rows * (20.0 + 4.0 * depth)) if rows else 0.0,
         iteration_bytes=8.0 * products / 2.0 + history if rows else 0.0,
-        memory=8.0 * (numbers + dense) + history,
+        memory=8.0 * (numbers + dense + of_newton) + history,
     )

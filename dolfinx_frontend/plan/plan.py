@@ -19,7 +19,7 @@ from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.plan.coarse import Moments
-from dolfinx_frontend.plan.cost import Cost, predict
+from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.scene.laws import Elimination
@@ -262,7 +262,14 @@ def make_plan(
         direction = Direction(factor=direction)
     _names(problem, direction.given, "search direction")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
-    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, random is None)
+    newton = (
+        random is None
+        and problem.distribution is None
+        and chosen == "accelerated"
+        and options.newton > 0
+        and not all(problem.interfaces[n].law.superposes for n in kept)
+    )
+    macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
     if direction.factor is None:
         factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
         direction = Direction(_MACRO_FACTOR if macro else factor, direction.length, direction.given)
@@ -282,7 +289,7 @@ def make_plan(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
         )
     here = [name for name in kept if name in problem.own.interfaces]
-    cost = predict(problem.own, here, columns, options.acceleration if kept else 0, paired)
+    cost = predict(problem.own, here, columns, options, paired, newton)
     decisions.append(
         Decision("cost", str(cost), f"{cost.unknowns} unknowns, {cost.active} of them active")
     )
@@ -441,7 +448,7 @@ def _reach(
     cut: Sequence[str],
     chosen: str,
     options: Options,
-    plain_columns: bool,
+    newton: bool,
 ) -> tuple[tuple[str, ...], Moments, tuple[str, ...], list[Decision]]:
     """Interfaces in the coarse problem, its moments, interfaces with matrix directions, and why."""
     decisions: list[Decision] = []
@@ -466,15 +473,11 @@ def _reach(
     between = [n for n in kept if len(problem.interfaces[n].sides) == 2]
     why = "asked for"
     if options.macro == "automatic":
-        unknowns = sum(
-            i.num_points * i.law.count(i.dim) for i in (problem.interfaces[n] for n in kept)
+        wanted = (
+            chosen == "accelerated"
+            and len(between) >= (_FEW if paired else _MANY)
+            and not (newton and newton_is_dense(problem, kept, options))
         )
-        newton = (
-            plain_columns
-            and unknowns <= options.newton
-            and not all(problem.interfaces[n].law.superposes for n in kept)
-        )
-        wanted = chosen == "accelerated" and len(between) >= (_FEW if paired else _MANY) and not newton
         why = f"{len(between)} interfaces between parts: else an iteration reaches the next part only"
     else:
         wanted = options.macro != "none"

@@ -70,6 +70,25 @@ TEST(PointwiseLaw, RemembersWithinAHistory) {
   EXPECT_EQ(force.row(2), force.row(0));
 }
 
+TEST(PointwiseLaw, OneColumnAfterTheOtherIsTheHistory) {
+  PointwiseLawAdapter<Counter> law;
+  law.set("fail", ParameterField((Matrix(1, 6) << 0, 0, 0, 0, 0, 3).finished()));
+  EXPECT_EQ(law.memory(), 1);
+  const Matrix jump = Matrix::Random(4, 6);
+  Matrix force(4, 6);
+  law.resolve({2, jump, Vector::Ones(4), 3}, force);
+  Matrix memory;
+  for (Index column = 0; column < 6; ++column) {
+    if (column % 3 == 0) {
+      memory = Matrix::Zero(1, 2);
+    }
+    Matrix one(4, 1);
+    EXPECT_TRUE(law.resolve_column({2, jump.col(column), Vector::Ones(4), 3}, column, memory, one));
+    EXPECT_EQ(one.col(0), force.col(column));
+  }
+  EXPECT_EQ(law.at_columns(4, 2)->get("fail").values(), (Matrix(1, 2) << 0, 3).finished());
+}
+
 TEST(PointwiseLaw, NamesWhereItFails) {
   PointwiseLawAdapter<Counter> law;
   Matrix force(4, 1);

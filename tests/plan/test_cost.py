@@ -49,8 +49,8 @@ def test_predictions_hold_within_a_factor(cells: int, dim: int, active: tuple[st
 
 def test_columns_cost_operations_and_memory_but_no_factorisation() -> None:
     problem = pair(4, 3)
-    one, ten = (predict(problem, ["layer"], columns, 10) for columns in (1, 10))
+    one, ten = (predict(problem, ["layer"], columns, Options()) for columns in (1, 10))
     assert ten.factor_flops == one.factor_flops and ten.iteration_flops == 10 * one.iteration_flops
     assert one.memory < ten.memory < 10 * one.memory
-    assert predict(problem, [], 1, 0).iteration_flops == 0.0
+    assert predict(problem, [], 1, Options()).iteration_flops == 0.0
     assert shown(2.4e8, "Flop") == "240 MFlop" and shown(3.0, "B") == "3 B"

@@ -30,10 +30,10 @@ class Options:
     stagnation_window
         Iterations without progress after which a run ends as ``"stagnated"``.
     newton
-        Most interface unknowns (points times components) for which Newton steps on the dense flexibility
-        of the interfaces are mixed into the accelerated iteration; only where a law is nonlinear and
-        every body is condensed. The work of a step counts as iterations: on one of T columns 1/T of its
-        stages. 0: never.
+        Whether Newton steps are mixed into the accelerated iteration, where a law is nonlinear and no column
+        is transformed: on the dense flexibility of the interfaces where every body is condensed and that
+        matrix keeps to `memory_limit`, else by Gauss and Newton in a growing space of interface data. The work
+        of a step counts as iterations: on one of T columns 1/T of its stages. 0 or False: never.
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.
@@ -61,7 +61,8 @@ class Options:
     backend
         ``"cholmod"``, ``"mumps"`` or ``"automatic"``.
     memory_limit
-        Bytes that one condensed block may take before ``"automatic"`` goes sparse; 0: no limit.
+        Bytes that one condensed block may take before ``"automatic"`` goes sparse, and the dense
+        flexibility of Newton steps before they do without; 0: no limit.
     """
 
     rtol: float = 1e-6
@@ -70,7 +71,7 @@ class Options:
     acceleration: int = 10
     relaxation: float = 1.0
     stagnation_window: int = 100
-    newton: int = 1500
+    newton: int = 1
     snapshots: int = 15
     together: int = 8
     scatter: bool = False

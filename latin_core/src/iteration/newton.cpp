@@ -1,23 +1,18 @@
 #include "latin/iteration/newton.hpp"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <utility>
 
-#include "latin/iteration/stages.hpp"
-#include "latin/iteration/step.hpp"
-
 namespace latin::iteration {
 namespace {
 
-/// Tangents closer than this are the same: they come from differences.
-constexpr double same_tangent = 1e-6;
 constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
-constexpr double modal = with_mu / (1.0 + substructure::Flexibility::mu);
 /// Steps without a better residual before another tangent is tried, and a residual that counts as better.
 constexpr Index patience = 5;
-constexpr double better = 0.7;
+constexpr double better = 0.3;
 /// A residual that grew by so much is not followed.
 constexpr double growth = 1e4;
 constexpr Index most_steps = 40;
@@ -25,178 +20,177 @@ constexpr Index most_steps = 40;
 constexpr double shortest = 0.06;
 /// A residual that no step makes better is rounding if it is below this share of the forces.
 constexpr double rounding = 1e-9;
-/// Share by which the tangents are reduced: forces that the meshes do not determine get a unique, bounded change.
-constexpr double softening = 1e-5;
 /// A column whose residual is below this share of the forces starts where it is.
 constexpr double close = 1e-2;
-/// Accelerated steps between two attempts at a column, and their history.
+/// Global stages before an attempt at a column, twice as many before each further one.
 constexpr Index first_relaxation = 6;
 constexpr Index last_relaxation = 48;
-constexpr Index depth = 10;
+/// Unknowns for which a factorisation costs as much as a global stage more.
+constexpr Index unknowns_per_stage = 100;
+/// Residual of the two stages, beside the data, from which Newton's method needs no more of them.
+constexpr double near = 1e-3;
+/// The same before each further attempt, beside that before it.
+constexpr double nearer = 1e-2;
+/// Residual of an attempt that failed, beside that at its start, from which the next one goes on.
+constexpr double halfway = 0.3;
 
 }  // namespace
 
-Newton::Newton(substructure::GlobalStage& global, substructure::LocalStage& local,
-               const Matrix& amplitudes)
+Newton::Newton(substructure::GlobalStage& global, const Matrix& amplitudes)
     : global_(global),
-      local_(local),
       amplitudes_(amplitudes),
       system_(global.laws()),
-      flexibility_(system_.flexibility()),
+      flexibility_(global.laws().structure().flexibility()),
       layout_(system_.layout()),
       own_(system_.law_flexibility(flexibility_.own())),
-      shift_(own_ + flexibility_.direct()),
       metric_(own_.cwiseProduct(flexibility_.areas())),
-      zones_(static_cast<std::size_t>(amplitudes.cols())) {}
-
-double Newton::norm(const Vector& force) const { return std::sqrt(force.cwiseAbs2().dot(metric_)); }
-
-Vector Newton::times(const Matrix& tangent, const Vector& p) const {
-  Vector result(p.size());
-  for (Index row = 0; row < p.size(); ++row) {
-    const auto at = static_cast<std::size_t>(row);
-    const Index count = layout_.components[at];
-    result(row) = tangent.row(row).head(count).dot(p.segment(layout_.first[at], count));
+      tangent_system_(flexibility_, layout_, own_ + flexibility_.direct()),
+      subspace_(global, system_),
+      memory_(system_.blank()) {
+  if (const Matrix& jumps = flexibility_.modal_jumps(); jumps.cols() > 0) {
+    const Matrix weighted = metric_.cwiseSqrt().asDiagonal() * jumps;
+    modes_ = Eigen::HouseholderQR<Matrix>(weighted).householderQ() *
+             Matrix::Identity(jumps.rows(), std::min(jumps.rows(), jumps.cols()));
+  } else {
+    modes_.resize(jumps.rows(), 0);
   }
-  return result;
 }
 
-/// Change of j0 with changes of the forces and of the amplitudes.
-Vector Newton::moved(const Vector& y, const Vector& a) const {
-  Vector result = shift_.cwiseProduct(y);
-  result.noalias() -= with_mu * (flexibility_.matrix() * y);
-  result.noalias() -= modal * (flexibility_.modal_jumps() * a);
-  return result;
+/// Forces count by the work that they do on the bodies: the meshes do not determine all of them, and what moves
+/// nothing need not be known. Modes have no share in the flexibility: resultants count as forces do by themselves.
+double Newton::norm(const Vector& force) const {
+  Vector given = with_mu * (flexibility_.matrix() * force);
+  given -= flexibility_.direct().cwiseProduct(force);
+  const double work = given.cwiseProduct(flexibility_.areas()).dot(force);
+  const Vector resultants = modes_.transpose() * force.cwiseProduct(metric_.cwiseSqrt());
+  return std::sqrt(std::max(work, 0.0) + resultants.squaredNorm());
 }
 
-Newton::Column Newton::begin(ConstMatrixRef data, ConstMatrixRef traces, Index index) {
+double Newton::size_of_forces(const Matrix& data, const Matrix& traces) const {
+  double size = 0.0;
+  auto memory = system_.blank();
+  for (Index index = 0; index < data.cols(); ++index) {
+    if (index % global_.laws().steps() == 0) {
+      memory = system_.blank();
+    }
+    const Matrix jump = system_.free_jumps(data.col(index), traces.col(index));
+    size = std::max(size, norm(system_.advance(index, memory, jump.col(0), system_.direct())));
+  }
+  if (size == 0.0) {  // all open: the data, as forces
+    for (Index index = 0; index < data.cols(); ++index) {
+      size = std::max(size, norm(flexibility_.force(data.col(index))));
+    }
+  }
+  return size;
+}
+
+Newton::Column Newton::begin(const State& state, Index index) {
   Column column;
   column.index = index;
   // as the iteration sees it: the forces of the laws at the jumps of this iterate
-  const Matrix all = system_.free_jumps(data, traces);
-  column.before = system_.forces(all, flexibility_.direct()).col(index);
-  const Vector free = all.col(index);
+  const auto data = state.data.col(index);
+  const auto traces = state.traces.col(index);
+  const Matrix free = system_.free_jumps(data, traces);
+  column.before = system_.forces(index, memory_, free.col(0), system_.direct());
   // F / 2 = E f - (s - k w)
-  const Vector half_residual =
-      flexibility_.spread(column.before) - data.col(index) +
-      global_.laws().structure().directions().cwiseProduct(traces.col(index));
+  const Vector half_residual = flexibility_.spread(column.before) - data +
+                               global_.laws().structure().directions().cwiseProduct(traces);
   column.half = flexibility_.solve(half_residual);
-  column.start = free + flexibility_.jump(2.0 * half_residual) -
-                 with_mu * flexibility_.jump(column.half) +
-                 (own_ - flexibility_.direct()).cwiseProduct(column.before);
+  column.jump = free + flexibility_.jump(2.0 * half_residual) -
+                with_mu * flexibility_.jump(column.half) +
+                (own_ - flexibility_.direct()).cwiseProduct(column.before);
   column.loads = flexibility_.modal_loads(half_residual);
   column.y = Vector::Zero(free.size());
   column.a = Vector::Zero(column.loads.size());
-  column.jump = column.start;
   evaluate(column);
   return column;
 }
 
 void Newton::evaluate(Column& column) {
-  jumps_.col(column.index) = column.jump;
-  column.phi = system_.forces(jumps_, own_).col(column.index) - column.before - column.y;
+  column.phi = system_.forces(column.index, memory_, column.jump, own_) - column.before - column.y;
   column.norm = norm(column.phi);
 }
 
-NewtonOutcome Newton::solve(Matrix& data, Matrix& traces, double tolerance) {
+NewtonOutcome Newton::solve(State& state, double tolerance) {
   NewtonOutcome outcome;
-  const Index columns = data.cols();
+  const Index columns = state.data.cols();
   const Index steps = global_.laws().steps();
-  const Matrix jumps = system_.free_jumps(data, traces);
-  const Matrix forces = system_.forces(jumps, flexibility_.direct());
-  jumps_ = jumps + (own_ - flexibility_.direct()).asDiagonal() * forces;
-  double scale = 0.0;
-  for (Index column = 0; column < columns; ++column) {
-    scale = std::max(scale, norm(forces.col(column)));
-  }
-  if (scale == 0.0) {  // all open: the data, as forces
-    for (Index column = 0; column < columns; ++column) {
-      scale = std::max(scale, norm(flexibility_.force(data.col(column))));
-    }
-  }
-  scale_ = scale;
+  scale_ = size_of_forces(state.data, state.traces);
   double stages = 0.0;
   for (Index index = 0; index < columns; ++index) {
-    Column column = begin(data, traces, index);
+    if (index % steps == 0) {
+      memory_ = system_.blank();
+    }
+    Column column = begin(state, index);
     stages += 1.0;
-    const bool far = !(column.norm < close * scale);
+    const bool far = !(column.norm < close * scale_);
     if (far && index % steps > 0) {
       // the answer of the step before, under the loads of this one
-      State other{data, traces};
-      other.data.col(index) = data.col(index - 1);
-      apply(other.data, other.traces, index);
-      Column start = begin(other.data, other.traces, index);
+      const State own{state.data.col(index), state.traces.col(index)};
+      state.data.col(index) = state.data.col(index - 1);
+      apply(state, index);
+      Column start = begin(state, index);
       stages += 2.0;
       if (start.norm < column.norm) {
-        data.col(index) = other.data.col(index);
-        traces.col(index) = other.traces.col(index);
         column = std::move(start);
+      } else {
+        state.data.col(index) = own.data;
+        state.traces.col(index) = own.traces;
       }
     }
+    // from far, and where the whole of it is not solved at once, from what a few global stages bring
     bool solved = false;
-    if (far && columns > 1) {
-      Anderson history(metric_of(global_.laws().structure()), 1, depth);
-      for (Index count = first_relaxation; !solved && count <= last_relaxation; count *= 2) {
-        relax(data, traces, index, history, count);
-        column = begin(data, traces, index);
-        stages += 1.0 + static_cast<double>(count);
-        solved = iterate(column, tolerance * scale, outcome.steps);
+    const Index shortest_start =
+        std::clamp(system_.unknowns() / unknowns_per_stage, first_relaxation, last_relaxation);
+    const Index first = far && columns > 1 ? shortest_start : 0;
+    double target = near;
+    for (Index count = first; !solved && count <= last_relaxation;
+         count = count == 0 ? shortest_start : 2 * count) {
+      if (count > 0) {
+        const Index before = subspace_.stages();
+        State own{state.data.col(index), state.traces.col(index)};
+        subspace_.improve(index, memory_, own, target * subspace_.norm(own.data), count);
+        target *= nearer;
+        state.data.col(index) = own.data;
+        state.traces.col(index) = own.traces;
+        column = begin(state, index);
+        stages += 1.0 + static_cast<double>(subspace_.stages() - before);
       }
-    } else {
-      solved = iterate(column, tolerance * scale, outcome.steps);
+      const double start = column.norm;
+      // factorisations of a large zone cost more than global stages: one way at first
+      const bool all = shortest_start == first_relaxation || 2 * count > last_relaxation;
+      solved = iterate(column, tolerance * scale_, all, outcome.steps);
+      if (solved || column.norm < halfway * start) {
+        commit(state, column);
+        stages += 2.0;
+      }
     }
     if (!solved) {
       break;
     }
-    data.col(index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
-                       flexibility_.modal_data(column.a);
-    apply(data, traces, index);
-    stages += 2.0;
-    jumps_.col(index) = column.jump;
+    system_.advance(index, memory_, column.jump, own_);
     ++outcome.solved;
   }
   outcome.stages = (stages + static_cast<double>(outcome.steps)) / static_cast<double>(columns);
   return outcome;
 }
 
-void Newton::apply(const Matrix& data, Matrix& traces, Index index) {
-  Matrix trace(data.rows(), 1);
-  global_.apply(data.col(index), amplitudes_.col(index), trace);
-  traces.col(index) = trace;
+void Newton::commit(State& state, const Column& column) {
+  state.data.col(column.index) += column.half + flexibility_.solve(flexibility_.spread(column.y)) +
+                                  flexibility_.modal_data(column.a);
+  apply(state, column.index);
 }
 
-/// Accelerated steps of the two stages, of one column alone.
-void Newton::relax(Matrix& data, Matrix& traces, Index index, Anderson& history, Index count) {
-  Matrix residuals(data.rows(), data.cols());
-  FixedPoint stages{[&](Matrix&, Matrix& column, Matrix& trace) {
-                      data.col(index) = column;
-                      apply(data, traces, index);
-                      trace = traces.col(index);
-                    },
-                    [&](const Matrix&, const Matrix&, Matrix& residual) {
-                      local_.apply(data, traces, residuals);
-                      residual = residuals.col(index);
-                    },
-                    {}};
-  const substructure::Laws& laws = global_.laws();
-  if (laws.preconditions()) {
-    stages.precondition = [&laws](MatrixRef residual) { laws.precondition(residual); };
-  }
-  State state{data.col(index), traces.col(index)};
-  Matrix residual;
-  stages.local(state.data, state.traces, residual);
-  Stepper stepper(std::move(stages), history, 1.0);
-  for (Index i = 0; i < count; ++i) {
-    history.fit(residual);
-    stepper.step(history.size() > 0 ? Stepper::Kind::accelerated : Stepper::Kind::averaged,
-                 {state, residual});
-  }
+void Newton::apply(State& state, Index index) {
+  Matrix trace(state.data.rows(), 1);
+  global_.apply(state.data.col(index), amplitudes_.col(index), trace);
+  state.traces.col(index) = trace;
 }
 
-bool Newton::iterate(Column& column, double tolerance, Index& steps) {
+bool Newton::iterate(Column& column, double tolerance, bool all, Index& steps) {
   return attempt(column, tolerance, Way::searched, steps) ||
-         attempt(column, tolerance, Way::whole, steps) ||
-         attempt(column, tolerance, Way::tied, steps);
+         (all && (attempt(column, tolerance, Way::whole, steps) ||
+                  attempt(column, tolerance, Way::tied, steps)));
 }
 
 /// Newton's steps from here, as long as they lead somewhere.
@@ -209,7 +203,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
       column = std::move(now);
       return true;
     }
-    jumps_.col(now.index) = now.jump;
+    Vector jump = now.jump;
     const bool tie = way == Way::tied && count == 0;
     Vector shift = Vector::Zero(now.jump.size());
     if (tie) {  // linearise far in the closed branch
@@ -219,12 +213,12 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
           shift(row) = far;
         }
       }
-      jumps_.col(now.index) -= shift;
+      jump -= shift;
     }
-    const Matrix tangent = system_.slopes(jumps_, own_, now.index);
+    const Matrix tangent = system_.slopes(now.index, memory_, jump, own_);
     if (tie) {
-      now.phi =
-          system_.forces(jumps_, own_).col(now.index) + times(tangent, shift) - now.before - now.y;
+      now.phi = system_.forces(now.index, memory_, jump, own_) +
+                tangent_system_.times(tangent, shift) - now.before - now.y;
     }
     Vector dy;
     Vector da;
@@ -249,7 +243,7 @@ bool Newton::attempt(Column& column, double tolerance, Way way, Index& steps) {
 
 void Newton::take(Column& column, const Vector& dy, const Vector& da, bool searched) {
   const Column from = column;
-  const Vector change = moved(dy, da);
+  const Vector change = tangent_system_.moved(dy, da);
   column.norm = std::numeric_limits<double>::infinity();
   for (double share = 1.0; share >= shortest; share *= 0.5) {
     Column trial = from;
@@ -268,83 +262,20 @@ void Newton::take(Column& column, const Vector& dy, const Vector& da, bool searc
 }
 
 bool Newton::step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da) {
-  Zone& zone = zones_[static_cast<std::size_t>(column.index)];
-  if (!zone.fits(tangent)) {
-    factorise(tangent, zone);
-  }
   // dy = Phi + z,  z = S (M (Phi + z) - G a),  theta a = loads + V^T W E (y + dy)
+  const Index n = column.y.size();
   const Vector none = Vector::Zero(column.a.size());
-  const auto closed = static_cast<Index>(zone.rows.size());
-  Vector right(closed + none.size());
-  const Vector free = moved(column.phi, none);
-  right << ((1.0 - softening) * times(tangent, free))(zone.rows),
+  Vector right(n + none.size());
+  right << TangentSystem::softened *
+               tangent_system_.times(tangent, tangent_system_.moved(column.phi, none)),
       column.loads +
           flexibility_.modal_jumps().transpose() *
               flexibility_.areas().cwiseProduct(column.y + column.phi) -
           flexibility_.modal_stiffness().cwiseProduct(column.a);
-  Vector answer = right.size() > 0 ? Vector(zone.lu.transpose().solve(right)) : right;
-  if (closed > 0) {
-    // forces that move nothing were divided by the softening alone, rounding and all: with K the system
-    // without it, K_eps^-1 K leaves them out and everything else as it is
-    Vector forces = Vector::Zero(column.y.size());
-    forces(zone.rows) = answer.head(closed);
-    right.head(closed) -=
-        softening * times(tangent, moved(forces, answer.tail(none.size())))(zone.rows);
-    answer = zone.lu.transpose().solve(right);
-  }
-  dy = column.phi;
-  dy(zone.rows) += answer.head(closed);
+  const Vector answer = tangent_system_.solve(tangent, right);
+  dy = column.phi + answer.head(n);
   da = answer.tail(none.size());
   return answer.allFinite();
-}
-
-bool Newton::Zone::fits(const Matrix& now) const {
-  return tangent.size() == now.size() &&
-         (tangent - now).cwiseAbs().maxCoeff() <= same_tangent * now.cwiseAbs().maxCoeff();
-}
-
-void Newton::factorise(const Matrix& tangent, Zone& zone) const {
-  zone.tangent = tangent;
-  zone.rows.clear();
-  for (Index unknown = 0; unknown < tangent.rows(); ++unknown) {
-    if ((tangent.row(unknown).array() != 0.0).any()) {
-      zone.rows.push_back(unknown);
-    }
-  }
-  const auto closed = static_cast<Index>(zone.rows.size());
-  const Index modes = flexibility_.modal_stiffness().size();
-  const Matrix& matrix = flexibility_.matrix();
-  const Vector& areas = flexibility_.areas();
-  const Matrix& jumps = flexibility_.modal_jumps();
-  // transposed, so that rows of the (symmetric but for the areas) flexibility are read as columns
-  Matrix system = Matrix::Zero(closed + modes, closed + modes);
-  for (Index i = 0; i < closed; ++i) {
-    const Index row = zone.rows[static_cast<std::size_t>(i)];
-    const Index first = layout_.first[static_cast<std::size_t>(row)];
-    for (Index c = 0; c < layout_.components[static_cast<std::size_t>(row)]; ++c) {
-      const double slope = (1.0 - softening) * tangent(row, c);
-      if (slope == 0.0) {
-        continue;
-      }
-      const Index at = first + c;
-      const double factor = slope * with_mu / areas(at);
-      for (Index j = 0; j < closed; ++j) {
-        const Index other = zone.rows[static_cast<std::size_t>(j)];
-        system(j, i) += factor * areas(other) * matrix(other, at);
-        if (other == at) {
-          system(j, i) -= slope * shift_(at);
-        }
-      }
-      system.col(i).tail(modes) += slope * modal * jumps.row(at).transpose();
-    }
-    system(i, i) += 1.0;
-    // V^T W E
-    system.row(i).tail(modes) = -areas(row) * jumps.row(row);
-  }
-  system.bottomRightCorner(modes, modes) = flexibility_.modal_stiffness().asDiagonal();
-  if (system.size() > 0) {
-    zone.lu.compute(system);
-  }
 }
 
 }  // namespace latin::iteration

@@ -44,7 +44,7 @@ NewtonProposal::Solver newton_of(Stages& stages, const Options& options) {
   if (options.acceleration < 1 || options.newton < 1) {
     return {};
   }
-  return stages.newton(options.newton, newton_accuracy * options.rtol);
+  return stages.newton(newton_accuracy * options.rtol);
 }
 
 }  // namespace

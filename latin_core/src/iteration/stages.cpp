@@ -7,11 +7,20 @@
 #include <memory>
 
 #include "latin/iteration/newton.hpp"
+#include "latin/iteration/subspace.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
 
 using substructure::Structure;
+
+namespace {
+
+/// Tolerance on the residual of the two stages, beside that on the forces of Newton's dense systems, whose last step
+/// leaves nothing anyway.
+constexpr double residual_accuracy = 200.0;
+
+}  // namespace
 
 Metric metric_of(const Structure& structure) {
   return Metric(structure.weights().cwiseQuotient(structure.directions()),
@@ -116,15 +125,25 @@ Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
   return measured;
 }
 
-NewtonProposal::Solver Stages::newton(Index limit, double tolerance) {
-  if (!substructure::InterfaceSystem::suits(laws(), limit)) {
+NewtonProposal::Solver Stages::newton(double tolerance) {
+  if (!substructure::InterfaceSystem::suits(laws())) {
     return {};
   }
-  return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
-    if (!newton) {
-      newton = std::make_shared<Newton>(global_, local_, amplitudes_);
+  if (structure().has_flexibility()) {
+    return [this, tolerance, newton = std::shared_ptr<Newton>()](State& state) mutable {
+      if (!newton) {
+        newton = std::make_shared<Newton>(global_, amplitudes_);
+      }
+      return newton->solve(state, tolerance);
+    };
+  }
+  return [this, tolerance, system = std::shared_ptr<substructure::InterfaceSystem>(),
+          subspace = std::shared_ptr<Subspace>()](State& state) mutable {
+    if (!subspace) {
+      system = std::make_shared<substructure::InterfaceSystem>(laws());
+      subspace = std::make_shared<Subspace>(global_, *system);
     }
-    return newton->solve(state.data, state.traces, tolerance);
+    return subspace->solve(state, amplitudes_, residual_accuracy * tolerance);
   };
 }
 

@@ -151,8 +151,13 @@ void Flexibility::add_matrix(const Part& part) {
   part.factor.triangularView<Eigen::Lower>().solveInPlace(y);
   Matrix product = Matrix::Zero(y.cols(), y.cols());
   product.selfadjointView<Eigen::Lower>().rankUpdate(y.transpose());
-  product.triangularView<Eigen::StrictlyUpper>() = product.transpose();
-  matrix_(touched, touched) += product * area.asDiagonal();
+  for (Index column = 0; column < product.cols(); ++column) {
+    const Index to = touched[static_cast<std::size_t>(column)];
+    for (Index row = 0; row < product.rows(); ++row) {
+      const double value = row < column ? product(column, row) : product(row, column);
+      matrix_(touched[static_cast<std::size_t>(row)], to) += value * area(column);
+    }
+  }
 }
 
 Matrix Flexibility::solve(ConstMatrixRef v) const {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <memory>
 #include <utility>
 
 #include "latin/substructure/local_stage.hpp"
@@ -17,20 +18,18 @@ constexpr double same_slope = 1e-7;
 
 }  // namespace
 
-bool InterfaceSystem::suits(const Laws& laws, Index limit) {
-  const Structure& structure = laws.structure();
-  return structure.interface_unknowns() <= limit && structure.has_flexibility() &&
-         !laws.transformed() && !laws.linear();
+bool InterfaceSystem::suits(const Laws& laws) {
+  return laws.structure().communicator().alone() && !laws.transformed() && !laws.linear();
 }
 
-InterfaceSystem::InterfaceSystem(Laws laws)
-    : laws_(std::move(laws)), flexibility_(laws_.structure().flexibility()) {
+InterfaceSystem::InterfaceSystem(Laws laws) : laws_(std::move(laws)), direct_(unknowns()) {
   for (const ActiveInterface& interface : laws_.structure().interfaces()) {
     const Index components = interface.geometry.components;
     for (Index row = 0; row < interface.size(); ++row) {
       layout_.first.push_back(interface.first_unknown + row - row % components);
       layout_.components.push_back(components);
     }
+    direct_.segment(interface.first_unknown, interface.size()) = interface.flexibility;
   }
 }
 
@@ -60,29 +59,84 @@ Matrix InterfaceSystem::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) c
   return jumps;
 }
 
-void InterfaceSystem::ask(std::size_t i, ConstMatrixRef jump, ConstVectorRef flexibility,
-                          Matrix& force) const {
-  const ActiveInterface& interface = laws_.structure().interface(i);
-  force.resize(jump.rows(), jump.cols());
-  laws_.of(i).law->resolve(
-      {interface.geometry.components, jump, flexibility, laws_.steps(), interface.name()}, force);
+InterfaceSystem::Memory InterfaceSystem::blank() const {
+  Memory memory;
+  for (std::size_t i = 0; i < laws_.structure().interfaces().size(); ++i) {
+    const interface::Interface& geometry = laws_.structure().interface(i).geometry;
+    const Index rows = geometry.points * geometry.components;
+    memory.kept.emplace_back(Matrix::Zero(laws_.of(i).law->memory(), geometry.points));
+    memory.jumps.emplace_back(rows, 0);
+    memory.forces.emplace_back(rows, 0);
+  }
+  return memory;
 }
 
-Matrix InterfaceSystem::forces(ConstMatrixRef jumps, ConstVectorRef flexibility) const {
-  Matrix result(jumps.rows(), jumps.cols());
-  Matrix force;
+interface::LocalProblem InterfaceSystem::problem(std::size_t i, ConstMatrixRef jump,
+                                                 ConstVectorRef flexibility, Index steps) const {
+  const ActiveInterface& interface = laws_.structure().interface(i);
+  return {interface.geometry.components, jump, flexibility, steps, interface.name()};
+}
+
+void InterfaceSystem::ask(std::size_t i, Index column, const Memory& before, const Vector& jump,
+                          const Vector& flexibility, Matrix& kept, Vector& force) const {
+  const interface::Law& law = *laws_.of(i).law;
+  force.resize(jump.size());
+  ++asked_;
+  if (law.resolve_column(problem(i, jump, flexibility, laws_.steps()), column, kept, force)) {
+    return;
+  }
+  // the history so far, as if it had been asked with this flexibility
+  const Index past = before.jumps[i].cols();
+  asked_ += past;
+  Matrix jumps(jump.size(), past + 1);
+  jumps.leftCols(past) = before.jumps[i] + flexibility.asDiagonal() * before.forces[i];
+  jumps.col(past) = jump;
+  Matrix forces(jumps.rows(), jumps.cols());
+  const std::unique_ptr<interface::Law> part = law.at_columns(column - past, past + 1);
+  (part ? *part : law).resolve(problem(i, jumps, flexibility, past + 1), forces);
+  force = forces.col(past);
+}
+
+Vector InterfaceSystem::forces(Index column, const Memory& before, ConstVectorRef jump,
+                               ConstVectorRef flexibility) const {
+  Vector result(jump.size());
+  Matrix kept;
+  Vector force;
   for (std::size_t i = 0; i < laws_.structure().interfaces().size(); ++i) {
     const ActiveInterface& interface = laws_.structure().interface(i);
     const auto rows = Eigen::seqN(interface.first_unknown, interface.size());
-    const Vector own = flexibility(rows);
-    ask(i, jumps(rows, every), own, force);
-    result(rows, every) = force;
+    kept = before.kept[i];
+    ask(i, column, before, jump(rows), flexibility(rows), kept, force);
+    result(rows) = force;
   }
   return result;
 }
 
-Matrix InterfaceSystem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility,
-                               Index column) const {
+Vector InterfaceSystem::advance(Index column, Memory& memory, ConstVectorRef jump,
+                                ConstVectorRef flexibility) const {
+  Vector result(jump.size());
+  Vector force;
+  for (std::size_t i = 0; i < laws_.structure().interfaces().size(); ++i) {
+    const ActiveInterface& interface = laws_.structure().interface(i);
+    const auto rows = Eigen::seqN(interface.first_unknown, interface.size());
+    Matrix kept = memory.kept[i];
+    ask(i, column, memory, jump(rows), flexibility(rows), kept, force);
+    memory.kept[i].swap(kept);
+    result(rows) = force;
+    const interface::Law& law = *laws_.of(i).law;
+    if (law.history() && law.memory() == 0) {
+      const Index past = memory.jumps[i].cols();
+      memory.jumps[i].conservativeResize(Eigen::NoChange, past + 1);
+      memory.forces[i].conservativeResize(Eigen::NoChange, past + 1);
+      memory.jumps[i].col(past) = jump(rows) - flexibility(rows).cwiseProduct(force);
+      memory.forces[i].col(past) = force;
+    }
+  }
+  return result;
+}
+
+Matrix InterfaceSystem::slopes(Index column, const Memory& before, ConstVectorRef jump,
+                               ConstVectorRef flexibility) const {
   const auto& interfaces = laws_.structure().interfaces();
   Index most = 0;
   for (const ActiveInterface& interface : interfaces) {
@@ -92,39 +146,41 @@ Matrix InterfaceSystem::slopes(ConstMatrixRef jumps, ConstVectorRef flexibility,
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     const Index rows = interfaces[i].size();
     const Index components = interfaces[i].geometry.components;
-    const Matrix jump = jumps.middleRows(interfaces[i].first_unknown, rows);
+    const Vector own_jump = jump.segment(interfaces[i].first_unknown, rows);
     const Vector own = flexibility.segment(interfaces[i].first_unknown, rows);
-    const interface::LocalProblem local{components, jump, own, laws_.steps(), interfaces[i].name()};
     Matrix found(rows, components);
-    if (!laws_.of(i).law->slopes(local, column, found)) {
-      slopes_by_differences(i, jump, own, column, found);
+    ++asked_;
+    if (!laws_.of(i).law->slopes(problem(i, own_jump, own, laws_.steps()), column, before.kept[i],
+                                 found)) {
+      slopes_by_differences(i, column, before, own_jump, own, found);
     }
     result.block(interfaces[i].first_unknown, 0, rows, components) = found;
   }
   return result;
 }
 
-void InterfaceSystem::slopes_by_differences(std::size_t i, const Matrix& jump,
-                                            const Vector& flexibility, Index column,
+void InterfaceSystem::slopes_by_differences(std::size_t i, Index column, const Memory& before,
+                                            const Vector& jump, const Vector& flexibility,
                                             MatrixRef slopes) const {
   const interface::Interface& geometry = laws_.structure().interface(i).geometry;
-  Matrix force;
-  Matrix moved;
-  ask(i, jump, flexibility, force);
-  double size = jump.col(column).cwiseAbs().maxCoeff();
+  Vector force;
+  Vector moved;
+  Matrix kept = before.kept[i];
+  ask(i, column, before, jump, flexibility, kept, force);
+  double size = jump.cwiseAbs().maxCoeff();
   if (size == 0.0) {
-    const double largest = jump.cwiseAbs().maxCoeff();
-    size = largest > 0.0 ? largest : flexibility.maxCoeff();
+    size = flexibility.maxCoeff();
   }
   for (Index component = 0; component < geometry.components; ++component) {
     const auto of_component = Eigen::seqN(component, geometry.points, geometry.components);
     auto slope = slopes.col(component);
     for (const double difference : differences) {
-      Matrix other = jump;
+      Vector other = jump;
       // towards closing, so that a point that just touches counts as closed
-      other(of_component, column).array() -= difference * size;
-      ask(i, other, flexibility, moved);
-      const Vector now = (force.col(column) - moved.col(column)) / (difference * size);
+      other(of_component).array() -= difference * size;
+      kept = before.kept[i];
+      ask(i, column, before, other, flexibility, kept, moved);
+      const Vector now = (force - moved) / (difference * size);
       if (difference == differences.front()) {
         slope = now;
       } else {

@@ -71,7 +71,7 @@ std::string label(const ActiveInterface& interface, int other) {
 Structure::Structure(std::vector<BodyDescription> bodies,
                      std::vector<InterfaceDescription> interfaces, const OperatorOptions& options,
                      const Communicator& communicator)
-    : communicator_(communicator) {
+    : communicator_(communicator), memory_limit_(options.memory_limit) {
   for (const BodyDescription& body : bodies) {
     auto& names = members_.emplace_back();
     std::ranges::transform(body.members, std::back_inserter(names), &Member::name);
@@ -306,7 +306,9 @@ const Macro& Structure::macro() const {
 }
 
 bool Structure::has_flexibility() const {
-  return communicator_.alone() && std::ranges::all_of(bodies_, [](const Body& body) {
+  const auto unknowns = static_cast<double>(interface_unknowns_);
+  const bool affordable = memory_limit_ <= 0.0 || 8.0 * unknowns * unknowns <= memory_limit_;
+  return affordable && communicator_.alone() && std::ranges::all_of(bodies_, [](const Body& body) {
            return body.rows() == 0 || body.condensed();
          });
 }

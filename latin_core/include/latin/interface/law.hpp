@@ -92,12 +92,34 @@ class LATIN_SHARED Law {
   [[nodiscard]] virtual bool monotone() const { return linear(); }
   /// Write the forces (rows, c) into `force`.
   virtual void resolve(const LocalProblem& problem, MatrixRef force) const = 0;
+  /// Numbers that the law keeps at a point from one column of a history to the next, for resolve_column().
+  [[nodiscard]] virtual Index memory() const { return 0; }
+  /// As resolve(), for one column by itself: what a solver asks that takes the columns one after the other.
+  /// @param problem with a jump (rows, 1)
+  /// @param column  of the parameters
+  /// @param memory  (memory(), points) what the column before has left, zeros in the first one of a history;
+  ///                replaced by what this column leaves
+  /// @param force   (rows, 1)
+  /// @return false if the law remembers and can only be asked for whole histories: resolve() is called for all
+  ///         columns so far, each time
+  [[nodiscard]] virtual bool resolve_column(const LocalProblem& problem, Index column,
+                                            MatrixRef /*memory*/, MatrixRef force) const {
+    if (history()) {
+      return false;
+    }
+    if (const std::unique_ptr<Law> one = at_columns(column, 1)) {
+      one->resolve(problem, force);
+    } else {
+      resolve(problem, force);
+    }
+    return true;
+  }
   /// Write df/dj0 of one column (rows, components) into `slopes`: row = a component of the force, column = one
   /// of the free jump at the same point and in the same time step. Where the law has a kink, any side; a
-  /// point that just touches is best taken as closed and sticking.
+  /// point that just touches is best taken as closed and sticking. Arguments as in resolve_column().
   /// @return false if the law does not know: they are taken by differences
   [[nodiscard]] virtual bool slopes(const LocalProblem& /*problem*/, Index /*column*/,
-                                    MatrixRef /*slopes*/) const {
+                                    ConstMatrixRef /*memory*/, MatrixRef /*slopes*/) const {
     return false;
   }
 
@@ -138,6 +160,19 @@ class LATIN_SHARED Law {
     law->fields_ = fields_;
     return law;
   }
+  /// The law with the parameters of `count` columns from `first` on; null where they are the same in all.
+  [[nodiscard]] std::unique_ptr<Law> at_columns(Index first, Index count) const {
+    std::unique_ptr<Law> law;
+    for (const auto& [parameter, field] : fields_) {
+      if (field.values().cols() > 1) {
+        if (law == nullptr) {
+          law = copy();
+        }
+        law->fields_[parameter] = ParameterField(Matrix(field.values().middleCols(first, count)));
+      }
+    }
+    return law;
+  }
   /// A parameter; zero as long as it was not set.
   [[nodiscard]] const ParameterField& get(const std::string& parameter) const {
     static const ParameterField zero;
@@ -160,7 +195,7 @@ std::unique_ptr<Law> make_law(const std::string& name);
 /// What a module of a user and the kernel must have in common: layout of Law, of Eigen's matrices and of
 /// the standard library. Both see this macro, each compiled in its own way.
 inline constexpr const char* law_abi =
-    "laws 3, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
+    "laws 4, Eigen " LATIN_TEXT(EIGEN_WORLD_VERSION) "." LATIN_TEXT(
         EIGEN_MAJOR_VERSION) "." LATIN_TEXT(EIGEN_MINOR_VERSION) ", alignment " LATIN_TEXT(EIGEN_MAX_ALIGN_BYTES)
 #ifdef _GLIBCXX_USE_CXX11_ABI
         ", strings " LATIN_TEXT(_GLIBCXX_USE_CXX11_ABI)

@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "latin/interface/law.hpp"
@@ -66,47 +67,38 @@ template <PointwiseLaw L>
 class PointwiseLawAdapter final : public Law {
  public:
   static constexpr std::size_t count = L::parameters.size();
-  static constexpr std::size_t memory = memory_of<L>;
+  static constexpr std::size_t states = memory_of<L>;
+  using State = std::array<double, states>;
 
   [[nodiscard]] std::string name() const override { return L::name; }
-  [[nodiscard]] bool history() const override { return memory > 0; }
+  [[nodiscard]] bool history() const override { return states > 0; }
+  [[nodiscard]] Index memory() const override { return static_cast<Index>(states); }
   /// By L::slopes(jump, flexibility, p[, state], slopes), where there is one: as resolve(), but the derivatives
   /// into a span of components x components, row by row, and the state is only read.
   [[nodiscard]] bool slopes(const LocalProblem& problem, Index column,
+                            [[maybe_unused]] ConstMatrixRef memory,
                             MatrixRef slopes) const override {
-    if constexpr (memory > 0) {
-      using State = std::array<double, memory>;
-      if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
-                             const State& s, PointForce f) { law.slopes(v, v, p, s, f); }) {
-        // what the law remembers
-        const Index first = column - column % problem.steps;
-        Matrix force(problem.jump.rows(), 1);
-        std::vector<State> states(problem.jump.rows() / problem.components);
-        for (Index before = first; before < column; ++before) {
-          each(problem, before,
-               [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
-                 const PointForce answer(&force(problem.components * point, 0), jump.size());
-                 L{}.resolve(jump, flexibility, p, states[point], answer);
-               });
+    if constexpr (knows_slopes) {
+      const std::size_t size = static_cast<std::size_t>(problem.components);
+      std::vector<double> block(size * size);
+      State state{};
+      Point at(*this, problem);
+      for (Index point = 0; point < at.points; ++point) {
+        at.read(point, problem.jump, 0, column);
+        if constexpr (states > 0) {
+          std::copy_n(memory.col(point).data(), states, state.begin());
+          L{}.slopes(at.jump(), at.flexibility(), at.values(), std::as_const(state),
+                     PointForce(block));
+        } else {
+          L{}.slopes(at.jump(), at.flexibility(), at.values(), PointForce(block));
         }
-        each(problem, column,
-             [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
-               write(slopes, point, jump.size(), [&](PointForce answer) {
-                 L{}.slopes(jump, flexibility, p, states[point], answer);
-               });
-             });
-        return true;
+        for (std::size_t i = 0; i < block.size(); ++i) {
+          slopes(problem.components * point + static_cast<Index>(i / size),
+                 static_cast<Index>(i % size)) = block[i];
+        }
       }
-    } else if constexpr (requires(const L& law, PointValues v, std::array<double, count> p,
-                                  PointForce f) { law.slopes(v, v, p, f); }) {
-      each(problem, column,
-           [&](Index point, PointValues jump, PointValues flexibility, const auto& p) {
-             write(slopes, point, jump.size(),
-                   [&](PointForce answer) { L{}.slopes(jump, flexibility, p, answer); });
-           });
-      return true;
     }
-    return false;
+    return knows_slopes;
   }
   [[nodiscard]] bool monotone() const override {
     if constexpr (requires { L::monotone; }) {
@@ -130,84 +122,114 @@ class PointwiseLawAdapter final : public Law {
   /// @throws NumericalError naming interface, law and point where L throws, or where its answer to finite
   ///         values is not finite; InputError where L throws that
   void resolve(const LocalProblem& problem, MatrixRef force) const override {
-    const ParameterField& imposed = get("jump");
-    std::array<const ParameterField*, count> fields;
-    std::ranges::transform(L::parameters, fields.begin(),
-                           [this](const Parameter& each) { return &get(each.name); });
-    const Index components = problem.components;
-    const Index points = force.rows() / components;
-    const auto size = static_cast<std::size_t>(components);
-    std::vector<double> jump(size);
-    std::array<double, count> values;
-    std::vector<std::array<double, memory>> states(memory > 0 ? points : 0);
+    Point at(*this, problem);
+    std::vector<State> left(states > 0 ? at.points : 0);
+    for (Index column = 0; column < force.cols(); ++column) {
+      if (states > 0 && column % problem.steps == 0) {
+        std::ranges::fill(left, State{});
+      }
+      resolve(at, problem, column, column, force.col(column),
+              [&left](Index point) { return left.data() + point; });
+    }
+  }
+  [[nodiscard]] bool resolve_column(const LocalProblem& problem, Index column,
+                                    [[maybe_unused]] MatrixRef memory,
+                                    MatrixRef force) const override {
+    Point at(*this, problem);
+    State state{};
+    std::vector<State> left(states > 0 ? at.points : 0);
+    if constexpr (states > 0) {
+      for (Index point = 0; point < at.points; ++point) {
+        std::copy_n(memory.col(point).data(), states, left[point].begin());
+      }
+    }
+    resolve(at, problem, 0, column, force.col(0),
+            [&](Index point) { return states > 0 ? left.data() + point : &state; });
+    if constexpr (states > 0) {
+      for (Index point = 0; point < at.points; ++point) {
+        std::ranges::copy(left[point], memory.col(point).data());
+      }
+    }
+    return true;
+  }
+
+ private:
+  static constexpr bool knows_slopes = [] {
+    if constexpr (states > 0) {
+      return requires(const L& law, PointValues v, std::array<double, count> p, const State& s,
+                      PointForce f) { law.slopes(v, v, p, s, f); };
+    } else {
+      return requires(const L& law, PointValues v, std::array<double, count> p, PointForce f) {
+        law.slopes(v, v, p, f);
+      };
+    }
+  }();
+
+  /// What the law is given at one point and column: free jump less the imposed one, flexibility and parameters.
+  class Point {
+   public:
+    Point(const PointwiseLawAdapter& law, const LocalProblem& problem)
+        : points(problem.jump.rows() / problem.components),
+          imposed_(law.get("jump")),
+          flexibility_(problem.flexibility),
+          jump_(static_cast<std::size_t>(problem.components)) {
+      std::ranges::transform(L::parameters, fields_.begin(),
+                             [&law](const Parameter& each) { return &law.get(each.name); });
+    }
+    /// @param from, column where the jump stands in `jumps`, and of which column the parameters are
+    void read(Index point, ConstMatrixRef jumps, Index from, Index column) {
+      row_ = static_cast<Index>(jump_.size()) * point;
+      for (std::size_t a = 0; a < jump_.size(); ++a) {
+        const Index at = row_ + static_cast<Index>(a);
+        jump_[a] = jumps(at, from) - imposed_(at, column);
+      }
+      for (std::size_t i = 0; i < count; ++i) {
+        values_[i] = (*fields_[i])(point, column);
+      }
+    }
+    [[nodiscard]] const std::vector<double>& jump() const { return jump_; }
+    [[nodiscard]] PointValues flexibility() const {
+      return {flexibility_.data() + row_, jump_.size()};
+    }
+    [[nodiscard]] const std::array<double, count>& values() const { return values_; }
+    [[nodiscard]] Index row() const { return row_; }
+
+    Index points;
+
+   private:
+    const ParameterField& imposed_;
+    std::array<const ParameterField*, count> fields_;
+    ConstVectorRef flexibility_;
+    std::vector<double> jump_;
+    std::array<double, count> values_;
+    Index row_ = 0;
+  };
+
+  /// One column. @param state of a point: where it is
+  template <class StateOf>
+  void resolve(Point& at, const LocalProblem& problem, Index from, Index column,
+               Eigen::Ref<Vector> force, [[maybe_unused]] const StateOf& state) const {
+    constexpr auto finite = [](double value) { return std::isfinite(value); };
     [[maybe_unused]] const L law{};
     Index point = 0;
-    Index column = 0;
     try {
-      for (; column < force.cols(); ++column) {
-        if (memory > 0 && column % problem.steps == 0) {
-          std::ranges::fill(states, std::array<double, memory>{});
+      for (point = 0; point < at.points; ++point) {
+        at.read(point, problem.jump, from, column);
+        const PointForce answer(&force(at.row()), at.jump().size());
+        if constexpr (states > 0) {
+          law.resolve(at.jump(), at.flexibility(), at.values(), *state(point), answer);
+        } else {
+          law.resolve(at.jump(), at.flexibility(), at.values(), answer);
         }
-        for (point = 0; point < points; ++point) {
-          const Index row = components * point;
-          for (std::size_t a = 0; a < size; ++a) {
-            const Index at = row + static_cast<Index>(a);
-            jump[a] = problem.jump(at, column) - imposed(at, column);
-          }
-          for (std::size_t i = 0; i < count; ++i) {
-            values[i] = (*fields[i])(point, column);
-          }
-          const PointValues flexibility(problem.flexibility.data() + row, size);
-          const PointForce answer(&force(row, column), size);
-          if constexpr (memory > 0) {
-            law.resolve(jump, flexibility, values, states[point], answer);
-          } else {
-            law.resolve(jump, flexibility, values, answer);
-          }
-          constexpr auto finite = [](double value) { return std::isfinite(value); };
-          // a diverging iteration is the solver's to report
-          if (!std::ranges::all_of(answer, finite) && std::ranges::all_of(jump, finite)) {
-            throw NumericalError("its force is not finite for a jump of " + text(jump));
-          }
+        // a diverging iteration is the solver's to report
+        if (!std::ranges::all_of(answer, finite) && std::ranges::all_of(at.jump(), finite)) {
+          throw NumericalError("its force is not finite for a jump of " + text(at.jump()));
         }
       }
     } catch (const InputError& error) {
       throw InputError(where(problem, point, column) + error.what());
     } catch (const std::exception& error) {
       throw NumericalError(where(problem, point, column) + error.what());
-    }
-  }
-
- private:
-  /// Call with point, free jump less the imposed one, flexibility and parameters, for all points of a column.
-  template <class F>
-  void each(const LocalProblem& problem, Index column, const F& call) const {
-    const ParameterField& imposed = get("jump");
-    std::array<const ParameterField*, count> fields;
-    std::ranges::transform(L::parameters, fields.begin(),
-                           [this](const Parameter& each) { return &get(each.name); });
-    const auto size = static_cast<std::size_t>(problem.components);
-    std::vector<double> jump(size);
-    std::array<double, count> values;
-    for (Index point = 0; point < problem.jump.rows() / problem.components; ++point) {
-      const Index row = problem.components * point;
-      for (std::size_t a = 0; a < size; ++a) {
-        const Index at = row + static_cast<Index>(a);
-        jump[a] = problem.jump(at, column) - imposed(at, column);
-      }
-      for (std::size_t i = 0; i < count; ++i) {
-        values[i] = (*fields[i])(point, column);
-      }
-      call(point, PointValues(jump), PointValues(problem.flexibility.data() + row, size), values);
-    }
-  }
-  template <class F>
-  static void write(MatrixRef slopes, Index point, std::size_t size, const F& find) {
-    std::vector<double> block(size * size);
-    find(PointForce(block));
-    for (std::size_t i = 0; i < block.size(); ++i) {
-      slopes(static_cast<Index>(size) * point + static_cast<Index>(i / size),
-             static_cast<Index>(i % size)) = block[i];
     }
   }
   static std::string text(const std::vector<double>& values) {

@@ -1,14 +1,12 @@
 #pragma once
 
-#include <Eigen/LU>
-#include <vector>
-
 #include "latin/common/types.hpp"
-#include "latin/iteration/anderson.hpp"
 #include "latin/iteration/newton_proposal.hpp"
+#include "latin/iteration/state.hpp"
+#include "latin/iteration/subspace.hpp"
+#include "latin/iteration/tangent_system.hpp"
 #include "latin/substructure/global_stage.hpp"
 #include "latin/substructure/interface_system.hpp"
-#include "latin/substructure/local_stage.hpp"
 
 namespace latin::iteration {
 
@@ -22,8 +20,7 @@ namespace latin::iteration {
 /// where it is, and the answer of the step before it under its own loads. Some accelerated steps of the two stages,
 /// of that column alone, come before Newton's, and more of them wherever those fail.
 ///
-/// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: a dense system of the size of the zone
-/// where R' is not zero.
+/// A step solves dy = Phi + R' dj0 for the residual Phi = R(j0) - f: see TangentSystem.
 ///
 /// In terms of the iteration, with N = 1 - k A_b (A_b: the global stage) and E the map of a force per area onto
 /// both sides (+1, -1): forces f + y on the bodies give N ds = F / 2 + E y. N is singular where a body
@@ -31,39 +28,33 @@ namespace latin::iteration {
 /// back. `Flexibility` has the dense matrix of it, once for a problem.
 class Newton {
  public:
-  /// @param global, local stages of the run; they must outlive this object
-  Newton(substructure::GlobalStage& global, substructure::LocalStage& local,
-         const Matrix& amplitudes);
+  /// @param global stage of the run, amplitudes of its load patterns; they must outlive this object
+  Newton(substructure::GlobalStage& global, const Matrix& amplitudes);
 
   /// Solve column after column, until one of them fails.
-  /// @param data, traces of the iterate; replaced in the columns that are solved
+  /// @param state of the iterate; replaced in the columns that are solved
   /// @param tolerance    on the forces, relative to the largest column of them
-  NewtonOutcome solve(Matrix& data, Matrix& traces, double tolerance);
+  NewtonOutcome solve(State& state, double tolerance);
+
+  [[nodiscard]] const TangentSystem& tangent_system() const { return tangent_system_; }
+  [[nodiscard]] const substructure::InterfaceSystem& system() const { return system_; }
 
  private:
-  /// LU of the closed zone of one column, kept as long as its tangent stays what it was.
-  struct Zone {
-    std::vector<Index> rows;
-    Matrix tangent;
-    Eigen::PartialPivLU<Matrix> lu;  ///< of the transposed system
-
-    [[nodiscard]] bool fits(const Matrix& now) const;
-  };
   /// One column: where it starts, and what Newton changes.
   struct Column {
     Index index;
     Vector half;    ///< N^-1 F / 2
-    Vector start;   ///< j0 (at the laws' flexibility) with y = 0
     Vector before;  ///< forces f with y = 0
     Vector loads;   ///< on the modes
     Vector y;       ///< change of the forces
     Vector a;       ///< amplitudes of the modes
-    Vector jump;    ///< j0 now
+    Vector jump;    ///< j0 (at the laws' flexibility) now
     Vector phi;     ///< R(j0) - f
     double norm = 0.0;
   };
-  [[nodiscard]] Column begin(ConstMatrixRef data, ConstMatrixRef traces, Index index);
-  [[nodiscard]] bool iterate(Column& column, double tolerance, Index& steps);
+  [[nodiscard]] double size_of_forces(const Matrix& data, const Matrix& traces) const;
+  [[nodiscard]] Column begin(const State& state, Index index);
+  [[nodiscard]] bool iterate(Column& column, double tolerance, bool all, Index& steps);
   /// `searched`: shorter steps where those make the residual fall and whole ones do not, which is the better way
   /// far from the answer but may end in a local minimum; `tied`: whole steps, the first as if everything were
   /// closed and stuck, for bodies that nothing else holds.
@@ -72,25 +63,24 @@ class Newton {
   void evaluate(Column& column);
   [[nodiscard]] bool step(const Column& column, const Matrix& tangent, Vector& dy, Vector& da);
   void take(Column& column, const Vector& dy, const Vector& da, bool searched);
-  void apply(const Matrix& data, Matrix& traces, Index index);
-  void relax(Matrix& data, Matrix& traces, Index index, Anderson& history, Index count);
-  void factorise(const Matrix& tangent, Zone& zone) const;
-  [[nodiscard]] Vector moved(const Vector& y, const Vector& a) const;
-  [[nodiscard]] Vector times(const Matrix& tangent, const Vector& p) const;
+  /// What has changed in a column, as data and traces.
+  void commit(State& state, const Column& column);
+  /// Traces of the data of one column.
+  void apply(State& state, Index index);
   [[nodiscard]] double norm(const Vector& force) const;
 
   substructure::GlobalStage& global_;
-  substructure::LocalStage& local_;
   const Matrix& amplitudes_;
   substructure::InterfaceSystem system_;
   const substructure::Flexibility& flexibility_;
   const substructure::InterfaceSystem::Layout& layout_;
-  Vector own_;          ///< flexibility at which the laws are asked
-  Vector shift_;        ///< own_ + E^T k^-1 E
-  Vector metric_;       ///< areas * own_
-  Matrix jumps_;        ///< j0 of all columns at the laws' flexibility
-  double scale_ = 0.0;  ///< size of the forces
-  std::vector<Zone> zones_;
+  Vector own_;     ///< flexibility at which the laws are asked
+  Vector metric_;  ///< areas * own_
+  Matrix modes_;   ///< orthonormal basis of the jumps of the modes times the root of the metric
+  TangentSystem tangent_system_;
+  Subspace subspace_;
+  substructure::InterfaceSystem::Memory memory_;  ///< of the columns before
+  double scale_ = 0.0;                            ///< size of the forces
 };
 
 }  // namespace latin::iteration

@@ -12,7 +12,7 @@ struct Options {
   Index acceleration;       ///< depth of Anderson's history; 0: the plain iteration
   double relaxation;        ///< mu in (0, 1]: s <- s + mu r (and of Anderson's remainder)
   Index stagnation_window;  ///< iterations without progress before the run is called stagnated
-  Index newton;             ///< most interface unknowns for which Newton steps are taken; 0: never
+  Index newton;             ///< whether Newton steps are taken; 0: never
   Index snapshots;  ///< earlier states combined for the start of a new point; 0: the nearest alone
   Index together = 1;  ///< points of a sweep that may be tried side by side
   /// Points of a sweep are samples: what they scatter by is to be as right as they are.

@@ -94,10 +94,9 @@ class Stages {
   /// Twice the strain energy of a solution. Collective.
   [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.
-  /// @param limit     most interface unknowns for which it is possible
   /// @param tolerance on the forces, relative to the largest column of them
   /// @return empty where it is not possible, or of no use
-  [[nodiscard]] NewtonProposal::Solver newton(Index limit, double tolerance);
+  [[nodiscard]] NewtonProposal::Solver newton(double tolerance);
 
   /// Global stages so far.
   [[nodiscard]] Index count() const { return count_; }

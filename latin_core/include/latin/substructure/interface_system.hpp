@@ -6,22 +6,22 @@
 
 namespace latin::substructure {
 
-/// The interfaces as one nonlinear system f = R(j0) in their forces, (unknowns, c): what Newton's method needs.
+/// The interfaces as one nonlinear system f = R(j0) in their forces, one column after the other: what Newton's
+/// method needs.
 ///
 /// Its unknowns are the points and components of one interface after the other. Every column is a sample of its
-/// own, all sides are on this rank, and all bodies are condensed: see suits().
+/// own, and all sides are on this rank: see suits().
 class InterfaceSystem {
  public:
-  /// Whether there is such a system, of use (some law is nonlinear) and affordable (at most `limit` unknowns).
-  [[nodiscard]] static bool suits(const Laws& laws, Index limit);
+  /// Whether there is such a system, and whether it is of use: some law is nonlinear.
+  [[nodiscard]] static bool suits(const Laws& laws);
 
-  /// @throws NumericalError if a body has no usable flexibility
   explicit InterfaceSystem(Laws laws);
 
   [[nodiscard]] const Laws& laws() const { return laws_; }
   [[nodiscard]] Index unknowns() const { return laws_.structure().interface_unknowns(); }
-  /// Dense flexibility of the bodies.
-  [[nodiscard]] const Flexibility& flexibility() const { return flexibility_; }
+  /// 1/k1 + 1/k2 (unknowns)
+  [[nodiscard]] const Vector& direct() const { return direct_; }
 
   /// First unknown of the point that each belongs to, and the number of its components.
   struct Layout {
@@ -33,24 +33,45 @@ class InterfaceSystem {
   /// A flexibility (unknowns) with which the laws may be asked in place of 1/k1 + 1/k2: `wanted`, and no
   /// larger than that where a law may have several answers.
   [[nodiscard]] Vector law_flexibility(const Vector& wanted) const;
-  /// j0 (unknowns, c) of an iterate.
+  /// j0 (unknowns, c) of an iterate, with direct().
   [[nodiscard]] Matrix free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const;
-  /// Forces R(j0) (unknowns, c) for free jumps that belong to the given flexibility (unknowns).
-  [[nodiscard]] Matrix forces(ConstMatrixRef jumps, ConstVectorRef flexibility) const;
+
+  /// What the laws know of the columns before one, by interface.
+  struct Memory {
+    /// (numbers, points) what a law that is asked column by column keeps
+    std::vector<Matrix> kept;
+    /// (rows, columns of the history so far) for one that is only asked for whole histories
+    std::vector<Matrix> jumps;
+    std::vector<Matrix> forces;
+  };
+  /// Before the first column of a history.
+  [[nodiscard]] Memory blank() const;
+  /// Forces R(j0) (unknowns) of one column for free jumps that belong to the given flexibility (unknowns).
+  [[nodiscard]] Vector forces(Index column, const Memory& before, ConstVectorRef jump,
+                              ConstVectorRef flexibility) const;
+  /// The same; the memory becomes that of this column.
+  Vector advance(Index column, Memory& memory, ConstVectorRef jump,
+                 ConstVectorRef flexibility) const;
   /// Derivatives of the forces of one column with respect to its own free jumps, by differences where the law
   /// does not know them: block-diagonal by point, (unknowns, most components); row = a component of the force,
   /// column = one of the jump at the same point.
-  [[nodiscard]] Matrix slopes(ConstMatrixRef jumps, ConstVectorRef flexibility, Index column) const;
+  [[nodiscard]] Matrix slopes(Index column, const Memory& before, ConstVectorRef jump,
+                              ConstVectorRef flexibility) const;
+  /// Columns that laws were asked for so far, those of several interfaces counted apart.
+  [[nodiscard]] Index asked() const { return asked_; }
 
  private:
-  void ask(std::size_t interface, ConstMatrixRef jump, ConstVectorRef flexibility,
-           Matrix& force) const;
-  void slopes_by_differences(std::size_t interface, const Matrix& jump, const Vector& flexibility,
-                             Index column, MatrixRef slopes) const;
+  [[nodiscard]] interface::LocalProblem problem(std::size_t interface, ConstMatrixRef jump,
+                                                ConstVectorRef flexibility, Index steps) const;
+  void ask(std::size_t interface, Index column, const Memory& before, const Vector& jump,
+           const Vector& flexibility, Matrix& kept, Vector& force) const;
+  void slopes_by_differences(std::size_t interface, Index column, const Memory& before,
+                             const Vector& jump, const Vector& flexibility, MatrixRef slopes) const;
 
   Laws laws_;
-  const Flexibility& flexibility_;
+  Vector direct_;
   Layout layout_;
+  mutable Index asked_ = 0;
 };
 
 }  // namespace latin::substructure

@@ -100,7 +100,8 @@ class Structure {
   [[nodiscard]] Index macro_size() const;
   /// The coarse problem, factorised when first asked for.
   [[nodiscard]] const Macro& macro() const;
-  /// Whether flexibility() can be made: every body with sides is condensed, and there is one rank.
+  /// Whether flexibility() can be made: every body with sides is condensed, there is one rank, and its matrix keeps
+  /// to the memory limit of dense blocks.
   [[nodiscard]] bool has_flexibility() const;
   /// Dense flexibility of the interfaces, made when first asked for.
   [[nodiscard]] const Flexibility& flexibility() const;
@@ -140,6 +141,7 @@ class Structure {
   Index total_rows_ = 0;
   Index loads_ = 0;
   Index interface_unknowns_ = 0;
+  double memory_limit_;  ///< bytes of a dense block; 0: none
   Lazy<Macro> macro_;
   Lazy<Flexibility> flexibility_;
 };

@@ -1,0 +1,175 @@
+#include "latin/iteration/tangent_system.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "latin/iteration/krylov.hpp"
+
+namespace latin::iteration {
+namespace {
+
+/// Tangents closer than this are the same: they come from differences.
+constexpr double same_tangent = 1e-6;
+constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
+constexpr double modal = with_mu / (1.0 + substructure::Flexibility::mu);
+constexpr double softening = 1.0 - TangentSystem::softened;
+/// Unknowns of the closed zone for each product that costs as much as one of these in the factorisation: n^2 numbers
+/// read twice against 2/3 n^3 operations in blocks.
+constexpr Index unknowns_per_product = 60;
+constexpr Index most_products = 60;
+/// Residual of a step from GMRES, and of its correction for the softening.
+constexpr double krylov_tolerance = 1e-6;
+constexpr double correction_tolerance = 1e-2;
+
+}  // namespace
+
+TangentSystem::TangentSystem(const substructure::Flexibility& flexibility,
+                             const substructure::InterfaceSystem::Layout& layout, Vector shift)
+    : flexibility_(flexibility), layout_(layout), shift_(std::move(shift)) {}
+
+Vector TangentSystem::moved(ConstVectorRef y, ConstVectorRef a) const {
+  Vector result = shift_.cwiseProduct(y);
+  result.noalias() -= with_mu * (flexibility_.matrix() * y);
+  if (a.size() > 0) {
+    result.noalias() -= modal * (flexibility_.modal_jumps() * a);
+  }
+  return result;
+}
+
+Vector TangentSystem::times(const Matrix& tangent, ConstVectorRef p) const {
+  Vector result(p.size());
+  for (Index row = 0; row < p.size(); ++row) {
+    const auto at = static_cast<std::size_t>(row);
+    const Index count = layout_.components[at];
+    result(row) = tangent.row(row).head(count).dot(p.segment(layout_.first[at], count));
+  }
+  return result;
+}
+
+Vector TangentSystem::apply(const Matrix& tangent, const Vector& x) const {
+  const auto z = x.head(tangent.rows());
+  const auto a = x.tail(modes());
+  Vector result(x.size());
+  result << z - (1.0 - softening) * times(tangent, moved(z, a)),
+      flexibility_.modal_stiffness().cwiseProduct(a) -
+          flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(z);
+  return result;
+}
+
+Vector TangentSystem::solve(const Matrix& tangent, const Vector& right) {
+  const Index n = tangent.rows();
+  // forces that move nothing were divided by the softening alone, rounding and all: with K the system
+  // without it, K_eps^-1 K leaves them out and everything else as it is
+  const auto by_softening = [&](const Vector& x) {
+    Vector change = Vector::Zero(right.size());
+    change.head(n) = -softening * times(tangent, moved(x.head(n), x.tail(modes())));
+    return change;
+  };
+  Vector answer;
+  if (!fits(tangent)) {
+    Vector correction;
+    if (approach(tangent, right, krylov_tolerance, answer) &&
+        approach(tangent, by_softening(answer), correction_tolerance, correction)) {
+      return answer + correction;
+    }
+    factorise(tangent);
+  }
+  answer = solve_factorised(right);
+  return rows_.empty() ? answer : solve_factorised(right + by_softening(answer));
+}
+
+bool TangentSystem::fits(const Matrix& tangent) const {
+  return tangent_.size() == tangent.size() &&
+         (tangent_ - tangent).cwiseAbs().maxCoeff() <= same_tangent * tangent.cwiseAbs().maxCoeff();
+}
+
+bool TangentSystem::approach(const Matrix& tangent, const Vector& right, double tolerance,
+                             Vector& answer) {
+  const auto closed = static_cast<Index>((tangent.array() != 0.0).rowwise().any().count());
+  const Index affordable = std::min(closed / unknowns_per_product, most_products);
+  if (tangent_.size() != tangent.size() || affordable < 3) {
+    return false;
+  }
+  const KrylovOutcome outcome = gmres([&](const Vector& x) { return apply(tangent, x); },
+                                      [&](const Vector& x) { return solve_factorised(x); }, right,
+                                      answer, tolerance, affordable);
+  products_ += outcome.products;
+  return outcome.solved;
+}
+
+/// With the tangent of the LU, whatever the right side is.
+Vector TangentSystem::solve_factorised(const Vector& right) const {
+  const Index n = tangent_.rows();
+  const auto closed = static_cast<Index>(rows_.size());
+  const Index count = modes();
+  Vector open = right.head(n);
+  open(rows_).setZero();
+  Vector reduced(closed + count);
+  reduced << right.head(n)(rows_), right.tail(count);
+  if (!open.isZero(0.0)) {
+    Vector response = shift_.cwiseProduct(open);
+    for (Index row = 0; row < n; ++row) {
+      if (open(row) != 0.0) {
+        response.noalias() -= with_mu * open(row) * flexibility_.matrix().col(row);
+      }
+    }
+    reduced.head(closed) += (1.0 - softening) * times(tangent_, response)(rows_);
+    reduced.tail(count) +=
+        flexibility_.modal_jumps().transpose() * flexibility_.areas().cwiseProduct(open);
+  }
+  if (lu_) {
+    reduced = Vector(lu_->transpose().solve(reduced));
+  }
+  Vector answer(right.size());
+  answer << open, reduced.tail(count);
+  answer(rows_) = reduced.head(closed);
+  return answer;
+}
+
+void TangentSystem::factorise(const Matrix& tangent) {
+  ++factorisations_;
+  tangent_ = tangent;
+  rows_.clear();
+  for (Index unknown = 0; unknown < tangent.rows(); ++unknown) {
+    if ((tangent.row(unknown).array() != 0.0).any()) {
+      rows_.push_back(unknown);
+    }
+  }
+  const auto closed = static_cast<Index>(rows_.size());
+  const Index count = modes();
+  const Matrix& matrix = flexibility_.matrix();
+  const Vector& areas = flexibility_.areas();
+  const Matrix& jumps = flexibility_.modal_jumps();
+  // transposed, so that rows of the (symmetric but for the areas) flexibility are read as columns
+  lu_.reset();
+  system_.setZero(closed + count, closed + count);
+  for (Index i = 0; i < closed; ++i) {
+    const Index row = rows_[static_cast<std::size_t>(i)];
+    const Index first = layout_.first[static_cast<std::size_t>(row)];
+    for (Index c = 0; c < layout_.components[static_cast<std::size_t>(row)]; ++c) {
+      const double slope = (1.0 - softening) * tangent(row, c);
+      if (slope == 0.0) {
+        continue;
+      }
+      const Index at = first + c;
+      const double factor = slope * with_mu / areas(at);
+      for (Index j = 0; j < closed; ++j) {
+        const Index other = rows_[static_cast<std::size_t>(j)];
+        system_(j, i) += factor * areas(other) * matrix(other, at);
+        if (other == at) {
+          system_(j, i) -= slope * shift_(at);
+        }
+      }
+      system_.col(i).tail(count) += slope * modal * jumps.row(at).transpose();
+    }
+    system_(i, i) += 1.0;
+    // V^T W E
+    system_.row(i).tail(count) = -areas(row) * jumps.row(row);
+  }
+  system_.bottomRightCorner(count, count) = flexibility_.modal_stiffness().asDiagonal();
+  if (system_.size() > 0) {
+    lu_.emplace(system_);
+  }
+}
+
+}  // namespace latin::iteration
