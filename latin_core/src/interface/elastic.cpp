@@ -42,4 +42,19 @@ void ElasticLaw::resolve(const LocalProblem& problem, MatrixRef force) const {
   }
 }
 
+bool ElasticLaw::slopes(const LocalProblem& problem, Index column, ConstMatrixRef /*memory*/,
+                        MatrixRef slopes) const {
+  const ParameterField& normal = get("normal");
+  const ParameterField& tangential = get("tangential");
+  slopes.setZero();
+  for (Index row = 0; row < slopes.rows(); ++row) {
+    const Index point = row / problem.components;
+    const Index component = row % problem.components;
+    const double stiffness =
+        component == 0 ? normal(point, column) : tangential(point, column);
+    slopes(row, component) = 1.0 / (1.0 / stiffness + problem.flexibility(row));
+  }
+  return true;
+}
+
 }  // namespace latin::interface

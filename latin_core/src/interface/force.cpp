@@ -17,4 +17,10 @@ void ForceLaw::resolve(const LocalProblem& /*problem*/, MatrixRef force) const {
   }
 }
 
+bool ForceLaw::slopes(const LocalProblem& /*problem*/, Index /*column*/, ConstMatrixRef /*memory*/,
+                      MatrixRef slopes) const {
+  slopes.setZero();
+  return true;
+}
+
 }  // namespace latin::interface

@@ -18,4 +18,13 @@ void PerfectLaw::resolve(const LocalProblem& problem, MatrixRef force) const {
   }
 }
 
+bool PerfectLaw::slopes(const LocalProblem& problem, Index /*column*/, ConstMatrixRef /*memory*/,
+                        MatrixRef slopes) const {
+  slopes.setZero();
+  for (Index row = 0; row < slopes.rows(); ++row) {
+    slopes(row, row % problem.components) = 1.0 / problem.flexibility(row);
+  }
+  return true;
+}
+
 }  // namespace latin::interface

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "latin/substructure/interface_system.hpp"
+
 namespace latin::iteration {
 namespace {
 
@@ -33,13 +35,21 @@ bool comparable(double a, double b) {
 }  // namespace
 
 Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, const State& state) {
-  const Index columns = state.data.cols();
   // of a chaos, the mean stands for all modes of a step
-  const Index own = laws.modes() > 1 ? laws.steps() : columns;
-  const Matrix jumps = Tangent::free_jumps(laws.structure(), state.data.leftCols(own),
-                                           state.traces.leftCols(own));
+  const Index own = laws.modes() > 1 ? laws.steps() : state.data.cols();
+  const substructure::InterfaceSystem system(laws);
+  const Matrix jumps = system.free_jumps(state.data.leftCols(own), state.traces.leftCols(own));
+  const bool remembers = laws.remembers();
+  substructure::InterfaceSystem::Memory memory = system.blank();
   Slopes slopes;
-  for (Matrix& now : Tangent::slopes(laws, jumps)) {
+  for (Index column = 0; column < own; ++column) {
+    if (remembers && column % laws.steps() == 0) {
+      memory = system.blank();
+    }
+    Matrix now = system.slopes(column, memory, jumps.col(column), system.direct());
+    if (remembers) {
+      system.advance(column, memory, jumps.col(column), system.direct());
+    }
     std::size_t at = 0;
     while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now)) {
       ++at;

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
-#include "latin/substructure/local_stage.hpp"
 
 namespace latin::substructure {
 namespace {
@@ -25,8 +24,6 @@ constexpr double filled = 0.3;
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
 constexpr double operations_of_numbers = 1.4;
-/// Steps of difference quotients, relative to the largest free jump.
-constexpr double difference = 1e-7;
 
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
 Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
@@ -37,37 +34,6 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
   const Matrix open = Matrix::Identity(slope.rows(), slope.cols()) -
                       bounded * flexibility.asDiagonal();
   return open.partialPivLu().solve(bounded);
-}
-
-/// Slopes of the columns [first, last] by differences, one below the other: ((last - first + 1) rows, components).
-Matrix differences_of(const interface::Law& law, const interface::LocalProblem& problem,
-                      const Matrix& jump, Index first, Index last) {
-  const Index rows = jump.rows();
-  const Index columns = last - first + 1;
-  const Index points = rows / problem.components;
-  Matrix here(rows, jump.cols());
-  Matrix there(rows, jump.cols());
-  law.resolve(problem, here);
-  Vector steps(columns);
-  for (Index at = 0; at < columns; ++at) {
-    const double size = jump.col(first + at).cwiseAbs().maxCoeff();
-    steps(at) = difference * (size > 0.0 ? size : problem.flexibility.maxCoeff());
-  }
-  Matrix slopes(rows * columns, problem.components);
-  for (Index a = 0; a < problem.components; ++a) {
-    Matrix moved = jump;
-    for (Index at = 0; at < columns; ++at) {
-      // towards closing, so that a point that just touches counts as closed
-      moved.col(first + at)(Eigen::seqN(a, points, problem.components)).array() -= steps(at);
-    }
-    law.resolve({problem.components, moved, problem.flexibility, problem.steps, problem.interface},
-                there);
-    for (Index at = 0; at < columns; ++at) {
-      slopes.col(a).segment(at * rows, rows) =
-          (here.col(first + at) - there.col(first + at)) / steps(at);
-    }
-  }
-  return slopes;
 }
 
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
@@ -153,61 +119,6 @@ void Tangent::add_stiffness(const Body& body) {
     }
   }
   stiffness_.push_back(std::move(stiffness));
-}
-
-Matrix Tangent::free_jumps(const Structure& structure, ConstMatrixRef data,
-                           ConstMatrixRef traces) {
-  Matrix jumps(structure.interface_unknowns(), data.cols());
-  Matrix share;
-  for (const ActiveInterface& interface : structure.interfaces()) {
-    auto jump = jumps.middleRows(interface.first_unknown, interface.size());
-    share_of_jump(structure, interface, 0, data, traces, jump);
-    if (interface.rows.size() > 1) {
-      share.resize(interface.size(), data.cols());
-      share_of_jump(structure, interface, 1, data, traces, share);
-      jump -= share;
-    }
-  }
-  return jumps;
-}
-
-std::vector<Matrix> Tangent::slopes(const Laws& laws, const Matrix& jumps) {
-  const auto& interfaces = laws.structure().interfaces();
-  Index most = 0;
-  for (const ActiveInterface& interface : interfaces) {
-    most = std::max(most, interface.geometry.components);
-  }
-  std::vector<Matrix> result(static_cast<std::size_t>(jumps.cols()),
-                             Matrix::Zero(jumps.rows(), most));
-  for (std::size_t i = 0; i < interfaces.size(); ++i) {
-    const ActiveInterface& interface = interfaces[i];
-    const interface::Law& law = *laws.of(i).law;
-    const Matrix jump = jumps.middleRows(interface.first_unknown, interface.size());
-    const interface::LocalProblem problem{interface.geometry.components, jump,
-                                          interface.flexibility, laws.steps(), interface.name()};
-    const auto put = [&](Index column, const Matrix& found) {
-      result[static_cast<std::size_t>(column)].block(interface.first_unknown, 0, found.rows(),
-                                                     found.cols()) = found;
-    };
-    Matrix found(interface.size(), interface.geometry.components);
-    for (Index column = 0; column < jump.cols(); ++column) {
-      if (law.slopes(problem, column, found)) {
-        put(column, found);
-      } else if (column == 0 || law.history()) {
-        // by differences: where a column does not depend on others, of all at once
-        const Index last = law.history() ? column : jump.cols() - 1;
-        const Matrix slopes = differences_of(law, problem, jump, column, last);
-        const Index each = found.rows();
-        for (Index at = column; at <= last; ++at) {
-          put(at, slopes.middleRows((at - column) * each, each));
-        }
-        if (!law.history()) {
-          break;
-        }
-      }
-    }
-  }
-  return result;
 }
 
 /// J^T W K J and what holds the bodies.

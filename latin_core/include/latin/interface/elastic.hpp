@@ -17,6 +17,8 @@ class ElasticLaw final : public Law {
   }
   [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
+  [[nodiscard]] bool slopes(const LocalProblem& problem, Index column, ConstMatrixRef memory,
+                            MatrixRef slopes) const override;
 };
 
 }  // namespace latin::interface

@@ -14,6 +14,8 @@ class ForceLaw final : public Law {
   [[nodiscard]] std::unique_ptr<Law> blank() const override { return std::make_unique<ForceLaw>(); }
   [[nodiscard]] bool linear() const override { return true; }
   void resolve(const LocalProblem& problem, MatrixRef force) const override;
+  [[nodiscard]] bool slopes(const LocalProblem& problem, Index column, ConstMatrixRef memory,
+                            MatrixRef slopes) const override;
 };
 
 }  // namespace latin::interface

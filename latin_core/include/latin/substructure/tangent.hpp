@@ -30,22 +30,14 @@ class Tangent {
 
   explicit Tangent(const Structure& structure);
 
-  /// Derivatives of the forces of every column with respect to its own free jumps, at the flexibilities of the local
-  /// stage: block-diagonal by point, (unknowns, most components).
-  /// @param jumps free jumps (unknowns, columns); the laws are those without transforms
-  [[nodiscard]] static std::vector<Matrix> slopes(const Laws& laws, const Matrix& jumps);
   /// The component of its point that an unknown is.
   [[nodiscard]] Index component(Index unknown) const {
     return component_[static_cast<std::size_t>(unknown)];
   }
-  /// Free jumps (unknowns, c) of a state.
-  [[nodiscard]] static Matrix free_jumps(const Structure& structure, ConstMatrixRef data,
-                                         ConstMatrixRef traces);
-
   /// Flexibility (unknowns) at which the laws are asked.
   [[nodiscard]] const Vector& flexibility() const { return flexibility_; }
   /// Take other tangents, unless they are the same.
-  /// @param slopes as slopes() gives them
+  /// @param slopes of the laws, (unknowns, most components), see InterfaceSystem::slopes()
   /// @throws NumericalError if the structure is not stable with them
   /// @param hold springs on all bodies, relative to the search direction
   void factorise(const Matrix& slopes, double hold);
