@@ -78,7 +78,7 @@ def _removed(interface: Interface) -> int:
 
 
 class _Body(NamedTuple):
-    """A body after reduction: its unknowns, those that active sides touch, and numbers in its sparse factor."""
+    """A body after reduction: its unknowns, the active ones, and the numbers in its sparse factor."""
 
     unknowns: int
     active: int
@@ -89,7 +89,8 @@ class _Body(NamedTuple):
         block = float(self.active) ** 2
         cheaper = block <= 50.0 * float(self.unknowns) ** (4 / 3)
         fits = options.memory_limit <= 0 or 8.0 * block <= options.memory_limit
-        return options.operator == "condensed" or (options.operator == "automatic" and cheaper and fits)
+        automatic = options.operator == "automatic" and cheaper and fits
+        return options.operator == "condensed" or automatic
 
 
 def _bodies(problem: Problem, kept: tuple[str, ...]) -> Iterator[_Body]:

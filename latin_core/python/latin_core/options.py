@@ -32,8 +32,8 @@ class Options:
     newton
         Whether Newton steps are mixed into the accelerated iteration, where a law is nonlinear and no column
         is transformed: on the dense flexibility of the interfaces where every body is condensed and that
-        matrix keeps to `memory_limit`, else by Gauss and Newton in a growing space of interface data. The work
-        of a step counts as iterations: on one of T columns 1/T of its stages. 0 or False: never.
+        matrix keeps to `memory_limit`, else by Gauss and Newton in a growing space of interface data. The
+        work of a step counts as iterations: on one of T columns 1/T of its stages. 0 or False: never.
     snapshots
         Earlier interface states that a sweep combines into the start of a new point; 1 takes the
         nearest one as it is.

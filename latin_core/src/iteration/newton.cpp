@@ -12,7 +12,7 @@ namespace {
 constexpr double with_mu = 1.0 + 2.0 * substructure::Flexibility::mu;
 /// Steps without a better residual before another tangent is tried, and a residual that counts as better.
 constexpr Index patience = 5;
-constexpr double better = 0.3;
+constexpr double better = 0.5;
 /// A residual that grew by so much is not followed.
 constexpr double growth = 1e4;
 constexpr Index most_steps = 40;
