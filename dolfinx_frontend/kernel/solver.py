@@ -49,6 +49,10 @@ class Solver:
         What was built.
     laws
         The laws of the plan, what is random at its mean.
+    bodies
+        Names of the parts of every body on this rank.
+    acting
+        Part on this rank -> loads and prescribed displacements; of a direct plan only.
     weights, directions
         (rows,) areas and search directions of the active interface points on this rank.
     costs
@@ -58,7 +62,7 @@ class Solver:
     def __init__(self, problem: Problem, plan: Plan) -> None:
         self.problem = problem
         self.plan = plan
-        self._core = bridge.build(problem, plan)
+        self._core, self.bodies, self.acting = bridge.build(problem, plan)
         with agreement(problem.comm):
             self.laws = bridge.laws(self._core, problem, plan)
         self.weights = read_only(self._core.weights)
@@ -194,6 +198,10 @@ class Solver:
         """Substructure on this rank -> unknowns (n, columns) of a state."""
         fields = self._core.displacements(laws, state, amplitudes)
         return {name: read_only(u) for name, u in fields.items()}
+
+    def response_to(self, forces: Mapping[str, Array]) -> dict[str, Array]:
+        """Displacements (n, columns) of the parts on this rank under forces (n, columns) and nothing else."""
+        return self._core.response_to(forces)
 
     def local_fields(self, laws: Laws, interface: str, state: State) -> tuple[Array, Array]:
         """Force and jump (rows, columns) of an active interface; collective where it joins two ranks."""

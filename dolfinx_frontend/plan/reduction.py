@@ -26,6 +26,7 @@ __all__ = [
     "body_load",
     "body_matrix",
     "displacements",
+    "factorised_stiffness",
     "reduce",
     "spring_jump",
     "spring_operator",
@@ -361,6 +362,17 @@ def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
         jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
     out: Array = jump.reshape(i.num_points, i.dim)
     return out
+
+
+SOFT, STIFF = 1e-8, 1e8
+"""Range of kappa, relative to E / L of the softer part, that a factorisation in double precision bears."""
+
+
+def factorised_stiffness(problem: Problem, interface: Interface, kappa: Array) -> Array:
+    """kappa of a spring as it is factorised where corrections follow: brought into the range that bears it."""
+    parts = [problem.substructures[side.substructure] for side in interface.sides]
+    unit = min(part.modulus / part.length for part in parts)
+    return np.where(kappa > 0.0, np.clip(kappa, SOFT * unit, STIFF * unit), kappa)
 
 
 def _law(problem: Problem, laws: Mapping[str, Law] | None, name: str) -> Law:

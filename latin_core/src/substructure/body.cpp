@@ -658,6 +658,27 @@ std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef ampl
   return fields;
 }
 
+std::vector<Matrix> Body::response_to(const std::vector<Matrix>& forces) const {
+  const Index columns = forces.empty() ? 0 : forces.front().cols();
+  Matrix rhs = Matrix::Zero(size_, columns);
+  for (std::size_t e = 0; e < prolongations_.size(); ++e) {
+    const SparseRows& prolongation = prolongations_[e];
+    const Matrix& force = forces.at(e);
+    if (force.rows() != prolongation.rows() || force.cols() != columns) {
+      throw InputError("body '" + name_ + "': forces " + shape_of(force.rows(), force.cols()) +
+                       ", expected " + shape_of(prolongation.rows(), columns));
+    }
+    rhs += prolongation.transpose() * force;
+  }
+  const Matrix unknowns = factor_->solve(rhs);
+  std::vector<Matrix> fields;
+  fields.reserve(prolongations_.size());
+  for (const SparseRows& prolongation : prolongations_) {
+    fields.emplace_back(prolongation * unknowns);
+  }
+  return fields;
+}
+
 double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
                     ConstMatrixRef amplitudes, const LoadResponse& loads, BodyWork& work) const {
   double energy = 0.0;

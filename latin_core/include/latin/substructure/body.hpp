@@ -132,6 +132,10 @@ class Body {
   /// @param data s (rows, c)  @param amplitudes (l, c) of the load patterns
   [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                                   const LoadResponse& loads) const;
+  /// Displacements of each member under forces on the members and nothing else: Z A^-1 sum Z^T f.
+  /// @param forces (n, c) for each member
+  /// @throws InputError on a shape that does not fit
+  [[nodiscard]] std::vector<Matrix> response_to(const std::vector<Matrix>& forces) const;
 
   /// Twice the strain energy u^T K u of the global-stage solution, summed over columns.
   /// @param data s, traces w, forces f (rows, c)  @param amplitudes (l, c)
