@@ -364,8 +364,9 @@ def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
     return out
 
 
-SOFT, STIFF = 1e-8, 1e8
-"""Range of kappa, relative to E / L of the softer part, that a factorisation in double precision bears."""
+SOFT, STIFF = 1e-8, 1e5
+"""Range of kappa, relative to E / L of the softer part, that is factorised as it is where corrections follow: of
+these so many digits are lost, and each correction gains as many."""
 
 
 def factorised_stiffness(problem: Problem, interface: Interface, kappa: Array) -> Array:

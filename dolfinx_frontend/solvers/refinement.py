@@ -9,20 +9,21 @@ before they are added up, and solved for again:
   of 1e-16 E / L; the rigid part of a displacement is therefore taken away before it meets the stiffness.
 * A spring too soft for the factors (below 1e-8 E / L) was factorised with more stiffness. The motions that such
   springs alone resist are rigid; their amplitudes follow from a small system of the springs alone.
-* The force of a spring too stiff for them (above 1e8 E / L) is an unknown of its own, as in the method of augmented
+* The force of a spring too stiff for them (above 1e5 E / L) is an unknown of its own, as in the method of augmented
   Lagrangians: it never is a difference of displacements.
 
 Both make every correction smaller by many digits than the one before. What is left is reported: the last correction
 times its rate, and the answer to the rounding errors of the matrices, of which one random sample is solved for
-beside the correction.
+beside the correction. Where both together are far below the tolerance, no correction is made.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
+from latin_core import State
 
 from dolfinx_frontend.assembly.held import held
 from dolfinx_frontend.assembly.interface import Interface
@@ -61,26 +62,41 @@ Blocks = dict[str, Array]
 
 @dataclass(frozen=True)
 class _Part:
-    """A part: stiffness, its squared entries, and an orthonormal basis of the motions that do not strain it."""
+    """A part: stiffness, its diagonal, the motions that do not strain it and the inverse of their products."""
 
     matrix: sp.csr_matrix
-    squared: sp.csr_matrix
+    diagonal: Array
     rigid: Array
+    inverse: Array
     load: Array
     offset: Array
+    dim: int
 
     @classmethod
     def of(cls, part: Substructure, load: Array, offset: Array) -> _Part:
-        matrix = part.matrix
-        squared = sp.csr_matrix((matrix.data**2, matrix.indices, matrix.indptr), shape=matrix.shape)
-        modes = part.rigid_modes
-        resisted = np.abs(matrix @ modes).max(axis=0)
-        size = np.sqrt(squared @ modes**2).max(axis=0)
-        return cls(matrix, squared, np.linalg.qr(modes[:, resisted <= STRAINLESS * size])[0], load, offset)
+        matrix, modes, diagonal = part.matrix, part.rigid_modes, part.matrix.diagonal()
+
+        def strainless(motions: Array) -> Flags:
+            resisted = np.abs(matrix @ motions).max(axis=0)
+            found: Flags = resisted <= STRAINLESS * (diagonal[:, None] * np.abs(motions)).max(axis=0)
+            return found
+
+        together = modes @ np.sqrt(1.0 + np.arange(modes.shape[1]))
+        if not strainless(together[:, None])[0]:  # a material with a foundation, say
+            modes = modes[:, strainless(modes)]
+        return cls(matrix, diagonal, modes, np.linalg.inv(modes.T @ modes), load, offset, part.dim)
 
     def strained(self, u: Array) -> Array:
         """A displacement less its rigid part."""
-        return u - self.rigid @ (self.rigid.T @ u)
+        return u - self.rigid @ (self.inverse @ (self.rigid.T @ u))
+
+    def rounding(self, u: Array) -> Array:
+        """Size of the forces that rounding errors of the stiffness make of a strained displacement.
+
+        The squares of a row's other entries add up to about that of the diagonal.
+        """
+        node = np.sqrt(np.sum(u.reshape(-1, self.dim, u.shape[1]) ** 2, axis=1))
+        return ROUNDING * np.sqrt(2.0) * self.diagonal[:, None] * np.repeat(node, self.dim, axis=0)
 
 
 @dataclass(frozen=True)
@@ -92,6 +108,13 @@ class _Spring:
     factorised: Array
     jump: Array
     weights: Array
+    softer: Flags = field(init=False)
+    stiffer: Flags = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Rows that were factorised with more stiffness than they have, and with less."""
+        object.__setattr__(self, "softer", self.factorised > self.stiffness)
+        object.__setattr__(self, "stiffer", self.factorised < self.stiffness)
 
     @classmethod
     def of(cls, problem: Problem, interface: Interface, plan: Plan) -> _Spring:
@@ -110,23 +133,18 @@ class _Spring:
             weights,
         )
 
-    @property
-    def softer(self) -> Flags:
-        """Rows that were factorised with more stiffness than they have."""
-        return self.factorised > self.stiffness
-
-    @property
-    def stiffer(self) -> Flags:
-        """Rows that were factorised with less."""
-        return self.factorised < self.stiffness
-
     def of_parts(self, u: Blocks) -> Array:
         """Jumps (rows, columns) of displacements."""
         return sum((trace @ u[name] for name, trace in self.traces), start=np.zeros(()))
 
+    def of_floating(self, motions: Blocks) -> Array:
+        """Those of motions that its firm rows do not allow: what these see of them is rounding."""
+        return np.where(self.softer[:, None], self.of_parts(motions), 0.0)
+
     def rounding(self, u: Blocks) -> Array:
         """Size of the rounding errors of these jumps."""
-        return ROUNDING * sum((abs(trace) @ np.abs(u[name]) for name, trace in self.traces), start=np.zeros(()))
+        sizes = ROUNDING * np.sum([np.abs(u[name]).max(axis=0) for name, _ in self.traces], axis=0)
+        return np.broadcast_to(sizes, self.jump.shape)
 
     def push(self, forces: Blocks, force: Array) -> None:
         """Add what a force of the spring does to its parts."""
@@ -152,6 +170,8 @@ class _Corrections:
         self.forces = {n: np.zeros_like(each.jump) for n, each in self.springs.items()}
         self._find_floating(own)
         self.floating = np.zeros((self.soft.shape[0], len(plan.patterns)))
+        self.strained: Blocks = {}
+        self.reactions: Blocks = {}
 
     def _scale(self) -> None:
         """Make forces of about 1 of all that acts, in steps without rounding: squares stay numbers."""
@@ -177,7 +197,8 @@ class _Corrections:
         for name, interface in own.interfaces.items():
             firm = None
             if name in soft:
-                firm = ~self.springs[name].softer.reshape(interface.num_points, -1).any(axis=1)
+                holds = np.flatnonzero(interface.law.nominal.holds(interface.dim))
+                firm = ~self.springs[name].softer.reshape(interface.num_points, -1)[:, holds]
             resisting.append(held(own, interface, firm))
         found = free_motions(sizes, resisting)
         if not len(found):
@@ -186,7 +207,7 @@ class _Corrections:
             self.motions[name] = found.at(name, part.dof_coordinates).reshape(part.size, -1)
         self.soft = np.zeros((len(found),) * 2)
         for name in soft:
-            jumps = self.springs[name].of_parts(self.motions)
+            jumps = self.springs[name].of_floating(self.motions)
             self.soft += jumps.T @ (self.springs[name].stiffness[:, None] * jumps)
 
     # --- the equations --------------------------------------------------------------------------
@@ -201,23 +222,28 @@ class _Corrections:
         spring = self.springs[name]
         jump = spring.of_parts(self.u) - spring.jump
         if self.motions and spring.softer.any():
-            jump = jump + spring.of_parts(self.motions) @ self.floating
+            jump = jump + spring.of_floating(self.motions) @ self.floating
         return jump
 
     def spring_force(self, name: str) -> Array:
         """Force of a spring times area, (rows, columns)."""
         spring = self.springs[name]
-        return np.where(spring.stiffer[:, None], self.forces[name], spring.stiffness[:, None] * self.free_jump(name))
+        if spring.stiffer.all():
+            return self.forces[name]
+        force = spring.stiffness[:, None] * self.free_jump(name)
+        return np.where(spring.stiffer[:, None], self.forces[name], force)
 
     def residual(self) -> tuple[Blocks, Blocks]:
         """Forces on the parts that are not balanced; of stiff springs, jumps that do not fit their force."""
-        forces = {n: p.load - p.matrix @ p.strained(self.u[n]) for n, p in self.parts.items()}
+        self.strained = {n: p.strained(self.u[n]) for n, p in self.parts.items()}
+        self.reactions = {n: p.matrix @ self.strained[n] for n, p in self.parts.items()}
+        forces = {n: p.load - self.reactions[n] for n, p in self.parts.items()}
         gaps = {}
         for name, spring in self.springs.items():
             stiff = spring.stiffer[:, None]
             force = self.spring_force(name)
             gaps[name] = np.zeros_like(force)
-            if stiff.any():
+            if spring.stiffer.any():
                 np.divide(self.forces[name], spring.stiffness[:, None], out=gaps[name], where=stiff)
                 gaps[name] = np.where(stiff, self.free_jump(name) - gaps[name], 0.0)
                 force = force + spring.factorised[:, None] * gaps[name]
@@ -229,18 +255,39 @@ class _Corrections:
         random = np.random.default_rng(0)
         forces, of_springs = {}, {}
         for name, part in self.parts.items():
-            size = np.sqrt(part.squared @ part.strained(self.u[name]) ** 2)
-            forces[name] = ROUNDING * size * random.standard_normal(size.shape)
+            size = part.rounding(self.strained[name])
+            forces[name] = size * random.standard_normal(size.shape)
         for name, spring in self.springs.items():
             size = spring.rounding(self.displacements()) * random.standard_normal(spring.jump.shape)
-            of_springs[name] = np.where(spring.stiffer[:, None], 0.0, spring.stiffness[:, None] * size)
-            spring.push(forces, of_springs[name])
+            of_springs[name] = np.minimum(spring.stiffness, spring.factorised)[:, None] * size
+            spring.push(forces, np.where(spring.stiffer[:, None], 0.0, of_springs[name]))
         return forces, of_springs
+
+    @property
+    def replaced(self) -> bool:
+        """Whether stiffnesses were replaced for the factors."""
+        return any(each.softer.any() or each.stiffer.any() for each in self.springs.values())
+
+    def start(self) -> None:
+        """From the solution that the factors give as it is."""
+        kernel, amplitudes = self.solver, self.solver.plan.amplitudes
+        nothing = np.zeros((0, amplitudes.shape[1]))
+        fields = kernel.displacements(kernel.laws, State(nothing, nothing), amplitudes)
+        self.u = {name: u / self.unit for name, u in fields.items()}
+
+    def add(self, u: Blocks, floating: Array, spring_forces: Blocks) -> None:
+        """Add a correction."""
+        for name in self.u:
+            self.u[name] = self.u[name] + u[name]
+        self.floating = self.floating + floating
+        for name, spring in self.springs.items():
+            self.forces[name] = np.where(spring.stiffer[:, None], self.forces[name] + spring_forces[name], 0.0)
 
     def solve(self, forces: Blocks) -> tuple[Array, Blocks]:
         """Floating motions and displacements that answer forces, all but exactly."""
         if not self.motions:
-            return np.zeros((0, next(iter(forces.values()), np.zeros((0, 0))).shape[1])), self.solver.response_to(forces)
+            columns = next(iter(forces.values())).shape[1]
+            return np.zeros((0, columns)), self.solver.response_to(forces)
         work = sum((self.motions[name].T @ force for name, force in forces.items()), start=np.zeros(()))
         scale = 1.0 / np.sqrt(np.diag(self.soft))
         scaled = scale[:, None] * self.soft * scale
@@ -248,45 +295,59 @@ class _Corrections:
         rest = {name: force.copy() for name, force in forces.items()}
         for spring in self.springs.values():
             if spring.softer.any():
-                jump = spring.of_parts(self.motions) @ floating
+                jump = spring.of_floating(self.motions) @ floating
                 spring.push(rest, spring.stiffness[:, None] * jump)
         return floating, self.solver.response_to(rest)
 
 
 @dataclass
-class _Gram:
-    """Inner products (columns, columns) of what each part and spring does, in strain energy and displacement."""
+class _Sizes:
+    """Inner products (columns, columns) of what each part and spring does: in strain energy, in displacement, and
+    of springs in their own energy."""
 
     strain: Blocks
     moved: Blocks
     spring: Blocks
 
+    def of(self, columns: slice) -> _Sizes:
+        """Of some of the columns."""
+        parted = ({n: g[columns, columns] for n, g in each.items()} for each in (self.strain, self.moved, self.spring))
+        return _Sizes(*parted)
 
-def _products(
-    state: _Corrections, u: Blocks, floating: Array, forces: Blocks, first: int, last: int
-) -> _Gram:
-    """Of the columns first:last of displacements, floating motions and spring forces."""
-    strain, moved, spring = {}, {}, {}
-    for name, part in state.parts.items():
-        own = u[name][:, first:last]
-        strained = part.strained(own)
-        strain[name] = strained.T @ (part.matrix @ strained)
-        if state.motions:
-            own = own + state.motions[name] @ floating[:, first:last]
+
+def _sizes(
+    state: _Corrections, u: Blocks, strained: Blocks, reactions: Blocks, floating: Array, forces: Blocks
+) -> _Sizes:
+    """Sizes of displacements and floating motions, of their strained parts and reactions, and of spring forces."""
+    strain = {name: strained[name].T @ reactions[name] for name in state.parts}
+    moved, spring = {}, {}
+    for name in state.parts:
+        own = u[name] + state.motions[name] @ floating if state.motions else u[name]
         moved[name] = own.T @ own / len(own)
     for name, each in state.springs.items():
         acts = each.stiffness > 0.0
-        force = forces[name][acts, first:last]
+        force = forces[name][acts]
         spring[name] = force.T @ (force / each.stiffness[acts, None])
-    return _Gram(strain, moved, spring)
+    return _Sizes(strain, moved, spring)
+
+
+def _sizes_now(state: _Corrections) -> _Sizes:
+    """Of the solution whose residual was formed last."""
+    forces = {name: state.spring_force(name) for name in state.springs}
+    return _sizes(state, state.u, state.strained, state.reactions, state.floating, forces)
+
+
+def _sizes_of_change(state: _Corrections, u: Blocks, floating: Array, forces: Blocks) -> _Sizes:
+    strained = {n: p.strained(u[n]) for n, p in state.parts.items()}
+    reactions = {n: p.matrix @ strained[n] for n, p in state.parts.items()}
+    return _sizes(state, u, strained, reactions, floating, forces)
 
 
 def _representable(state: _Corrections) -> Blocks:
     """Inner products of the strain that rounding a displacement to a double makes."""
     out = {}
     for name, u in state.displacements().items():
-        part = state.parts[name]
-        size = ROUNDING * np.sqrt(part.matrix.diagonal())[:, None] * u
+        size = ROUNDING * np.sqrt(state.parts[name].diagonal)[:, None] * u
         out[name] = size.T @ size
     return out
 
@@ -304,6 +365,44 @@ def _relative(errors: dict[str, Array], sizes: dict[str, Array], whole: Array) -
         against = np.where(error <= RESOLVED * own, own, np.maximum(whole, own))
         out[name] = np.divide(error, against, out=np.zeros_like(error), where=against > 0.0)
     return out
+
+
+def _errors(
+    state: _Corrections, parts_of_it: list[tuple[float, _Sizes]], factors: Array, representable: bool = False
+) -> dict[str, Array]:
+    """Place -> relative errors (T,), of sizes times factors that are independent of each other."""
+    now = _sizes_now(state)
+    rounded = _representable(state) if representable else {}
+
+    def size(kind: str, of: _Sizes) -> dict[str, Array]:
+        return {name: _quadratic(block, factors) for name, block in getattr(of, kind).items()}
+
+    out: dict[str, Array] = {}
+    for kind, label in (("strain", "part"), ("moved", "part"), ("spring", "interface")):
+        own = size(kind, now)
+        left = {name: np.zeros(factors.shape[1]) for name in own}
+        for rate, of in parts_of_it:
+            for name, each in size(kind, of).items():
+                left[name] = np.hypot(left[name], rate * each)
+        if kind == "strain":
+            for name, block in rounded.items():
+                left[name] = np.hypot(left[name], _quadratic(block, factors))
+        blocks = list(own.values())
+        if kind == "moved":
+            whole = np.max(blocks, axis=0, initial=0.0) if blocks else np.zeros(factors.shape[1])
+        else:
+            energies = list(size("strain", now).values())
+            if kind == "spring":  # soft ones hold far more energy than parts, which must not hide these
+                energies += blocks
+            whole = np.sqrt(np.sum(np.square(energies), axis=0))
+        for name, each in _relative(left, own, whole).items():
+            place = f"{label} {name}"
+            out[place] = np.maximum(out[place], each) if place in out else each
+    return out
+
+
+def _largest(errors: dict[str, Array]) -> float:
+    return max((float(each.max(initial=0.0)) for each in errors.values()), default=0.0)
 
 
 def _together(first: Blocks, second: Blocks) -> Blocks:
@@ -330,36 +429,10 @@ def corrected(solver: Solver) -> Corrected:
 
 
 def _corrected(solver: Solver) -> Corrected:
-    state, plan, columns = _Corrections(solver), solver.plan, len(solver.plan.patterns)
+    state, plan = _Corrections(solver), solver.plan
     if not state.parts:  # a rank without parts
         return Corrected(Accuracy(np.zeros((1, 0)), ("",), ()), {}, {})
-    factors = plan.factors()
-    before, rate, count = 1.0, 1.0, 0
-    errors: dict[str, Array] = {}
-    for number in range(MOST + 1):
-        forces, gaps = state.residual()
-        of_rounding, direct = state.rounding() if number else (forces, {})
-        floating, u = state.solve(_together(forces, of_rounding) if number else forces)
-        changes = _spring_changes(state, u, floating, gaps, direct, bool(number))
-        found = _products(state, u, floating, changes, 0, columns)
-        noise = _products(state, u, floating, changes, columns, 2 * columns) if number else found
-        for name, each in state.u.items():
-            each += u[name][:, :columns]
-        state.floating += floating[:, :columns]
-        for name, force in state.forces.items():
-            stiff = state.springs[name].stiffer[:, None]
-            force += np.where(stiff, changes[name][:, :columns], 0.0)
-        if not number:
-            continue
-        count = number
-        whole = _products(state, state.u, state.floating, {n: state.spring_force(n) for n in state.springs}, 0, columns)
-        errors = _errors(state, found, noise, whole, factors, 1.0, False)
-        now = max((float(e.max(initial=0.0)) for e in errors.values()), default=0.0)
-        rate = min(now / before, 1.0) if before > 0.0 else 0.0
-        errors = _errors(state, found, noise, whole, factors, rate, True)
-        if now * rate <= ENOUGH * plan.options.rtol or rate > FALLING or not np.isfinite(now):
-            break
-        before = now
+    errors, count = _refine(state, plan.factors(), ENOUGH * plan.options.rtol)
     displacements = {name: state.unit * u for name, u in state.displacements().items()}
     springs = {}
     for name, spring in state.springs.items():
@@ -368,54 +441,57 @@ def _corrected(solver: Solver) -> Corrected:
     return Corrected(_accuracy(plan, errors), displacements, springs, count)
 
 
-def _spring_changes(
-    state: _Corrections, u: Blocks, floating: Array, gaps: Blocks, direct: Blocks, sampled: bool
-) -> Blocks:
+def _refine(state: _Corrections, factors: Array, enough: float) -> tuple[dict[str, Array], int]:
+    """Solve, and correct until `enough` or rounding is reached; errors that are left, number of corrections."""
+    columns = len(factors)
+    if state.replaced:
+        forces, gaps = state.residual()
+        floating, u = state.solve(forces)
+        state.add(u, floating, _spring_changes(state, u, floating, gaps))
+        forces, gaps = state.residual()
+    else:
+        state.start()
+        forces, gaps = state.residual()
+        # residual and rounding at once: most solutions are right, and stay as they are
+        of_rounding, of_springs = state.rounding()
+        floating, u = state.solve({name: each + of_rounding[name] for name, each in forces.items()})
+        changes = _spring_changes(state, u, floating, gaps)
+        change = _sizes_of_change(state, u, floating, {n: c + of_springs[n] for n, c in changes.items()})
+        errors = _errors(state, [(1.0, change)], factors, True)
+        if _largest(errors) <= enough:
+            return errors, 0
+    before, number = 1.0, 0
+    while True:
+        number += 1
+        of_rounding, of_springs = state.rounding()
+        floating, u = state.solve(_together(forces, of_rounding))
+        gaps = {name: np.hstack([gap, np.zeros_like(gap)]) for name, gap in gaps.items()}
+        changes = _spring_changes(state, u, floating, gaps)
+        for name, each in of_springs.items():
+            changes[name][:, columns:] += each
+        change = _sizes_of_change(state, u, floating, changes)
+        found, noise = change.of(slice(columns)), change.of(slice(columns, None))
+        now = _largest(_errors(state, [(1.0, found)], factors))
+        first = {name: each[:, :columns] for name, each in u.items()}
+        state.add(first, floating[:, :columns], {name: each[:, :columns] for name, each in changes.items()})
+        forces, gaps = state.residual()
+        rate = min(now / before, 1.0)
+        left = now * rate
+        if left <= enough or rate > FALLING or not np.isfinite(now) or number == MOST:
+            return _errors(state, [(rate, found), (1.0, noise)], factors, True), number
+        before = now
+
+
+def _spring_changes(state: _Corrections, u: Blocks, floating: Array, gaps: Blocks) -> Blocks:
     """Changes of the forces of the springs that go with those of the displacements."""
     out = {}
     for name, spring in state.springs.items():
         jump = spring.of_parts(u)
         if state.motions and spring.softer.any():
-            jump = jump + spring.of_parts(state.motions) @ floating
-        gap = gaps[name]
-        if sampled:
-            gap = np.hstack([gap, np.zeros_like(gap)])
+            jump = jump + spring.of_floating(state.motions) @ floating
         stiff = spring.stiffer[:, None]
-        out[name] = np.where(stiff, spring.factorised[:, None] * (jump + gap), spring.stiffness[:, None] * jump)
-        if sampled:
-            out[name][:, jump.shape[1] // 2 :] += direct[name]
-    return out
-
-
-def _errors(
-    state: _Corrections, found: _Gram, noise: _Gram, whole: _Gram, factors: Array, rate: float, all_of_it: bool
-) -> dict[str, Array]:
-    """Place -> relative errors (T,): those of the correction times a rate, with or without rounding."""
-    rounded = _representable(state) if all_of_it else {}
-
-    def size(kind: str, gram: _Gram) -> dict[str, Array]:
-        return {name: _quadratic(block, factors) for name, block in getattr(gram, kind).items()}
-
-    out: dict[str, Array] = {}
-    for kind, label in (("strain", "part"), ("moved", "part"), ("spring", "interface")):
-        left = {name: rate * each for name, each in size(kind, found).items()}
-        if all_of_it:
-            for name, each in size(kind, noise).items():
-                left[name] = np.hypot(left[name], each)
-                if kind == "strain":
-                    left[name] = np.hypot(left[name], _quadratic(rounded[name], factors))
-        own = size(kind, whole)
-        blocks = list(own.values())
-        if kind == "moved":
-            total = np.max(blocks, axis=0) if blocks else np.zeros(factors.shape[1])
-        else:
-            energies = list(size("strain", whole).values())
-            if kind == "spring":  # soft ones hold far more energy than parts, which must not hide these
-                energies += blocks
-            total = np.sqrt(np.sum(np.square(energies), axis=0))
-        for name, each in _relative(left, own, total).items():
-            place = f"{label} {name}"
-            out[place] = np.maximum(out[place], each) if place in out else each
+        force = spring.factorised[:, None] * (jump + gaps[name])
+        out[name] = np.where(stiff, force, spring.stiffness[:, None] * jump)
     return out
 
 

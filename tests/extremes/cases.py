@@ -593,9 +593,10 @@ def _twice(
 def all_cases() -> Iterator[Case]:
     """Every row of the list of extremes, in its order."""
     row = "interface stiffness / (E/L)"
-    soft = ("answer", "stagnated")  # eps of the stiff parts is more than the tolerance asks for
+    # eps of the stiff parts is more than the tolerance asks for; a displacement hides the strain of what floats
+    soft = ("answer", "stagnated", "inexact")
     for ratio in (1e-12, 1e-8, 1e-4, 1.0, 1e4, 1e8, 1e12):
-        how = {"expected": soft, "note": "iterated: may end as stagnated"} if ratio <= 1e-8 else {}
+        how = {"expected": soft, "note": "strains of the part on the spring are less exact than its force"} if ratio <= 1e-8 else {}
         yield from _twice(row, f"{ratio:g}", stiffness, ratio, **how)
     refused = ("SceneError",)
     yield Case(row, "0, held otherwise", lambda: free_stiffness(True))
@@ -616,12 +617,13 @@ def all_cases() -> Iterator[Case]:
     yield Case(row, "0.499, degree 1", lambda: bending(0.499, 1), ("SceneWarning",), "lock", note=locked)
 
     row = "stiffness of a part / its neighbour's"
+    hidden = {"expected": ("answer", "inexact")}  # rounding leaves more than the tolerance, and is seen
     for ratio in (1e-8, 1e-4, 1e4, 1e8):
-        yield from _twice(row, f"{ratio:g}", contrast, ratio)
+        yield from _twice(row, f"{ratio:g}", contrast, ratio, **(hidden if ratio == 1e8 else {}))
 
     row = "aspect ratio"
     for ratio in (1e-4, 1e-2, 1e2, 1e4):
-        yield from _twice(row, f"{ratio:g}", aspect, ratio)
+        yield from _twice(row, f"{ratio:g}", aspect, ratio, **(hidden if abs(np.log10(ratio)) > 3 else {}))
 
     row = "units"
     for name, length, force in (("N-m", 1e-3, 1.0), ("kN-m", 1e-3, 1e-3)):

@@ -76,6 +76,7 @@ struct LoadResponse {
   // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energy()
   Matrix work_loads;
   Matrix work_traces;
+  Matrix unknowns;  ///< (n_body, l): the solution itself where nothing is active; else empty
 };
 
 /// Working blocks of the operators of bodies: those of one thread.
