@@ -50,9 +50,6 @@ FALLING = 0.5
 
 ROUNDING = 2.0**-53
 
-STRAINLESS = 1e-10
-"""A rigid motion that the stiffness resists less than so, relative to its entries, is one that strains nothing."""
-
 RESOLVED = 0.03
 """An error above this, relative to what a part or a spring does itself, is relative to the whole: what it does may
 be nothing but rounding."""
@@ -74,17 +71,7 @@ class _Part:
 
     @classmethod
     def of(cls, part: Substructure, load: Array, offset: Array) -> _Part:
-        matrix, modes, diagonal = part.matrix, part.rigid_modes, part.matrix.diagonal()
-
-        def strainless(motions: Array) -> Flags:
-            resisted = np.abs(matrix @ motions).max(axis=0)
-            found: Flags = resisted <= STRAINLESS * (diagonal[:, None] * np.abs(motions)).max(axis=0)
-            return found
-
-        together = modes @ np.sqrt(1.0 + np.arange(modes.shape[1]))
-        if not strainless(together[:, None])[0]:  # a material with a foundation, say
-            modes = modes[:, strainless(modes)]
-        return cls(matrix, diagonal, modes, np.linalg.inv(modes.T @ modes), load, offset, part.dim)
+        return cls(part.matrix, part.diagonal, *part.strainless, load, offset, part.dim)
 
     def strained(self, u: Array) -> Array:
         """A displacement less its rigid part."""
@@ -176,7 +163,8 @@ class _Corrections:
     def _scale(self) -> None:
         """Make forces of about 1 of all that acts, in steps without rounding: squares stay numbers."""
         sizes = [part.load for part in self.parts.values()]
-        sizes += [part.matrix @ part.strained(part.offset) for part in self.parts.values()]
+        moved = [part for part in self.parts.values() if part.offset.any()]
+        sizes += [part.matrix @ part.strained(part.offset) for part in moved]
         sizes += [np.minimum(s.stiffness, s.factorised)[:, None] * s.jump for s in self.springs.values()]
         largest = max((float(np.abs(each).max(initial=0.0)) for each in sizes), default=0.0)
         self.unit = 2.0 ** np.floor(np.log2(largest)) if largest > 0.0 else 1.0
