@@ -11,8 +11,8 @@ __all__ = ["held"]
 
 
 def held(problem: Problem, interface: Interface, where: Flags | None = None) -> Resistance:
-    """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only, or in the
-    directions (m, r) of its :meth:`held_rows` only."""
+    """Rigid motions that an interface with points on this rank resists, at the points `where` (m,) only, or
+    in the directions (m, r) of its :meth:`held_rows` only."""
     length = problem.parts[interface.sides[0].substructure].length
     return resistance_of(interface, length, where)
 

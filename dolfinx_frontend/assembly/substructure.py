@@ -126,7 +126,7 @@ class Substructure:
         together = modes @ np.sqrt(1.0 + np.arange(modes.shape[1]))
         if not free(together[:, None])[0]:  # a material with a foundation, say
             modes = modes[:, free(modes)]
-        return modes, np.linalg.inv(modes.T @ modes)
+        return modes, np.asarray(np.linalg.inv(modes.T @ modes), dtype=np.float64)
 
 
 _STRAINLESS = 1e-10

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from latin_core import Options
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -33,6 +34,7 @@ from dolfinx_frontend.estimate.errors import (
     interest,
     moments,
     next_halving,
+    of_direct,
     not_known,
     sizes_of,
     tightened,
@@ -41,6 +43,7 @@ from dolfinx_frontend.estimate.errors import (
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
@@ -146,7 +149,8 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
         of_meshes = error_of_meshes(result, quantity) if meshes else None
         target = _visible(accuracy, of_meshes, quantity, result)
         made = _settled(result, quantity)
-        while made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
+        iterated = bool(result.plan.active)
+        while iterated and made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
             fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
             result = tightened(result, max(result.plan.options.rtol * fall, FINEST))
             made = not_known(result, quantity)
@@ -171,13 +175,13 @@ def _visible(
 
 def _settled(result: Result, quantity: Resultant | None) -> Errors:
     """Algebraic error of a deterministic run."""
-    if quantity is None or not result.plan.active:
-        found = ErrorShare(result.error if result.plan.active else FINEST, how="its estimate")
-        if quantity is None:
-            return Errors(found, None, None, None, None)
+    if quantity is None:
+        estimate = ErrorShare(result.error, how="its estimate")
+        found = estimate if result.plan.active else of_direct(result, None)
+        return Errors(found, None, None, None, None)
+    if not result.plan.active:
         value = moments(result, quantity)
-        found = replace(found, quantity=FINEST * abs(value.mean), how="direct solve")
-        return Errors(found, None, None, quantity, value)
+        return Errors(of_direct(result, value), None, None, quantity, value)
     value = moments(result, quantity)
     tight = tightened(result, max(DIGIT * result.plan.options.rtol, FINEST))
     complete(tight)
@@ -201,11 +205,11 @@ def _with_errors(
     made = replace(made, asked=accuracy, discretisation=of_meshes)
     if made.relative("discretisation") > accuracy:
         notes += (
-            f"the meshes leave {made.relative('discretisation'):.1e}, more than asked: "
+            f"the meshes leave {shown_error(made.relative('discretisation'))}, more than asked: "
             "refine them",
         )
     if made.total > accuracy:
-        notes += (f"the accuracy was not reached: {made.total:.1e} is left",)
+        notes += (f"the accuracy was not reached: {shown_error(made.total)} is left",)
     if isinstance(result, Result) and INTERRUPTED not in notes:
         made = replace(made, next_halving=next_halving(result, made))
     for note in notes:
@@ -418,7 +422,7 @@ def _by_rules(
             left = change * fall / (1.0 - fall)
             if len(changes) > 1 and left <= 0.5 * target:
                 whole = whole_of(value, rtol)
-                error = float(np.nanmax(samples.error))
+                error = largest_of(samples.error)
                 how = f"the change by the last of {points} points a germ, carried on"
                 made = Errors(
                     ErrorShare(error, error * abs(value.mean), error * abs(value.mean), "its estimate"),

@@ -22,6 +22,7 @@ from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
+from dolfinx_frontend.results.accuracy import largest_of, remedy
 from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
@@ -48,6 +49,7 @@ __all__ = [
     "interest",
     "moments",
     "next_halving",
+    "of_direct",
     "not_known",
     "sizes_of",
     "tightened",
@@ -265,14 +267,17 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
             if isinstance(tight, ChaosResult):
                 made = replace(made, truncation=_truncation(tight, what))
         else:
-            value = made.moments
-            of_quantity = None if value is None else FINEST * abs(value.mean)
-            exact = ErrorShare(FINEST, of_quantity, how="direct solve")
-            made = replace(made, algebraic=exact, whole=None)
+            made = replace(made, algebraic=of_direct(result, made.moments), whole=None)
         made = replace(made, discretisation=error_of_meshes(result, what))
     except Interrupted:
         return replace(made, notes=(INTERRUPTED,))
     return replace(made, next_halving=next_halving(result, made))
+
+
+def of_direct(result: Result, value: MeanStd | None) -> ErrorShare:
+    """The algebraic error of a direct solution: what its corrections have left."""
+    error = max(result.error, FINEST)
+    return ErrorShare(error, None if value is None else error * abs(value.mean), how="direct solve")
 
 
 def complete(result: Result | SampleResult) -> None:
@@ -362,7 +367,7 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
 
 def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
     """By the spread of parts of the sample, one after the other."""
-    error = float(np.nanmax(result.error))
+    error = largest_of(result.error)
     if quantity is None:
         raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
     if result.weights is not None:
@@ -404,6 +409,9 @@ def next_halving(result: Result, made: Errors) -> str:
     a_pass = spent / max(result.iterations, 1)
     if made.dominating == "algebraic":
         count = _iterations_for(result, 0.5)
+        if count is None:
+            advice = remedy(result.status) or "nothing of its run says how many iterations it would take"
+            return f"the error does not fall any more ({result.status}): {advice}"
         return (
             f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "
             f"{shown(count * flops, 'Flop')}, {count * a_pass:.2g} s"
@@ -427,10 +435,15 @@ def next_halving(result: Result, made: Errors) -> str:
     )
 
 
-def _iterations_for(result: Result, fall: float) -> int:
-    """Iterations until the error has fallen so much, by the rate of the run."""
+def _iterations_for(result: Result, fall: float) -> int | None:
+    """Iterations until the error has fallen so much, by the rate of the last half of the run; None: it does
+    not fall, or what is known of it says nothing."""
+    if result.status not in ("converged", "max_iterations"):
+        return None
     record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
-    if len(record) < 2 or record[-1][1] >= record[0][1]:
-        return 1
-    rate = log(record[0][1] / record[-1][1]) / max(record[-1][0] - record[0][0], 1)
-    return max(1, ceil(-log(fall) / rate))
+    if len(record) < 2:
+        return 1 if result.converged else None
+    (first, before), (last, now) = record[len(record) // 2 - 1], record[-1]
+    if now >= before:
+        return None
+    return max(1, ceil(-log(fall) * (last - first) / log(before / now)))

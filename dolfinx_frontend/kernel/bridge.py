@@ -314,7 +314,10 @@ def build(problem: Problem, plan: Plan) -> Built:
     )
     together = [list(patterns.values()) for patterns in reduced]
     acting = {
-        name: Acting(*(_side_by_side(getattr(each, of)[name] for each in patterns) for of in ("load", "offset")))
+        name: Acting(
+            _side_by_side(each.load[name] for each in patterns),
+            _side_by_side(each.offset[name] for each in patterns),
+        )
         for patterns in (together if corrected else [])
         for name in patterns[0].members
     }

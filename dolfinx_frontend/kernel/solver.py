@@ -27,6 +27,7 @@ from latin_core import sweep as kernel_sweep
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.bridge import read_only
@@ -131,9 +132,10 @@ class Solver:
             began = perf_counter()
 
             def each(iteration: Iteration) -> None:
-                bar.step(error=f"{iteration.error:.1e}")
+                bar.step(error=shown_error(iteration.error))
                 if noisy:
-                    _log.debug("iteration %d: estimated error %.2e", iteration.number, iteration.error)
+                    error = shown_error(iteration.error)
+                    _log.debug("iteration %d: estimated error %s", iteration.number, error)
                 if callback is not None:
                     callback(iteration)
 
@@ -145,8 +147,8 @@ class Solver:
                 callback=interrupt.watch(each),
             )
         seconds = perf_counter() - began
-        text = "%s after %d iterations, estimated error %.1e, %.2f s"
-        _log.info(text, summary.status, summary.iterations, summary.error, seconds)
+        text = "%s after %d iterations, estimated error %s, %.2f s"
+        _log.info(text, summary.status, summary.iterations, shown_error(summary.error), seconds)
         if interrupt.pressed and summary.status != "interrupted":
             _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
         return summary, state

@@ -1,4 +1,4 @@
-"""How wrong an answer is where: the estimated relative errors of parts, steps, mean and fluctuation, one by one.
+"""How wrong an answer is, and where: estimated relative errors of parts, steps, mean and fluctuation.
 
 An error is relative to what the same part does in the same step, so that nothing small hides beside something
 large. The largest decides on the status.
@@ -16,26 +16,41 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.plan.plan import Plan
 
-__all__ = ["Accuracy", "Corrected", "accuracy_of_run", "direct_status", "remedy"]
+__all__ = [
+    "INEXACT",
+    "Accuracy",
+    "Corrected",
+    "accuracy_of_run",
+    "direct_status",
+    "ended",
+    "known",
+    "largest_of",
+    "place_of",
+    "remedy",
+]
 
 SHOWN = 4
 """Parts of one body that a place names."""
+
+ACCEPTABLE = 1e-2
+"""Errors below this may be all that a user wants."""
 
 INEXACT = "inexact"
 """Status of a direct solution that rounding has left with a larger error than asked for."""
 
 _REMEDIES = {
-    "max_iterations": "raise Options(max_iterations=...), or loosen rtol to the error that is reached",
-    "stagnated": "loosen rtol to the error that is reached, or change the search direction (direction=...)",
-    "diverged": "check that every part is held when contacts slip or open",
+    "max_iterations": "allow more with Options(max_iterations=...)",
+    "stagnated": "give another search direction, e.g. direction=10",
+    "diverged": "check that every part is held where contacts slip or open",
     "interrupted": "go on from here with start=result",
-    INEXACT: "bring the stiffness of its springs, its material or its shape nearer to those of the other parts, or "
-    "loosen rtol to the error that is reached",
+    INEXACT: "rounding leaves no more: make stiffnesses less different",
 }
 
 
-def remedy(status: str) -> str:
-    """What to do about a run that ended so; nothing if it converged."""
+def remedy(status: str, error: float = float("nan")) -> str:
+    """What to do about a run that ended so, with that error; nothing if it converged."""
+    if status in ("stagnated", INEXACT) and error < ACCEPTABLE:
+        return f"if that is good enough, loosen rtol to {2.0 * error:.0e}"
     return _REMEDIES.get(status, "")
 
 
@@ -109,6 +124,16 @@ class Corrected:
     corrections: int = 0
 
 
+def known(errors: Array) -> Array:
+    """Estimated errors, NaN where a kernel that knows none says so by infinity."""
+    return np.where(np.isfinite(errors), errors, np.nan)
+
+
+def largest_of(errors: Array) -> float:
+    """The largest of some errors (0 of none), or NaN if one is not known."""
+    return float(np.max(errors, initial=0.0)) if np.all(np.isfinite(errors)) else float("nan")
+
+
 def direct_status(accuracy: Accuracy, rtol: float) -> str:
     """``"converged"``, or ``"inexact"``."""
     return "converged" if accuracy.largest <= rtol else INEXACT
@@ -135,24 +160,38 @@ def accuracy_of_run(
     values = np.asarray(getattr(summary, "errors", ()), dtype=np.float64)
     if values.ndim != 2 or not values.size or values.shape[1] != len(bodies) or len(values) % 2:
         return None
-    count = len(values) // 2
-    stepped, patterned = plan.history == "steps", plan.history == "patterns"
-    groups, steps, rows = [], [], []
-    for step in range(count):
-        label = f"step {step}" if stepped else f"load pattern {step}" if patterned and count > 1 else ""
-        for kind in (0, 1) if random else (0,):
-            fluctuates = "fluctuation" if kind else "mean" if random else ""
-            groups.append(", ".join(word for word in (label, fluctuates) if word))
-            steps.append(step)
-            rows.append(2 * step + kind)
-    places = tuple(map(body_name, bodies))
-    return Accuracy(values[rows], tuple(groups), places, tuple(steps) if stepped else None)
+    rows = [row for row in range(len(values)) if random or row % 2 == 0]
+    labels = tuple(group_name(plan, row, random) for row in rows)
+    steps = tuple(row // 2 for row in rows) if plan.history == "steps" else None
+    return Accuracy(values[rows], labels, tuple(map(body_name, bodies)), steps)
 
 
-def ended(status: str, error: float, place: str, rtol: float) -> str:
+def group_name(plan: Plan, row: int, random: bool) -> str:
+    """What a row of the kernel's errors is: of every step or load pattern the mean, then the fluctuation."""
+    step, kind = divmod(row, 2)
+    label = ""
+    if plan.history == "steps":
+        label = f"step {step}"
+    elif plan.history == "patterns" and len(plan.patterns) > 1:
+        label = f"load pattern {step}"
+    fluctuates = ("mean", "fluctuation")[kind] if random else ""
+    return ", ".join(word for word in (label, fluctuates) if word)
+
+
+def place_of(plan: Plan, bodies: Sequence[Sequence[str]], worst: Sequence[int], random: bool = False) -> str:
+    """The place of a row and a body among the kernel's errors; empty if they are negative: not known."""
+    row, body = (int(each) for each in worst)
+    if row < 0 or not 0 <= body < len(bodies):
+        return ""
+    return ", ".join(word for word in (body_name(bodies[body]), group_name(plan, row, random)) if word)
+
+
+def ended(status: str, error: float, place: str, rtol: float, iterations: int | None = None) -> str:
     """How a run ended, in a sentence; where, how far off and what to do if it did not converge."""
     if status == "converged":
         return f"converged, estimated error {shown_error(error)}" + (f" ({place})" if place else "")
     where = f" in {place}" if place else ""
-    advice = remedy(status)
-    return f"{status}: estimated error {shown_error(error)}{where}, asked {rtol:.1e}" + (f"; {advice}" if advice else "")
+    advice = remedy(status, error)
+    after = "" if iterations is None else f" after {iterations} iterations"
+    text = f"{status}{after}: estimated error {shown_error(error)}{where}, asked {rtol:.1e}"
+    return f"{text}; {advice}" if advice else text

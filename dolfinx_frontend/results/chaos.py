@@ -14,6 +14,7 @@ from dolfinx import fem
 from latin_core import Laws, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
 from dolfinx_frontend.formats.openturns import to_openturns
@@ -593,7 +594,7 @@ class ChaosResult(Result, StochasticResult):
         text = (
             f"ChaosResult({self.status}, {self.modes} modes of order {self.chaos.order} in "
             f"{self.space.dimension} germs, {self.iterations} iterations, estimated error "
-            f"{self.error:.1e}, {sum(self.seconds.values()):.2f} s"
+            f"{shown_error(self.error)}{self._where()}, {sum(self.seconds.values()):.2f} s"
         )
         if self.collocations:
             limit = percent(self.chaos.tolerance)

@@ -97,15 +97,15 @@ class Result(Value, Face):
 
     @property
     def error(self) -> float:
-        """Estimated relative error, in strain energy and in displacement of the interfaces: the largest of all
-        parts and steps, of mean and fluctuation; NaN: not known."""
+        """Estimated relative error, in strain energy and in displacement of the interfaces: the largest of
+        all parts and steps, of mean and fluctuation; NaN: not known."""
         if self.corrected is not None:
             return self.corrected.accuracy.largest
         return self.summary.error if np.isfinite(self.summary.error) else float("nan")
 
     @cached_property
     def accuracy(self) -> Accuracy | None:
-        """Estimated errors one by one, by part, step, mean and fluctuation; None: only the largest is known."""
+        """Estimated errors by part, step, mean and fluctuation; None: only the largest is known."""
         if self.corrected is not None:
             return self.corrected.accuracy
         return accuracy_of_run(self.summary, self.plan, self.solver.bodies, self.kind == "chaos")
@@ -125,7 +125,7 @@ class Result(Value, Face):
 
     @property
     def statuses(self) -> tuple[str, ...]:
-        """Status of every time step, of a static answer one: a step converged if it and those before it did."""
+        """Status of every time step, of a static answer one: a step converged if those before it did, too."""
         count = 1 if self.times is None else len(self.times)
         if self.converged:
             return ("converged",) * count
@@ -135,7 +135,8 @@ class Result(Value, Face):
     @property
     def ended(self) -> str:
         """Status, estimated error, its place and, if the run did not converge, a remedy, in a sentence."""
-        return ended(self.status, self.error, self.place, self.plan.options.rtol)
+        iterations = None if self.corrected is not None else self.iterations
+        return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations)
 
     @property
     def kind(self) -> AnswerKind:
@@ -215,7 +216,7 @@ class Result(Value, Face):
         return force, jump
 
     def _spring(self, force: Array, jump: Array, interface: Interface) -> tuple[Array, Array]:
-        """Force and jump ([T,] m, components) of a spring that was assembled, of a solution with corrections."""
+        """Force and jump ([T,] m, components) of an assembled spring, of a solution with corrections."""
         both = (each.reshape(interface.num_points, interface.dim, -1) for each in (force, jump))
         components = interface.law.count(interface.dim)
         force, jump = (timed(self.plan, each[:, :components]) for each in both)

@@ -37,8 +37,7 @@ def solve_once(
     result = _run(solver, plan, start_states(start), setup, callback, progress, estimator)
     if not result.converged:
         # logged as for the points of a sweep: the answer is there, with its estimated error
-        what = "direct solution" if plan.method == "direct" else f"iteration ({result.iterations} done)"
-        _log.warning("the %s ended as %s", what, result.ended)
+        _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status != "interrupted":  # which is returned, whatever it is
         check_support(result)
     return result
@@ -68,9 +67,8 @@ def _run(
     checked = corrected(solver) if plan.method == "direct" else None
     seconds = {"setup": setup, "solve": perf_counter() - began}
     kind = Result if plan.times is None else HistoryResult
-    return kind(
-        solver.problem, plan, summary, state, seconds, solver, laws, cuts, corrected=checked, estimator=estimator
-    )
+    made = kind(solver.problem, plan, summary, state, seconds, solver, laws, cuts, corrected=checked)
+    return replace(made, estimator=estimator)
 
 
 def start_states(start: Result | State | None) -> list[State]:

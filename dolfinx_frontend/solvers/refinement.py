@@ -1,20 +1,21 @@
 """A direct solution that checks and corrects itself.
 
-One solve with a Cholesky factor has a relative error of about 1e-16 times the condition of the whole assembly: a
-part on a soft spring, a stiff spring between soft parts or a contrast of materials lose digits, and nothing in the
-solution says so. Here its residual is formed with the matrices of the parts and the springs as they are given,
-before they are added up, and solved for again:
+One solve with a Cholesky factor has a relative error of about 1e-16 times the condition of the whole
+assembly: a part on a soft spring, a stiff spring between soft parts or a contrast of materials lose digits,
+and nothing in the solution says so. Here its residual is formed with the matrices of the parts and the
+springs as they are given, before they are added up, and solved for again:
 
-* A rigid motion strains no part. What assembly and rounding make of it is a false stiffness, as strong as a spring
-  of 1e-16 E / L; the rigid part of a displacement is therefore taken away before it meets the stiffness.
-* A spring too soft for the factors (below 1e-8 E / L) was factorised with more stiffness. The motions that such
-  springs alone resist are rigid; their amplitudes follow from a small system of the springs alone.
-* The force of a spring too stiff for them (above 1e5 E / L) is an unknown of its own, as in the method of augmented
-  Lagrangians: it never is a difference of displacements.
+* A rigid motion strains no part. What assembly and rounding make of it is a false stiffness, as strong as a
+  spring of 1e-16 E / L; the rigid part of a displacement is therefore taken away before it meets the
+  stiffness.
+* A spring too soft for the factors (below 1e-8 E / L) was factorised with more stiffness. The motions that
+  such springs alone resist are rigid; their amplitudes follow from a small system of the springs alone.
+* The force of a spring too stiff for them (above 1e5 E / L) is an unknown of its own, as in the method of
+  augmented Lagrangians: it never is a difference of displacements.
 
-Both make every correction smaller by many digits than the one before. What is left is reported: the last correction
-times its rate, and the answer to the rounding errors of the matrices, of which one random sample is solved for
-beside the correction. Where both together are far below the tolerance, no correction is made.
+Both make every correction smaller by many digits than the one before. What is left is reported: the last
+correction times its rate, and the answer to the rounding errors of the matrices, of which one random sample
+is solved for beside the correction. Where both together are far below the tolerance, no correction is made.
 """
 
 from __future__ import annotations
@@ -51,15 +52,15 @@ FALLING = 0.5
 ROUNDING = 2.0**-53
 
 RESOLVED = 0.03
-"""An error above this, relative to what a part or a spring does itself, is relative to the whole: what it does may
-be nothing but rounding."""
+"""An error above this, relative to what a part or a spring does itself, is taken relative to the whole: what
+it does may be nothing but rounding."""
 
 Blocks = dict[str, Array]
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A part: stiffness, its diagonal, the motions that do not strain it and the inverse of their products."""
+    """A part: stiffness, its diagonal, motions that do not strain it, inverse of their products, loads."""
 
     matrix: sp.csr_matrix
     diagonal: Array
@@ -83,12 +84,13 @@ class _Part:
         The squares of a row's other entries add up to about that of the diagonal.
         """
         node = np.sqrt(np.sum(u.reshape(-1, self.dim, u.shape[1]) ** 2, axis=1))
-        return ROUNDING * np.sqrt(2.0) * self.diagonal[:, None] * np.repeat(node, self.dim, axis=0)
+        size: Array = ROUNDING * np.sqrt(2.0) * self.diagonal[:, None] * np.repeat(node, self.dim, axis=0)
+        return size
 
 
 @dataclass(frozen=True)
 class _Spring:
-    """An eliminated spring: signed traces of its sides, stiffness times area as given and as factorised, jumps."""
+    """An eliminated spring: signed traces of its sides, stiffness times area as given and as factorised."""
 
     traces: tuple[tuple[str, sp.csr_matrix], ...]
     stiffness: Array
@@ -156,7 +158,7 @@ class _Corrections:
         self.u = {name: part.offset.copy() for name, part in self.parts.items()}
         self.forces = {n: np.zeros_like(each.jump) for n, each in self.springs.items()}
         self._find_floating(own)
-        self.floating = np.zeros((self.soft.shape[0], len(plan.patterns)))
+        self.floating: Array = np.zeros((self.soft.shape[0], len(plan.patterns)))
         self.strained: Blocks = {}
         self.reactions: Blocks = {}
 
@@ -239,7 +241,7 @@ class _Corrections:
         return forces, gaps
 
     def rounding(self) -> tuple[Blocks, Blocks]:
-        """A sample of what rounding errors of the matrices do: forces on the parts, and those of the springs."""
+        """A sample of what rounding of the matrices does: forces on the parts, and those of the springs."""
         random = np.random.default_rng(0)
         forces, of_springs = {}, {}
         for name, part in self.parts.items():
@@ -269,7 +271,8 @@ class _Corrections:
             self.u[name] = self.u[name] + u[name]
         self.floating = self.floating + floating
         for name, spring in self.springs.items():
-            self.forces[name] = np.where(spring.stiffer[:, None], self.forces[name] + spring_forces[name], 0.0)
+            sum_of_both = self.forces[name] + spring_forces[name]
+            self.forces[name] = np.where(spring.stiffer[:, None], sum_of_both, 0.0)
 
     def solve(self, forces: Blocks) -> tuple[Array, Blocks]:
         """Floating motions and displacements that answer forces, all but exactly."""
@@ -290,8 +293,8 @@ class _Corrections:
 
 @dataclass
 class _Sizes:
-    """Inner products (columns, columns) of what each part and spring does: in strain energy, in displacement, and
-    of springs in their own energy."""
+    """Inner products (columns, columns) of what each part and spring does: in strain energy, in displacement,
+    and of springs in their own energy."""
 
     strain: Blocks
     moved: Blocks
@@ -299,14 +302,14 @@ class _Sizes:
 
     def of(self, columns: slice) -> _Sizes:
         """Of some of the columns."""
-        parted = ({n: g[columns, columns] for n, g in each.items()} for each in (self.strain, self.moved, self.spring))
-        return _Sizes(*parted)
+        blocks = (self.strain, self.moved, self.spring)
+        return _Sizes(*({name: gram[columns, columns] for name, gram in each.items()} for each in blocks))
 
 
 def _sizes(
     state: _Corrections, u: Blocks, strained: Blocks, reactions: Blocks, floating: Array, forces: Blocks
 ) -> _Sizes:
-    """Sizes of displacements and floating motions, of their strained parts and reactions, and of spring forces."""
+    """Sizes of displacements and floating motions, their strained parts and reactions, and spring forces."""
     strain = {name: strained[name].T @ reactions[name] for name in state.parts}
     moved, spring = {}, {}
     for name in state.parts:
@@ -342,7 +345,8 @@ def _representable(state: _Corrections) -> Blocks:
 
 def _quadratic(gram: Array, factors: Array) -> Array:
     """Sizes (T,) of combinations (columns, T) of columns."""
-    return np.sqrt(np.maximum(np.einsum("at,ab,bt->t", factors, gram, factors), 0.0))
+    squares: Array = np.einsum("at,ab,bt->t", factors, gram, factors)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)), dtype=np.float64)
 
 
 def _relative(errors: dict[str, Array], sizes: dict[str, Array], whole: Array) -> dict[str, Array]:
@@ -368,7 +372,7 @@ def _errors(
     out: dict[str, Array] = {}
     for kind, label in (("strain", "part"), ("moved", "part"), ("spring", "interface")):
         own = size(kind, now)
-        left = {name: np.zeros(factors.shape[1]) for name in own}
+        left: dict[str, Array] = {name: np.zeros(factors.shape[1]) for name in own}
         for rate, of in parts_of_it:
             for name, each in size(kind, of).items():
                 left[name] = np.hypot(left[name], rate * each)
@@ -430,7 +434,7 @@ def _corrected(solver: Solver) -> Corrected:
 
 
 def _refine(state: _Corrections, factors: Array, enough: float) -> tuple[dict[str, Array], int]:
-    """Solve, and correct until `enough` or rounding is reached; errors that are left, number of corrections."""
+    """Solve, and correct until `enough` or rounding is reached; errors left, and number of corrections."""
     columns = len(factors)
     if state.replaced:
         forces, gaps = state.residual()

@@ -556,7 +556,8 @@ void bind_calls(StructureClass& cls) {
       .def("displacements", &displacement_fields, "laws"_a, "state"_a, "amplitudes"_a = py::none(),
            "Displacements (n, columns) of every substructure of this rank, by its name.")
       .def("response_to", &response_to, "forces"_a,
-           "Displacements (n, columns) of every substructure of this rank under forces (n, columns) on all of "
+           "Displacements (n, columns) of every substructure of this rank under forces (n, "
+           "columns) on all of "
            "them and nothing else, by name.");
 }
 

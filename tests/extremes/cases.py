@@ -593,10 +593,11 @@ def _twice(
 def all_cases() -> Iterator[Case]:
     """Every row of the list of extremes, in its order."""
     row = "interface stiffness / (E/L)"
-    # eps of the stiff parts is more than the tolerance asks for; a displacement hides the strain of what floats
+    # eps of the stiff parts is more than the tolerance asks for; rounding a displacement hides small strains
     soft = ("answer", "stagnated", "inexact")
     for ratio in (1e-12, 1e-8, 1e-4, 1.0, 1e4, 1e8, 1e12):
-        how = {"expected": soft, "note": "strains of the part on the spring are less exact than its force"} if ratio <= 1e-8 else {}
+        note = "strains of a part on soft springs are less exact than the forces"
+        how = {"expected": soft, "note": note} if ratio <= 1e-8 else {}
         yield from _twice(row, f"{ratio:g}", stiffness, ratio, **how)
     refused = ("SceneError",)
     yield Case(row, "0, held otherwise", lambda: free_stiffness(True))

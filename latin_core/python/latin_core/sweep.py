@@ -68,6 +68,8 @@ class SweepPoints:
         not reached.
     status
         (points,) end of each iteration, "" where not reached.
+    worst
+        (points, 2) row and column of the largest error in ``Summary.errors``; -1: not known.
     forces, jumps
         interface name -> (points, columns, rows): local-stage force and jump of every active interface.
     outputs
@@ -90,6 +92,7 @@ class SweepPoints:
     order: list[int] = field(default_factory=list)
     states: Array | None = None
     outputs: dict[str, Array] = field(default_factory=dict)
+    worst: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     def __repr__(self) -> str:
         reached = self.iterations >= 0
@@ -97,6 +100,15 @@ class SweepPoints:
             f"SweepPoints({int(reached.sum())} of {len(reached)} points solved, "
             f"{int(self.iterations[reached].sum())} iterations)"
         )
+
+
+def _worst(summary: _core.Summary) -> npt.NDArray[np.int64]:
+    """Place (2,) of the largest error; what is not known is larger than any."""
+    errors = np.asarray(getattr(summary, "errors", ()), dtype=np.float64)
+    if errors.ndim != 2 or not errors.size:
+        return np.full(2, -1, dtype=np.int64)
+    ranked = np.where(np.isfinite(errors), errors, np.inf)
+    return np.array(np.unravel_index(int(np.argmax(ranked)), ranked.shape), dtype=np.int64)
 
 
 def _check_points(name: str, numbers: Iterable[int], points: int) -> None:
@@ -181,6 +193,7 @@ def sweep(
         status=np.full(points, "", dtype="<U16"),
         forces={},
         jumps={},
+        worst=np.full((points, 2), -1, dtype=np.int64),
         states=(
             np.full((points, 2, structure.rows, amplitudes.shape[1]), np.nan) if keep_states else None
         ),
@@ -205,6 +218,7 @@ def sweep(
         result.error[point] = float(arrays["error"])
         result.seconds[point] = float(arrays["seconds"])
         result.status[point] = str(arrays["status"])
+        result.worst[point] = arrays.get("worst", -1)
         for name in interfaces if keep_fields else ():
             store(result.forces, name, point, arrays[f"force:{name}"])
             store(result.jumps, name, point, arrays[f"jump:{name}"])
@@ -232,6 +246,7 @@ def sweep(
                 "error": summary.error,
                 "seconds": summary.history[-1].seconds if summary.history else 0.0,
                 "status": summary.status,
+                "worst": _worst(summary),
             }
             fields: Fields = {}
             for name in interfaces if keep_fields or outputs else ():

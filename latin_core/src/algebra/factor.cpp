@@ -26,7 +26,8 @@ constexpr double singular = 1e-13;
 
 std::string not_definite(const std::string& name, const std::string& where) {
   return "the stiffness of '" + name + "' is not positive definite" + where +
-         ": the part can move rigidly, its material is not stable, a stiffness is negative, or moduli of parts "
+         ": the part can move rigidly, its material is not stable, a stiffness is negative, or "
+         "moduli of parts "
          "that are joined differ by more than rounding bears (keep the joint active: active=[...])";
 }
 
