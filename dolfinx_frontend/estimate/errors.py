@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
@@ -90,22 +91,31 @@ def interest(problem: Problem, quantity: Interest) -> Resultant | None:
 
 
 def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
-    """Chaos coefficients (P + 1,) of a quantity, of a history at its end."""
-    weights = result.problem.interfaces[quantity.interface].weights
-    read = result.force_coefficients if quantity.of == "force" else result.jump_coefficients
-    values = quantity.total(np.moveaxis(read(quantity.interface), -1, 0), weights)
-    return values if result.times is None else values[..., -1]
+    """Chaos coefficients (P + 1,) of a quantity, of a history at its end; collective."""
+
+    def read() -> Array:
+        weights = result.problem.interfaces[quantity.interface].weights
+        block = result.force_coefficients if quantity.of == "force" else result.jump_coefficients
+        values = quantity.total(np.moveaxis(block(quantity.interface), -1, 0), weights)
+        return values if result.times is None else values[..., -1]
+
+    return result.everywhere(quantity.interface, read)
 
 
 def samples_of(result: Any, fields: Any, quantity: Resultant) -> Array:
-    """A quantity (N,) in samples of the fields, of a history at its end."""
-    weights = result.problem.interfaces[quantity.interface].weights
-    values = quantity.total(quantity.field(fields), weights)
-    return values if result.plan.times is None else values[..., -1]
+    """A quantity (N,) in samples of the fields, of a history at its end; collective."""
+
+    def read() -> Array:
+        weights = result.problem.interfaces[quantity.interface].weights
+        values = quantity.total(quantity.field(fields), weights)
+        return values if result.plan.times is None else values[..., -1]
+
+    found: Array = result.everywhere(quantity.interface, read)
+    return found
 
 
 def moments(result: Result | SampleResult, quantity: Resultant) -> MeanStd:
-    """The quantity in a result, of a history at its end: mean and standard deviation if it is random."""
+    """The quantity in a result, of a history at its end: mean and standard deviation if it is random; collective."""
     if isinstance(result, SampleResult):
         values = samples_of(result, result, quantity)
         sums = Accumulator()
@@ -113,7 +123,8 @@ def moments(result: Result | SampleResult, quantity: Resultant) -> MeanStd:
         mean, std = sums.found()[""]
         return MeanStd(float(mean), float(std))
     if not isinstance(result, ChaosResult):
-        return MeanStd(float(np.ravel(quantity.value(result))[-1]), None)
+        value = result.everywhere(quantity.interface, lambda: quantity.value(result))
+        return MeanStd(float(np.ravel(value)[-1]), None)
     if quantity.interface in result.collocations:
         germs = result.moment_germs()
         parts = [
@@ -142,6 +153,12 @@ def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     return change
 
 
+def _over_ranks(result: Result, value: Any) -> Any:
+    """The sum of what the ranks have of something."""
+    comm = result.problem.comm
+    return value if comm is None else comm.allreduce(value)
+
+
 def distance(one: Result, other: Result) -> float:
     """Relative difference of two results with the same kernel in the energy norm, over all columns.
 
@@ -157,7 +174,7 @@ def distance(one: Result, other: Result) -> float:
     data[:, places] -= other.state.data
     traces[:, places] -= other.state.traces
     forces = data - solver.directions[:, None] * traces
-    square = float(np.sum(traces * solver.weights[:, None] * forces))
+    square = float(_over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
     return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
 
 
@@ -189,6 +206,7 @@ def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Ar
     steps = result.steps
     metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
+    square = _over_ranks(result, square)
     of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
     if quantity is None or quantity.interface in result.collocations:
         return of_field, of_field
@@ -348,7 +366,11 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     truth = result.sample(result.space.sample(count, 1))
     complete(truth)
     names = result.plan.active if quantity is None else (quantity.interface,)
-    error = max(result.compared(name, [truth]).error for name in names)
+    problem = result.problem
+    own = [name for name in names if problem.speaks_for(name)]
+    with agreement(problem.comm):
+        compared = {name: result.compared(name, [truth]).error for name in own}
+    error = max(problem.gather(compared).values())
     how = f"{count} deterministic solves"
     if quantity is None:
         return ErrorShare(error, how=how)
