@@ -235,7 +235,9 @@ class SavedResult(Face):
     ) -> None:
         self.path, self.plan, self.problem, self.chaos = path, plan, problem, chaos
         self.iterations, self.error = int(tree["iterations"]), float(tree["error"])
-        self.place, self.statuses = str(tree.get("place", "")), tuple(map(str, tree.get("statuses", ())))
+        self.place = str(tree.get("place", ""))
+        statuses = tree["points"]["status"] if "points" in tree else tree.get("statuses", ())
+        self.statuses = tuple(str(each) or "interrupted" for each in statuses)
         self.software = str(tree["software"])
         self.germs, self.weights = _optional(tree, "germs"), _optional(tree, "weights")
         self.axes = {name: _numbers(v, name, 1) for name, v in tree.get("axes", {}).items()}

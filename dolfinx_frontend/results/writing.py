@@ -73,7 +73,6 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         "iterations": int(np.atleast_1d(answer.iterations)[reached].sum()),
         "error": largest_of(np.atleast_1d(answer.error)[reached]),
         "place": answer.place,
-        "statuses": [str(each) for each in np.ravel(answer.statuses)],
         "software": chaos_file.software(),
         "plan": str(plan),
         "problem": repr(problem),
@@ -92,6 +91,8 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
     if plan.times is not None:
         tree["times"] = np.asarray(plan.times, dtype=np.float64)
     tree |= answer.extra_content(tuple(problem.substructures) if fields else (), samples, seed)
+    if "points" not in tree:
+        tree["statuses"] = [str(each) for each in np.ravel(answer.statuses)]
     why = answer.without_displacements if fields else NO_FIELDS
     if why is not None:
         tree["no_displacements"] = why
