@@ -115,7 +115,7 @@ def samples_of(result: Any, fields: Any, quantity: Resultant) -> Array:
 
 
 def moments(result: Result | SampleResult, quantity: Resultant) -> MeanStd:
-    """The quantity in a result, of a history at its end: mean and standard deviation if it is random; collective."""
+    """The quantity in a result, of a history at its end, with its deviation if it is random; collective."""
     if isinstance(result, SampleResult):
         values = samples_of(result, result, quantity)
         sums = Accumulator()
@@ -367,9 +367,9 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     complete(truth)
     names = result.plan.active if quantity is None else (quantity.interface,)
     problem = result.problem
-    own = [name for name in names if problem.speaks_for(name)]
+    here = [name for name in names if problem.speaks_for(name)]
     with agreement(problem.comm):
-        compared = {name: result.compared(name, [truth]).error for name in own}
+        compared = {name: result.compared(name, [truth]).error for name in here}
     error = max(problem.gather(compared).values())
     how = f"{count} deterministic solves"
     if quantity is None:

@@ -1,4 +1,4 @@
-"""Where an answer is how wrong: rows and columns of the kernel's errors in words, statuses by step and by point."""
+"""Where an answer is how wrong: the kernel's errors in words, statuses by step and by point."""
 
 from __future__ import annotations
 
@@ -7,8 +7,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Amplitude, Contact, Elastic, LinearElastic, Options, Scene, assemble, geometry, load
-from dolfinx_frontend import solve, sweep
+from dolfinx_frontend import (
+    Amplitude,
+    Contact,
+    Elastic,
+    LinearElastic,
+    Options,
+    Scene,
+    assemble,
+    geometry,
+    load,
+    solve,
+    sweep,
+)
 from dolfinx_frontend.estimate.errors import next_halving, not_known
 from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run, ended, largest_of, place_of
 
@@ -58,7 +69,8 @@ def test_places_of_points():
 
 
 def test_a_step_converged_if_those_before_it_did():
-    accuracy = Accuracy(np.array([[1e-9], [1e-3], [1e-9]]), ("step 0", "step 1", "step 2"), ("part a",), (0, 1, 2))
+    values = np.array([[1e-9], [1e-3], [1e-9]])
+    accuracy = Accuracy(values, ("step 0", "step 1", "step 2"), ("part a",), (0, 1, 2))
     assert accuracy.place == "part a, step 1" and list(accuracy.by_step(3)) == [1e-9, 1e-3, 1e-9]
 
 

@@ -1,7 +1,7 @@
 """A bracket held by friction is pushed until it bears: closed form by statics.
 
-A preload N presses it on its base, friction mu holds it up to mu N; what is pushed beyond goes into the stop that
-it meets after the gap (the shank in its hole).
+A preload N presses it on its base, friction mu holds it up to mu N; what is pushed beyond goes into the stop
+that it meets after the gap (the shank in its hole).
 """
 
 from __future__ import annotations
@@ -11,7 +11,17 @@ import logging
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Amplitude, Contact, LinearElastic, Options, Scene, SceneError, assemble, geometry, solve
+from dolfinx_frontend import (
+    Amplitude,
+    Contact,
+    LinearElastic,
+    Options,
+    Scene,
+    SceneError,
+    assemble,
+    geometry,
+    solve,
+)
 from dolfinx_frontend.assembly.problem import Problem
 
 MU, PRELOAD, GAP = 0.1, 50e3, 1.0
