@@ -335,7 +335,7 @@ def facets_of(part: Part, face: str, points: Array) -> Array:
 
 
 def contact_figure(joint: LapJoint, loop: Loop, path: Path) -> Path:
-    """Pressure between the plates and the share of friction in use, tightened and pulled."""
+    """Pressure between the plates and the utilisation of friction, tightened and pulled."""
     interface = loop.result.problem.interfaces["plates"]
     triangles = facets_of(joint.parts["lower"], "lap", interface.points)
     triangles = np.concatenate([triangles, triangles * [1.0, -1.0]])  # both halves

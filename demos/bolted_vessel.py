@@ -99,6 +99,7 @@ from dolfinx_frontend.plan.plan import Method
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.scene.specs import Space
 from dolfinx_frontend.uncertainty.quantities import SobolEstimate, sobol_of
+from parts.text import table
 from parts.unit import Unit, measure_unit
 from parts.vessel import BoltedVessel, bolted_vessel
 
@@ -247,7 +248,7 @@ def report_deterministic(
                 f"{(spent := sum(result.seconds.values())):.2f}",
                 f"{spent / unit.seconds:.1f}",
                 f"{result.error:.1e}" if result.plan.active else "-",
-                f"{reference.energy_error(problem, result.displacements, exact):.1e}",
+                f"{reference.energy_error(problem, result.displacements, exact.u):.1e}",
             ]
             for name, result in results.items()
         ],
@@ -435,7 +436,7 @@ class Uncertain(NamedTuple):
 
     def error(self, coefficients: Mapping[str, Array]) -> float:
         """Relative energy-norm distance of displacement modes to `exact`, over all of them."""
-        return reference.energy_error_modes(self.exact.problem, coefficients, self.exact.coefficients)
+        return reference.energy_error(self.exact.problem, coefficients, self.exact.coefficients)
 
 
 def all_modes(result: ChaosResult) -> dict[str, Array]:
@@ -870,17 +871,6 @@ def contact_story(options: argparse.Namespace, say: Callable[[str], None]) -> No
 # %% Text on the screen
 
 
-def table(header: Sequence[Any], rows: Sequence[Sequence[Any]]) -> None:
-    """Print columns; numbers to the right, None as a dash."""
-    cells = [["-" if c is None else str(c) for c in row] for row in (header, *rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
-    for number, row in enumerate(cells):
-        line = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:]))]
-        print("  " + "  ".join(line))
-        if number == 0:
-            print("  " + "-" * (sum(widths) + 2 * len(widths) - 2))
-
-
 def wrapped(text: object, width: int = 100) -> str:
     """The text of an object with its long lines broken; continuation lines are indented further."""
     lines = []
@@ -1017,7 +1007,7 @@ def main(given: Sequence[str] | None = None) -> None:
     rtol = {name: 1e-8 for name in results}
     rtol["LATIN of 2004"] = 0.1 if options.quick else 1e-3
     for name, result in results.items():
-        error = reference.energy_error(problem, result.displacements, exact)
+        error = reference.energy_error(problem, result.displacements, exact.u)
         check(f"{name}: energy error {error:.1e}", error, rtol[name])
     for name, surface in surfaces.items():
         check(f"{name}: points not converged", float((~surface.converged).sum()), 0.0)

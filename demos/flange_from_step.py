@@ -117,7 +117,7 @@ def read(path: Path, shape: FlangeShape, size: float) -> StepAssembly:
 
 
 def schedule(rounds: int) -> list[tuple[tuple[int, ...], float]]:
-    """The steps of the tightening: bolts that are tightened, and the share of the force that they get."""
+    """The steps of the tightening: bolts that are tightened, and the fraction of the force that they get."""
     steps: list[tuple[tuple[int, ...], float]] = [(ROUND, 0.2)]
     for share in (0.6, 1.0):
         steps += [((bolt,), share) for bolt in STAR]
@@ -385,7 +385,7 @@ bolt forces, kN                 {"".join(f"{f'bolt {k}':>8}" for k in ROUND)}"""
 sum of bolt forces              {1e-3 * forces[-2].sum():9.2f}  {1e-3 * forces[-1].sum():9.2f}   kN
 reaction of the gasket          {1e-3 * gasket[-2]:9.2f}  {1e-3 * gasket[-1]:9.2f}   kN
 force of the pressure           {1e-3 * loads[-2]:9.2f}  {1e-3 * loads[-1]:9.2f}   kN
-rest, share of the largest      {rest:9.1e} (largest of all steps)
+rest, relative to largest    {rest:9.1e} (largest of all steps)
 least pressure on the gasket    {around[-2].min():9.2f}  {around[-1].min():9.2f}   MPa
 largest pressure on the gasket  {around[-2].max():9.2f}  {around[-1].max():9.2f}   MPa""")
 

@@ -63,7 +63,7 @@ began = perf_counter()
 exact = reference.ssfem(problem, chaos)
 print(f"monolithic SSFEM: {exact.iterations} CG iterations, {perf_counter() - began:.2f} s")
 blocks = {name: result.coefficients(name) for name in problem.substructures}
-error = reference.energy_error_modes(problem, blocks, exact.coefficients)
+error = reference.energy_error(problem, blocks, exact.coefficients)
 
 # --- answers -----------------------------------------------------------------------------------------
 largest = result.quantity(

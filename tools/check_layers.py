@@ -29,6 +29,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "common": (
         "arrays",
         "frozen",
+        "groups",
+        "vectors",
         "errors",
         "threads",
         "describe",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -119,54 +119,8 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         end_all_on_errors(comm)
         bound_threads(comm.py2f())
 
-    substructures = {}
-    copies: dict[int, dict[tuple[str, int], FaceCopy]] = {}  # other rank -> (interface, side) -> face
-    with agreement(comm):
-        specs = {}
-        for name, spec in scene.substructures.items():
-            if owner[name] == rank:
-                say(f"substructure {name}")
-                specs[name] = spec.made()
-                substructures[name] = discretise(specs[name])
-        for name, joint in scene.interfaces.items():
-            ranks = [owner[face.substructure] for face in joint.faces]
-            for number, face in enumerate(joint.faces):
-                if ranks[number] != rank:
-                    continue
-                where = f"interface {name!r}"
-                check_face(specs[face.substructure], face, where)
-                other = ranks[1 - number] if len(ranks) == 2 else rank
-                if other != rank:
-                    s = substructures[face.substructure]
-                    copies.setdefault(other, {})[name, number] = face_copy(
-                        s.part, face.face, s.space, where
-                    )
-    elsewhere = swap(comm, copies)
-
-    interfaces = {}
-    with agreement(comm):
-        for name, joint in scene.interfaces.items():
-            ranks = [owner[face.substructure] for face in joint.faces]
-            if rank not in ranks:
-                continue
-            say(f"interface {name}")
-            members = [
-                substructures[face.substructure] if r == rank else elsewhere[name, number]
-                for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))
-            ]
-            interface = make_interface(
-                name,
-                joint.law,
-                tuple(s.part if isinstance(s, Substructure) else s for s in members),
-                tuple((f.substructure, f.face) for f in joint.faces),
-                tuple(s.space for s in members),
-                joint.quadrature_degree,
-                joint.max_distance,
-                joint.space,
-                joint.overlap,
-            )
-            _check_law(interface)
-            interfaces[name] = interface
+    substructures, copies = _own_parts(scene, owner, rank, say, comm)
+    interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), say, comm)
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -193,6 +147,72 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
     return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+
+
+def _own_parts(
+    scene: Scene, owner: Mapping[str, int], rank: int, say: Callable[[str], None], comm: Any
+) -> tuple[dict[str, Substructure], dict[int, dict[tuple[str, int], FaceCopy]]]:
+    """Parts of this rank, and what others need of them: other rank -> (interface, side) -> face."""
+    substructures: dict[str, Substructure] = {}
+    copies: dict[int, dict[tuple[str, int], FaceCopy]] = {}
+    with agreement(comm):
+        specs = {}
+        for name, spec in scene.substructures.items():
+            if owner[name] == rank:
+                say(f"substructure {name}")
+                specs[name] = spec.made()
+                substructures[name] = discretise(specs[name])
+        for name, joint in scene.interfaces.items():
+            ranks = [owner[face.substructure] for face in joint.faces]
+            for number, face in enumerate(joint.faces):
+                if ranks[number] != rank:
+                    continue
+                where = f"interface {name!r}"
+                check_face(specs[face.substructure], face, where)
+                other = ranks[1 - number] if len(ranks) == 2 else rank
+                if other != rank:
+                    s = substructures[face.substructure]
+                    copies.setdefault(other, {})[name, number] = face_copy(
+                        s.part, face.face, s.space, where
+                    )
+    return substructures, copies
+
+
+def _own_interfaces(
+    scene: Scene,
+    owner: Mapping[str, int],
+    rank: int,
+    substructures: Mapping[str, Substructure],
+    elsewhere: Mapping[tuple[str, int], FaceCopy],
+    say: Callable[[str], None],
+    comm: Any,
+) -> dict[str, Interface]:
+    """Interfaces that touch this rank; `elsewhere` has the faces that are on other ranks."""
+    interfaces = {}
+    with agreement(comm):
+        for name, joint in scene.interfaces.items():
+            ranks = [owner[face.substructure] for face in joint.faces]
+            if rank not in ranks:
+                continue
+            say(f"interface {name}")
+            members = [
+                substructures[face.substructure] if r == rank else elsewhere[name, number]
+                for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))
+            ]
+            interface = make_interface(
+                name,
+                joint.law,
+                tuple(s.part if isinstance(s, Substructure) else s for s in members),
+                tuple((f.substructure, f.face) for f in joint.faces),
+                tuple(s.space for s in members),
+                joint.quadrature_degree,
+                joint.max_distance,
+                joint.space,
+                joint.overlap,
+            )
+            _check_law(interface)
+            interfaces[name] = interface
+    return interfaces
 
 
 def _bare(interface: Interface) -> Interface:

@@ -1,4 +1,4 @@
-"""The interface space ``facets``: one value a facet of side 1, constant on it (P0).
+"""The interface space ``facets``: one value per facet of side 1, constant on it (P0).
 
 Interface point = centroid, weight = area, trace row = mean of the shape functions:
 
@@ -16,14 +16,14 @@ than the piece).  An error remains where an edge is not where its chord is.  Mea
 cylinder, the means of the coordinates differ by O(h^2) with straight facets (the distance of the
 chords) and by O(h^4) with quadratic ones.
 
-On triangles of degree 1 there are two facets a node: laws that prescribe jumps lock there.
+On triangles of degree 1 there are two facets per node: laws that prescribe jumps lock there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import basix
 import numpy as np
@@ -31,7 +31,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
-from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.clipping import flatten, measure, rule_on, simplices_of
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import Overlap
@@ -40,7 +40,7 @@ __all__ = ["Averages", "Polygons", "average", "means", "polygons"]
 
 
 UNCOVERED = 0.01
-"""Largest share of side 1 that may be left uncovered without ``overlap="partial"``.
+"""Largest fraction of side 1 that may be left uncovered without ``overlap="partial"``.
 
 Not zero: the edges of a round face are chords, and two meshes have different ones."""
 
@@ -48,7 +48,7 @@ OPPOSED = -0.5
 """Two facets face each other if the product of their unit normals is below this."""
 
 _WHOLE = 1e-9
-"""A facet whose uncovered share is below this is covered."""
+"""A facet is covered if a smaller fraction of it is not."""
 
 _DIGITS, _REGION, _MOST = 11.0, 1.3, 20
 """On quadrilaterals that are no parallelograms shape functions are analytic, not polynomial, in the
@@ -101,7 +101,7 @@ class Averages:
     gap
         (m,), mean distance from side 1 to side 2 along the normal, length.
     covered
-        Covered share of the area of side 1.
+        Covered fraction of the area of side 1.
     """
 
     facets: Ints
@@ -262,8 +262,7 @@ def _pairs(p1: Polygons, p2: Polygons, reach1: Array, reach2: Array) -> Iterator
             yield a[good], b[good]
 
 
-@dataclass(frozen=True)
-class _Pieces:
+class _Pieces(NamedTuple):
     """Quadrature points of the intersections: on facet1 at s1, x1, and on facet2 at s2, x2."""
 
     facet1: Ints
@@ -273,6 +272,10 @@ class _Pieces:
     facet2: Ints
     s2: Array
     x2: Array
+
+    def some(self, chosen: Flags) -> _Pieces:
+        """The chosen points only."""
+        return _Pieces._make(each[chosen] for each in self)
 
 
 def _intersect(
@@ -331,7 +334,7 @@ def _intersect(
             weight = w.ravel() * scale
             keep, solid = ~out[at], ~out[pair]
             collected.append(
-                _Pieces(*(z[keep] for z in (f1, s1, x1, weight, f2, s2, x2)))
+                _Pieces(f1, s1, x1, weight, f2, s2, x2).some(keep)
             )
             entries.append(
                 (p1.parent[i[pair]][solid], p2.parent[j[pair]][solid], area[solid])
@@ -342,8 +345,7 @@ def _intersect(
         s, x = np.zeros((0, fdim)), np.zeros((0, first.dim))
         nothing = _Pieces(none, s, x, np.zeros(0), none, s, x)
         return nothing, whole, sp.csr_matrix(shape), farthest
-    fields = ("facet1", "s1", "x1", "weights", "facet2", "s2", "x2")
-    pieces = _Pieces(*(np.concatenate([getattr(c, f) for c in collected]) for f in fields))
+    pieces = _Pieces._make(np.concatenate(each) for each in zip(*collected, strict=True))
     row, column, value = (np.concatenate(e) for e in zip(*entries, strict=True))
     return pieces, whole, sp.csr_matrix((value, (row, column)), shape=shape), farthest
 
@@ -434,22 +436,11 @@ def average(
     w = w * scale
     if not np.all(np.isfinite(w)) or w.min() <= 0.0:
         raise SceneError(f"{where}: facets of {names[0]} have no area; fix the mesh")
-    n = len(first)
-    areas: Array = np.bincount(index, w, minlength=n).astype(np.float64)
+    rule = _Rule(index, s, w, x, normals)
+    areas: Array = np.bincount(index, w, minlength=len(first)).astype(np.float64)
     columns = [v.dofmap.index_map.size_local for v in spaces]
     if second is None:
-        mean = means(index, w, n)
-        shape = mean @ first.trace(spaces[0], index, s, columns[0])
-        normal = mean @ normals
-        return Averages(
-            np.arange(n),
-            mean @ x,
-            normal / np.linalg.norm(normal, axis=1)[:, None],
-            areas,
-            (shape.tocsr(),),
-            np.zeros(n),
-            1.0,
-        )
+        return _of_one_side(first, spaces[0], rule, areas, columns[0])
 
     cut = quadrature_degree
     if cut is None:
@@ -458,53 +449,33 @@ def average(
             for side, v in zip((first, second), spaces, strict=True)
         )
     pieces, whole, common, farthest = _intersect(first, second, cut, limit)
-    share = np.asarray(common.sum(axis=1)).ravel() / whole
+    covered = np.asarray(common.sum(axis=1)).ravel() / whole
     size = float(max(first.sizes.max(), second.sizes.max()))
     d = first.dim
     nearest, _ = cKDTree(second.samples.reshape(-1, d)).query(first.samples.reshape(-1, d))
     apart = float(nearest.min())
-    _check_cover(where, (names[0], names[1]), share, areas, overlap, farthest, size, apart)
+    _check_cover(where, (names[0], names[1]), covered, areas, overlap, farthest, size, apart)
+    pieces = _joined(rule, second, pieces, whole, common)
 
-    # facets within one facet of side 2 (all of them if the meshes match) need no pieces: the rule
-    # of the facet itself serves both sides, so that equal facets have equal rows
-    largest = np.asarray(common.max(axis=1).todense()).ravel()
-    host = np.asarray(common.argmax(axis=1)).ravel().astype(np.int64)
-    within = largest > (1.0 - _WHOLE) * whole
-    if second.order == 1 and second.facet_cell == basix.CellType.quadrilateral:
-        # a part of a quadrilateral that is no parallelogram sees no polynomials: it takes the pieces' rule
-        within &= np.abs(_plane_areas(polygons(second), len(second))[host] / whole - 1.0) < 1e-6
-    covered = share > 1.0 - _WHOLE
-    own, cuts = within[index], ~within[pieces.facet1]
-    s2_own, x2_own, _ = second.closest(host[index[own]], x[own], normals[own])
-    facet1 = np.concatenate([index[own], pieces.facet1[cuts]])
-    facet2 = np.concatenate([host[index[own]], pieces.facet2[cuts]])
-    weights = np.concatenate([w[own], pieces.weights[cuts]])
-    s1 = np.concatenate([s[own], pieces.s1[cuts]])
-    s2 = np.concatenate([s2_own, pieces.s2[cuts]])
-    x1 = np.concatenate([x[own], pieces.x1[cuts]])
-    x2 = np.concatenate([x2_own, pieces.x2[cuts]])
-
-    kept = np.flatnonzero(share > 1e-8)
-    row = np.full(n, -1)
+    kept = np.flatnonzero(covered > 1e-8)
+    row = np.full(len(first), -1)
     row[kept] = np.arange(len(kept))
-    some = row[facet1] >= 0
-    facet1, facet2, weights, s1, s2, x1, x2 = (
-        z[some] for z in (facet1, facet2, weights, s1, s2, x1, x2)
-    )
-    mean = means(row[facet1], weights, len(kept))
-    shape2 = (mean @ second.trace(spaces[1], facet2, s2, columns[1])).tocsr()
+    pieces = pieces.some(row[pieces.facet1] >= 0)
+    mean = means(row[pieces.facet1], pieces.weights, len(kept))
+    shape2 = (mean @ second.trace(spaces[1], pieces.facet2, pieces.s2, columns[1])).tocsr()
     # side 1: the rule of the facet where it is covered, the pieces where it is in part
-    full, rest = covered[index], ~covered[facet1]
-    f = np.concatenate([index[full], facet1[rest]])
-    at = np.concatenate([s[full], s1[rest]])
-    weights1 = np.concatenate([w[full], weights[rest]])
+    complete = covered > 1.0 - _WHOLE
+    full, rest = complete[index], ~complete[pieces.facet1]
+    f = np.concatenate([index[full], pieces.facet1[rest]])
+    at = np.concatenate([s[full], pieces.s1[rest]])
+    weights1 = np.concatenate([w[full], pieces.weights[rest]])
     mean1 = means(row[f], weights1, len(kept))
     shape1 = (mean1 @ first.trace(spaces[0], f, at, columns[0])).tocsr()
     x_own, normal_own, _ = first.surface(f, at)
     normal = mean1 @ normal_own
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     area: Array = np.bincount(row[f], weights1, minlength=len(kept)).astype(np.float64)
-    gap = np.einsum("pi,pi->p", mean @ (x2 - x1), normal)
+    gap = np.einsum("pi,pi->p", mean @ (pieces.x2 - pieces.x1), normal)
     return Averages(
         kept,
         mean1 @ x_own,
@@ -514,3 +485,45 @@ def average(
         gap,
         float(min(area.sum() / areas.sum(), 1.0)),
     )
+
+
+class _Rule(NamedTuple):
+    """Quadrature on the facets of side 1: facet, place in it, weight, place in space, and normal."""
+
+    facet: Ints
+    s: Array
+    weights: Array
+    x: Array
+    normals: Array
+
+
+def _of_one_side(first: FacetMap, space: Any, rule: _Rule, areas: Array, columns: int) -> Averages:
+    """Averages over the facets of an interface with one side."""
+    n = len(first)
+    mean = means(rule.facet, rule.weights, n)
+    shape = mean @ first.trace(space, rule.facet, rule.s, columns)
+    normal = mean @ rule.normals
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return Averages(np.arange(n), mean @ rule.x, normal, areas, (shape.tocsr(),), np.zeros(n), 1.0)
+
+
+def _joined(
+    rule: _Rule, second: FacetMap, pieces: _Pieces, whole: Array, common: sp.csr_matrix
+) -> _Pieces:
+    """Points common to both sides: those of whole facets of side 1 where they can be, else of pieces.
+
+    Facets within one facet of side 2 (all of them if the meshes match) need no pieces: the rule of the facet
+    itself serves both sides, so that equal facets have equal rows.
+    """
+    largest = np.asarray(common.max(axis=1).todense()).ravel()
+    host = np.asarray(common.argmax(axis=1)).ravel().astype(np.int64)
+    within = largest > (1.0 - _WHOLE) * whole
+    if second.order == 1 and second.facet_cell == basix.CellType.quadrilateral:
+        # a part of a quadrilateral that is no parallelogram sees no polynomials: it takes the pieces' rule
+        within &= np.abs(_plane_areas(polygons(second), len(second))[host] / whole - 1.0) < 1e-6
+    own = within[rule.facet]
+    facet1, x1 = rule.facet[own], rule.x[own]
+    s2, x2, _ = second.closest(host[facet1], x1, rule.normals[own])
+    whole_facets = _Pieces(facet1, rule.s[own], x1, rule.weights[own], host[facet1], s2, x2)
+    cut = pieces.some(~within[pieces.facet1])
+    return _Pieces._make(np.concatenate(pair) for pair in zip(whole_facets, cut, strict=True))

@@ -9,10 +9,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "Side", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "frames", "nodal_normals"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,12 +51,43 @@ class Side:
     normal: Array
     area: float
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
 
 
+class PointFrames:
+    """What follows from the points (m, d), weights (m,) and frames (m, d, d) of an interface."""
+
+    points: Array
+    weights: Array
+    frames: Array
+
+    @property
+    def dim(self) -> int:
+        """Space dimension d."""
+        return int(self.points.shape[1])
+
+    @property
+    def num_points(self) -> int:
+        """Number of interface points m."""
+        return len(self.weights)
+
+    @property
+    def area(self) -> float:
+        """Area of side 1, of its covered part if the sides overlap partly."""
+        return float(self.weights.sum())
+
+    @property
+    def normals(self) -> Array:
+        """(m, d), unit normals out of side 1."""
+        return self.frames[:, 0, :]
+
+
 @dataclass(frozen=True, repr=False)
-class Interface:
+class Interface(PointFrames):
     """One or two sides with a law, discretised.
 
     Attributes
@@ -94,6 +126,9 @@ class Interface:
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     def __repr__(self) -> str:
         sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)
         return (
@@ -109,26 +144,6 @@ class Interface:
         """
         crossing = (self.gap < 0.0) & (self.gap >= -self.sag)
         return np.where(crossing, 0.0, self.gap)
-
-    @property
-    def dim(self) -> int:
-        """Space dimension d."""
-        return int(self.points.shape[1])
-
-    @property
-    def num_points(self) -> int:
-        """Number of interface points m."""
-        return len(self.weights)
-
-    @property
-    def area(self) -> float:
-        """Area of side 1, of its covered part if the sides overlap partly."""
-        return float(self.weights.sum())
-
-    @property
-    def normals(self) -> Array:
-        """(m, d), unit normals out of side 1."""
-        return self.frames[:, 0, :]
 
     def local_trace(self, side: int) -> sp.csr_matrix:
         """T of side 0 or 1 in the local frame of side 1, (d*m, n)."""
@@ -199,9 +214,3 @@ def nodal_normals(shape: sp.csr_matrix, weights: Array, normals: Array, nodes: I
     length = np.linalg.norm(mean, axis=1)
     out: Array = mean / np.where(length > 0.0, length, 1.0)[:, None]
     return out
-
-
-def snapped(normal: Array) -> Array:
-    """A mean normal, made exact if it is a coordinate axis up to rounding."""
-    rounded = np.round(normal)
-    return rounded if np.abs(normal - rounded).max() < 1e-9 else normal

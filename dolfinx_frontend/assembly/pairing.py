@@ -19,9 +19,10 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.assembly.averages import OPPOSED, Averages, average
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
-from dolfinx_frontend.assembly.interface import Interface, Side, frames, nodal_normals, snapped
+from dolfinx_frontend.assembly.interface import Interface, Side, frames, nodal_normals
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
 
@@ -61,7 +62,7 @@ def _side(
         nodes=nodes,
         node_normals=nodal_normals(own_shape, weights, normals, nodes),
         flatness=flatness,
-        normal=snapped(mean / length) if length > 1e-9 else np.zeros(facets.dim),
+        normal=unit(mean) if length > 1e-9 else np.zeros(facets.dim),
         area=total,
     )
 

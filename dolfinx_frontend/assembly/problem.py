@@ -11,6 +11,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
@@ -223,18 +224,15 @@ class Problem:
         lines = [
             f"Problem: {self.size} unknowns in {len(self.parts)} substructures, "
             f"{len(self.interfaces)} interfaces, {self.dim}D",
-            f"  {'substructure':<18}{'unknowns':>10}{'volume':>12}{'modulus':>12}{'length':>11}",
         ]
+        rows = [("substructure", "unknowns", "volume", "modulus", "length")]
         for name, s in self.parts.items():
-            lines.append(
-                f"  {name:<18}{s.size:>10}{s.volume:>12.4g}{s.modulus:>12.4g}{s.length:>11.4g}"
-            )
-        lines.append(f"  {'interface':<26}{'law':<14}{'points':>8}{'area':>12}  sides")
+            rows.append((name, str(s.size), f"{s.volume:.4g}", f"{s.modulus:.4g}", f"{s.length:.4g}"))
+        lines += [f"  {line}" for line in columns(rows, "<>>>>")]
+        rows = [("interface", "law", "points", "area", "sides")]
         for i in self.interfaces.values():
             sides = " | ".join(f"{s.substructure}:{s.face}" for s in i.sides)
             if len(i.sides) == 2:
                 sides += " (matching)" if i.matching is not None else " (non-matching)"
-            lines.append(
-                f"  {i.name:<26}{i.law.title:<14}{i.num_points:>8}{i.area:>12.4g}  {sides}"
-            )
-        return "\n".join(lines)
+            rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
+        return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])

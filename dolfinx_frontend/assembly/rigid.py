@@ -16,11 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
-from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
-
+from dolfinx_frontend.common.groups import group_labels
 
 __all__ = [
     "FreeMotions",
@@ -120,12 +119,8 @@ def _merge(links: list[_Link], labels: Ints, d: int) -> Ints:
                 united.append(pair)
         if not united:
             return labels
-        n = int(labels.max()) + 1
-        a, b = np.array(united).T
-        graph = sp.coo_matrix((np.ones(len(united)), (a, b)), shape=(n, n))
-        _, to = connected_components(graph, False)
-        # the ground stays cluster 0: labels of components follow the first appearance
-        labels = to[labels]
+        # the ground stays cluster 0, as the first member of its group
+        labels = group_labels(int(labels.max()) + 1, united)[labels]
 
 
 def _assembled(blocks: list[tuple[int, int, Array]], clusters: int, r: int) -> sp.csr_matrix:
@@ -312,14 +307,10 @@ def free_motions(
         for a, A in maps:
             for b, B in maps:
                 blocks.append((a - 1, b - 1, A.T @ link.gram @ B))
-    graph = sp.coo_matrix(
-        (np.ones(len(blocks)), ([a for a, _, _ in blocks], [b for _, b, _ in blocks])),
-        shape=(clusters, clusters),
-    )
-    count, component = connected_components(graph, False)
-    # motions of every component of the graph that has some
+    component = group_labels(clusters, [(a, b) for a, b, _ in blocks])
+    # motions of every group of clusters that has some
     found: list[tuple[Ints, Array]] = []
-    for k in range(count):
+    for k in range(int(component.max()) + 1):
         inside = np.flatnonzero(component == k)
         place = {int(c): i for i, c in enumerate(inside)}
         mine = [(place[a], place[b], block) for a, b, block in blocks if a in place]

@@ -21,6 +21,7 @@ from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked, locked_matrix
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
@@ -72,6 +73,9 @@ class Substructure:
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     material: Any = field(default=None, repr=False)
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     def __repr__(self) -> str:
         return (
             f"Substructure({self.name!r}, {self.size} unknowns, {self.dim}D, volume {self.volume:.6g}, "
@@ -107,7 +111,7 @@ class Substructure:
     @cached_property
     def matrix(self) -> sp.csr_matrix:
         """K as a SciPy matrix."""
-        return csr(self.stiffness)
+        return locked_matrix(csr(self.stiffness))
 
     @cached_property
     def diagonal(self) -> Array:

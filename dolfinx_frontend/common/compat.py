@@ -18,7 +18,7 @@ import ufl
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
-__all__ = ["cell_nodes", "coordinate_map", "create_mesh", "gmsh_cell_permutation"]
+__all__ = ["cell_nodes", "coordinate_map", "create_mesh", "gmsh_cell_permutation", "vertex_nodes"]
 
 
 def _gmsh_reader() -> Any:
@@ -81,6 +81,17 @@ def cell_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int32]:
     """Rows of ``mesh.geometry.x`` that each cell uses, (cells, nodes per cell)."""
     dofmaps = getattr(mesh.geometry, "dofmaps", None)  # a method in some releases
     return dofmaps[0] if isinstance(dofmaps, list) else mesh.geometry.dofmap
+
+
+def vertex_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int64]:
+    """Row of ``mesh.geometry.x`` of every vertex of a mesh on one process, (vertices,)."""
+    topology = mesh.topology
+    topology.create_connectivity(topology.dim, 0)
+    vertices = topology.connectivity(topology.dim, 0)
+    nodes = np.empty(topology.index_map(0).size_local, dtype=np.int64)
+    # vertices come first among the nodes of a cell
+    nodes[vertices.array] = cell_nodes(mesh)[:, : vertices.links(0).size].reshape(-1)
+    return nodes
 
 
 def coordinate_map(mesh: dmesh.Mesh) -> Any:

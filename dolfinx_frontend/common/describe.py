@@ -1,4 +1,4 @@
-"""Short descriptions of records for ``repr``: one line, whatever they contain."""
+"""Short descriptions of records for ``repr``, one line whatever they contain, and aligned columns of text."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["record", "short", "shown_error"]
+__all__ = ["columns", "record", "short", "shown_error"]
 
 FEW = 6
 """Numbers that are shown one by one."""
@@ -60,6 +60,15 @@ def record(self: Any) -> str:
             continue
         shown.append(f"{field.name}={short(value)}")
     return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
+    """Lines of cells, aligned: `sides` has ``<`` (left) or ``>`` (right) for each column."""
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(len(sides))]
+    forms = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
+    return [
+        "  ".join(f"{cell:{form}}" for cell, form in zip(row, forms, strict=True)).rstrip() for row in rows
+    ]
 
 
 def _differ(value: Any, default: Any) -> bool:

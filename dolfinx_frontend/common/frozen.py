@@ -1,13 +1,17 @@
-"""Copies of what a user gives that no later change of it can reach."""
+"""Values that nobody changes later: copies of what a user gives, and arrays that cannot be written to."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+import scipy.sparse as sp
 
-__all__ = ["frozen"]
+__all__ = ["frozen", "locked", "locked_matrix", "read_only"]
+
+A = TypeVar("A", bound=np.ndarray[Any, Any])
 
 
 def frozen(value: Any) -> Any:
@@ -23,3 +27,34 @@ def frozen(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: frozen(each) for key, each in value.items()}
     return value
+
+
+def read_only(values: A) -> A:
+    """A view of an array that cannot be written to."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
+def locked_matrix(matrix: sp.csr_matrix) -> sp.csr_matrix:
+    """A sparse matrix whose arrays cannot be written to."""
+    if not matrix.data.flags.writeable:
+        return matrix
+    copy = matrix.copy()
+    copy.sum_duplicates()  # SciPy does so in place when first asked for sorted indices
+    for array in (copy.data, copy.indices, copy.indptr):
+        array.flags.writeable = False
+    return copy
+
+
+def locked(record: Any) -> None:
+    """Make the arrays of a frozen dataclass read-only; for its ``__post_init__``."""
+    for each in dataclasses.fields(record):
+        value = getattr(record, each.name)
+        if isinstance(value, np.ndarray):
+            object.__setattr__(record, each.name, read_only(value))
+        elif sp.issparse(value):
+            object.__setattr__(record, each.name, locked_matrix(value))
+        elif isinstance(value, dict):
+            arrays = {k: read_only(v) if isinstance(v, np.ndarray) else v for k, v in value.items()}
+            object.__setattr__(record, each.name, arrays)

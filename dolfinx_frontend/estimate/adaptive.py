@@ -1,11 +1,12 @@
-"""Answers that are as right as asked: the measurements of :mod:`dolfinx_frontend.estimate.errors`, used to
-stop as soon as an answer is good enough."""
+"""Answers of a given accuracy: errors are measured as in :mod:`dolfinx_frontend.estimate.errors` while the
+computation goes on, which stops as soon as they are small enough."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isfinite, log2
 from typing import Literal, TypeVar
 
@@ -22,7 +23,6 @@ from dolfinx_frontend.estimate.errors import (
     INTERRUPTED,
     REPLICATES,
     UNKNOWN,
-    Interest,
     by_solves,
     change_of,
     complete,
@@ -31,13 +31,10 @@ from dolfinx_frontend.estimate.errors import (
     error_of_meshes,
     errors,
     errors_of_samples,
-    interest,
-    moments,
     next_halving,
     of_direct,
     not_known,
     sizes_of,
-    tightened,
     whole_of,
 )
 from dolfinx_frontend.kernel.running import Interrupted
@@ -47,7 +44,7 @@ from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, Resultant, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
@@ -58,24 +55,24 @@ __all__ = ["solve_to_accuracy"]
 _log = logging.getLogger(__name__)
 
 SLOWEST = 0.7
-"""Errors are not taken to fall more slowly than so from one set of modes to the next."""
+"""Largest factor by which errors are assumed to change from one set of modes to the next."""
 
 MOST_MODES = 2000
 
 MOST_ORDER = 8
-"""Of an adaptive chaos: beyond, samples are cheaper."""
+"""Highest order of an adaptive chaos: beyond it, samples are cheaper."""
 
 STALLED = 0.6
-"""MeanStd that change more than so from order to order, in terms of the change before, do not converge."""
+"""A chaos does not converge if mean and deviation change by more than this times the change before."""
 
 MOST_SAMPLES = 8192
 
 RULES = (3, 5, 7, 9, 12, 16, 20)
-"""Points a germ of the tensor rules that are tried one after the other, at least three of them: the third
-looks 3.8 standard deviations far, so that a kink beyond it hardly counts."""
+"""Points per germ of the tensor rules that are tried one after the other, at least three of them: the third
+reaches out to 3.8 standard deviations: a kink beyond that has next to no weight."""
 
 SUREST = 0.5
-"""Changes from rule to rule are assumed to fall by this factor at best: with kinks they fall irregularly."""
+"""Smallest factor by which changes are assumed to fall from rule to rule: at kinks they fall irregularly."""
 
 FORGOTTEN = 0.5
 """Weight of the change of the rule before: with a kink, a change can be small by chance."""
@@ -97,7 +94,7 @@ def solve_to_accuracy(
     options: Options | None = None,
     meshes: bool = True,
 ) -> Result | SampleResult:
-    """Solve until the error of a quantity is at most as large as asked.
+    """Solve until the error of a quantity is at most `accuracy`.
 
     Parameters
     ----------
@@ -117,7 +114,7 @@ def solve_to_accuracy(
     """
     if not (np.isfinite(accuracy) and 1e-10 <= accuracy <= 0.5):
         raise SceneError(f"accuracy = {accuracy!r}: it must lie in 1e-10..0.5")
-    what = interest(problem, quantity)
+    what = interest(problem.interfaces, quantity)
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
@@ -152,24 +149,24 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
         iterated = bool(result.plan.active)
         while iterated and made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
             fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
-            result = tightened(result, max(result.plan.options.rtol * fall, FINEST))
+            result = result.tightened(max(result.plan.options.rtol * fall, FINEST))
             made = not_known(result, quantity)
             complete(result)
             made = _settled(result, quantity)
     except Interrupted:
         notes = (INTERRUPTED,)
-    return _with_errors(result, made, accuracy, of_meshes, notes)
+    return _with_errors(result, made, accuracy, of_meshes, notes, partial(next_halving, result))
 
 
 def _visible(
     accuracy: float, of_meshes: ErrorShare | None, quantity: Resultant | None, result: Result
 ) -> float:
-    """What the other errors must keep below: none is reduced below a tenth of the error of the meshes."""
+    """Target of the other errors: the accuracy, but not less than a tenth of the error of the meshes."""
     if of_meshes is None:
         return accuracy
     relative = of_meshes.energy
     if quantity is not None and of_meshes.quantity is not None:
-        relative = share_of(of_meshes.quantity, moments(result, quantity).mean)
+        relative = share_of(of_meshes.quantity, result.mean_std(quantity).mean)
     return float(np.clip(0.1 * relative, accuracy, 0.5)) if isfinite(relative) else accuracy
 
 
@@ -180,13 +177,13 @@ def _settled(result: Result, quantity: Resultant | None) -> Errors:
         found = estimate if result.plan.active else of_direct(result, None)
         return Errors(found, None, None, None, None)
     if not result.plan.active:
-        value = moments(result, quantity)
+        value = result.mean_std(quantity)
         return Errors(of_direct(result, value), None, None, quantity, value)
-    value = moments(result, quantity)
-    tight = tightened(result, max(DIGIT * result.plan.options.rtol, FINEST))
+    value = result.mean_std(quantity)
+    tight = result.tightened(max(DIGIT * result.plan.options.rtol, FINEST))
     complete(tight)
-    after = moments(tight, quantity)
-    how = "the iteration carried on for one digit"
+    after = tight.mean_std(quantity)
+    how = "the iteration carried on to a tenth of its error"
     found = ErrorShare(result.error, abs(after.mean - value.mean), None, how)
     return Errors(found, None, None, quantity, value)
 
@@ -200,8 +197,9 @@ def _with_errors(
     accuracy: float,
     of_meshes: ErrorShare | None,
     notes: tuple[str, ...],
+    halving: Callable[[Errors], str] | None = None,
 ) -> Answered:
-    """The result with what is known of its errors."""
+    """The result with what is known of its errors; `halving` says what would halve them (None: as `made`)."""
     made = replace(made, asked=accuracy, discretisation=of_meshes)
     if made.relative("discretisation") > accuracy:
         notes += (
@@ -210,8 +208,8 @@ def _with_errors(
         )
     if made.total > accuracy:
         notes += (f"the accuracy was not reached: {shown_error(made.total)} is left",)
-    if isinstance(result, Result) and INTERRUPTED not in notes:
-        made = replace(made, next_halving=next_halving(result, made))
+    if halving is not None and INTERRUPTED not in notes:
+        made = replace(made, next_halving=halving(made))
     for note in notes:
         _log.warning("%s", note)
     return result.with_notes(found=replace(made, notes=notes))
@@ -225,7 +223,7 @@ class _Search:
     result
         The largest chaos so far.
     target
-        What algebraic and truncation error must keep below.
+        What algebraic and truncation error must stay below.
     gain
         How much worse the quantity is than the energy norm.
     """
@@ -240,7 +238,7 @@ class _Search:
         self.notes: tuple[str, ...] = ()
 
     def answer(self, meshes: bool) -> ChaosResult | SampleResult:
-        """The chaos, or samples where it does not converge; after Ctrl-C the chaos as far as it came."""
+        """The chaos, or samples where it does not converge; after Ctrl-C the last chaos that was solved."""
         try:
             return self._answer(meshes)
         except Interrupted:
@@ -256,8 +254,8 @@ class _Search:
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
         if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
-            # few germs and nonlinear laws: rules converge where the chaos does, at less for a point
-            # what the iteration leaves shows in the changes from rule to rule
+            # few germs and nonlinear laws: rules converge where the chaos does, and a point costs less; the
+            # error of the iteration is part of the changes from rule to rule
             each = float(np.clip(0.03 * self.target, FINEST, 3e-3))
             by_rules = _by_rules(result, quantity, self.target, each)
             if by_rules is None:
@@ -274,25 +272,26 @@ class _Search:
         return self._found(made)
 
     def _found(self, made: Errors) -> ChaosResult:
-        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes)
+        halving = partial(next_halving, self.result)
+        return _with_errors(self.result, made, self.accuracy, self.of_meshes, self.notes, halving)
 
     def _carry_on(self, chaos: Chaos, rtol: float) -> None:
         self.result = carry_on(self.result, chaos, rtol)
         complete(self.result)
 
     def _calibrate(self) -> None:
-        """Find out where it is cheap how much worse the quantity is than the energy norm."""
+        """Measure, on the first and cheapest chaos, how much worse the quantity is than the energy norm."""
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
-        before = None if quantity is None else moments(result, quantity)
+        before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:
-            change = change_of(before, moments(self.result, quantity), rtol)
+            change = change_of(before, self.result.mean_std(quantity), rtol)
             self.gain = max(change / loose, _mean_over_spread(self.result))
 
     def _grow(self, curved: bool) -> tuple[float, bool]:
-        """Enlarge the chaos; what it still leaves out, and whether it has stopped converging."""
+        """Enlarge the chaos. Returns what it still leaves out, and whether it has stopped converging."""
         quantity, target = self.quantity, self.target
         change_before, left, fall = np.nan, np.inf, SLOWEST
         stalled = False
@@ -301,7 +300,7 @@ class _Search:
             chaos = self._next(curved)
             if chaos is None:
                 break
-            before = None if quantity is None else moments(old, quantity)
+            before = None if quantity is None else old.mean_std(quantity)
             try:
                 self._carry_on(chaos, self.rtol)
             except IndefiniteError as error:
@@ -310,7 +309,7 @@ class _Search:
             if quantity is None or before is None:
                 change = distance(self.result, old)
             else:
-                change = change_of(before, moments(self.result, quantity), self.rtol)
+                change = change_of(before, self.result.mean_std(quantity), self.rtol)
             if isfinite(change_before) and change_before > 0.0:
                 fall = min(change / change_before, SLOWEST)
                 stalled = curved and change > STALLED * change_before and change > target
@@ -369,7 +368,7 @@ def _mean_over_spread(result: ChaosResult) -> float:
 
 
 def _decay(result: ChaosResult, quantity: Resultant | None) -> float:
-    """Fall of the modes from the last degree but one to the last."""
+    """Size of the modes of the last degree, relative to those of the last but one."""
     sizes, _ = sizes_of(result, quantity)
     degree = result.basis.indices.table.sum(axis=1)
     last = int(degree.max())
@@ -387,7 +386,7 @@ def _errors_of_chaos(
     how = "the change by the last modes, carried on"
     if quantity is None:
         return Errors(algebraic, ErrorShare(left, how=how), None, None, None)
-    value = moments(result, quantity)
+    value = result.mean_std(quantity)
     whole = whole_of(value, result.plan.options.rtol)
     assert whole is not None  # of a chaos
     size = gain * result.error
@@ -410,10 +409,10 @@ def _by_rules(
             return None
         samples = result.sample(rule.points, rule.weights, "quadrature", rtol=rtol)
         complete(samples)
-        value = moments(samples, quantity)
+        value = samples.mean_std(quantity)
         if before is not None:
             changes.append(change_of(before, value, rtol))
-            # earlier changes count, too, and the fall of all
+            # earlier changes count with less weight, and the fall is the mean over all of them
             change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
             fall = SUREST
             if len(changes) > 1 and changes[0] > 0.0:
@@ -423,7 +422,7 @@ def _by_rules(
             if len(changes) > 1 and left <= 0.5 * target:
                 whole = whole_of(value, rtol)
                 error = largest_of(samples.error)
-                how = f"the change by the last of {points} points a germ, carried on"
+                how = f"the change by the last of {points} points per germ, carried on"
                 made = Errors(
                     ErrorShare(error, error * abs(value.mean), error * abs(value.mean), "its estimate"),
                     ErrorShare(np.nan, left * abs(value.mean), left * (whole or 0.0), how),
@@ -436,7 +435,7 @@ def _by_rules(
                 count = more**result.space.dimension
                 seconds = sum(samples.seconds.values()) * count / len(rule.points)
                 return samples, replace(
-                    made, next_halving=f"{more} points a germ, {count} solves, about {seconds:.2g} s"
+                    made, next_halving=f"{more} points per germ, {count} solves, about {seconds:.2g} s"
                 )
         before = value
     return None

@@ -1,36 +1,35 @@
 """How wrong an answer is: the error of its iteration, of its chaos, of its meshes.
 
-Each is measured in the energy norm and in a quantity of interest by doing a little more and looking at what
-changes: the iteration goes on for one digit, the chaos gets its next modes (both on the factors that are
-there, started from the answer that is there).
+Each is measured in the energy norm and in a quantity of interest by computing a little more and comparing:
+the iteration is carried on until its error is ten times smaller, the chaos gets its next modes. Both use the
+factorisation of the answer and start from its state.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import ceil, isfinite, log
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.results.accuracy import largest_of, remedy
-from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
-from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
+from dolfinx_frontend.results.answer import AnswerKind
+from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, Source, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, Resultant, interest
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.deterministic import solve_on
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
@@ -38,7 +37,6 @@ __all__ = [
     "DIGIT",
     "FINEST",
     "INTERRUPTED",
-    "Interest",
     "change_of",
     "complete",
     "distance",
@@ -47,95 +45,34 @@ __all__ = [
     "errors",
     "errors_of_samples",
     "by_solves",
-    "interest",
-    "moments",
     "next_halving",
     "of_direct",
     "not_known",
     "sizes_of",
-    "tightened",
     "whole_of",
 ]
 
 _log = logging.getLogger(__name__)
 Index = tuple[int, ...]
-Interest = Resultant | str | None
 
 DIGIT = 0.1
-"""By so much the tolerance is tightened to see how far the iteration was."""
+"""Factor by which the tolerance is tightened to measure the error of the iteration."""
 
 FINEST = 1e-12
 """Tightest tolerance of an iteration."""
 
 DROPPED = 0.02
-"""Variance of modes that may be left out, as predicted, as a share of the accuracy of the moments: these
-change with the square of such modes, and predictions are right within a factor of three, squared."""
+"""Predicted variance of modes that may be left out, relative to the accuracy of the moments. Moments change
+with the square of such modes, and the prediction of a mode may be wrong by a factor of three."""
 
 INTERRUPTED = "interrupted (Ctrl-C): what is nan was not measured"
 UNKNOWN = 0.3
-"""Fall from one degree to the next where nothing is known of it."""
+"""Assumed decay of the modes from one degree to the next where it cannot be measured."""
 
 REPLICATES = 4
 
 
 # --- quantities -------------------------------------------------------------------------------------
-def interest(problem: Problem, quantity: Interest) -> Resultant | None:
-    """The quantity that is meant; None: the energy norm."""
-    if quantity is None or quantity == "energy":
-        return None
-    if isinstance(quantity, str):
-        quantity = Resultant(quantity)
-    if quantity.interface not in problem.interfaces:
-        raise unknown_name("interface", quantity.interface, problem.interfaces, "quantity of interest")
-    return quantity
-
-
-def _coefficients(result: ChaosResult, quantity: Resultant) -> Array:
-    """Chaos coefficients (P + 1,) of a quantity, of a history at its end; collective."""
-
-    def read() -> Array:
-        weights = result.problem.interfaces[quantity.interface].weights
-        block = result.force_coefficients if quantity.of == "force" else result.jump_coefficients
-        values = quantity.total(np.moveaxis(block(quantity.interface), -1, 0), weights)
-        return values if result.times is None else values[..., -1]
-
-    return result.everywhere(quantity.interface, read)
-
-
-def samples_of(result: Any, fields: Any, quantity: Resultant) -> Array:
-    """A quantity (N,) in samples of the fields, of a history at its end; collective."""
-
-    def read() -> Array:
-        weights = result.problem.interfaces[quantity.interface].weights
-        values = quantity.total(quantity.field(fields), weights)
-        return values if result.plan.times is None else values[..., -1]
-
-    found: Array = result.everywhere(quantity.interface, read)
-    return found
-
-
-def moments(result: Result | SampleResult, quantity: Resultant) -> MeanStd:
-    """The quantity in a result, of a history at its end, with its deviation if it is random; collective."""
-    if isinstance(result, SampleResult):
-        values = samples_of(result, result, quantity)
-        sums = Accumulator()
-        sums.add({"": values}, result.weights)
-        mean, std = sums.found()[""]
-        return MeanStd(float(mean), float(std))
-    if not isinstance(result, ChaosResult):
-        value = result.everywhere(quantity.interface, lambda: quantity.value(result))
-        return MeanStd(float(np.ravel(value)[-1]), None)
-    if quantity.interface in result.collocations:
-        germs = result.moment_germs()
-        parts = [
-            samples_of(result, result.at(germs[i : i + 512]), quantity) for i in range(0, len(germs), 512)
-        ]
-        values = np.concatenate(parts)
-        return MeanStd(float(values.mean()), float(values.std()))
-    values = _coefficients(result, quantity)
-    return MeanStd(float(values[0]), float(np.sqrt(np.sum(values[1:] ** 2))))
-
-
 def whole_of(value: MeanStd, rtol: float) -> float | None:
     """What an error of the standard deviation is relative to."""
     if value.std is None:
@@ -153,24 +90,21 @@ def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     return change
 
 
-def _over_ranks(result: Result, value: Any) -> Any:
+def _over_ranks(result: ChaosResult, value: Any) -> Any:
     """The sum of what the ranks have of something."""
     comm = result.problem.comm
     return value if comm is None else comm.allreduce(value)
 
 
-def distance(one: Result, other: Result) -> float:
-    """Relative difference of two results with the same kernel in the energy norm, over all columns.
+def distance(one: ChaosResult, other: ChaosResult) -> float:
+    """Relative difference of two chaoses with the same kernel in the energy norm, over all columns.
 
     The first may have modes that the second has not.
     """
-    solver = one.solver
+    solver, steps = one.solver, one.steps
     data, traces = one.state.data.copy(), one.state.traces.copy()
-    places = np.arange(data.shape[1])
-    if isinstance(one, ChaosResult) and isinstance(other, ChaosResult):
-        steps = one.steps
-        found = [one.basis.indices.find([int(i) for i in row]) for row in other.basis.indices.table]
-        places = np.concatenate([np.arange(p * steps, (p + 1) * steps) for p in found if p is not None])
+    found = [one.basis.indices.find([int(i) for i in row]) for row in other.basis.indices.table]
+    places = np.concatenate([np.arange(p * steps, (p + 1) * steps) for p in found if p is not None])
     data[:, places] -= other.state.data
     traces[:, places] -= other.state.traces
     forces = data - solver.directions[:, None] * traces
@@ -179,15 +113,8 @@ def distance(one: Result, other: Result) -> float:
 
 
 # --- more of the same -------------------------------------------------------------------------------
-def tightened(result: Result, rtol: float) -> Result:
-    """The run carried on to another tolerance."""
-    if isinstance(result, ChaosResult):
-        return carry_on(result, result.chaos, rtol)
-    return solve_on(result, rtol)
-
-
 def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
-    """Indices outside of a set whose every backward neighbour is in it."""
+    """Indices outside of a set all of whose backward neighbours are in it."""
     inside = {tuple(int(i) for i in row) for row in table}
     found: dict[Index, None] = {}
     for index in inside:
@@ -202,7 +129,7 @@ def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
 
 
 def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Array]:
-    """(P + 1,) how much each mode matters in the quantity and in the whole field, relative to the mean."""
+    """(P + 1,) size of each mode in the quantity, and in the whole field, relative to the mean."""
     steps = result.steps
     metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
@@ -210,13 +137,13 @@ def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Ar
     of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
     if quantity is None or quantity.interface in result.collocations:
         return of_field, of_field
-    values = np.abs(_coefficients(result, quantity))
+    values = np.abs(result.resultant_coefficients(quantity))
     mean = values[0] if values[0] > 0.0 else max(float(values.max()), 1e-300)
     return values / mean, of_field
 
 
 def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.0) -> Chaos:
-    """The chaos with the modes of the margin that are predicted to matter to an accuracy; 0: all of them."""
+    """The chaos with those of its next modes that are predicted to matter at an accuracy; 0: all of them."""
     table = result.basis.indices.table
     caps = [germ.capacity - 1 if germ.capacity is not None else 2**30 for germ in result.space.germs]
     names: list[Index] = [tuple(int(i) for i in row) for row in table]
@@ -226,7 +153,7 @@ def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.
     margin = _margin(table, caps)
 
     def predicted(index: Index) -> float:
-        """By the decay along each germ, the largest."""
+        """Size of a mode by the decay along each germ: the largest of these guesses."""
         guesses = []
         for germ, degree in enumerate(index):
             if degree == 0:
@@ -248,7 +175,7 @@ def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.
     variance = sum(size**2 for index, size in sizes.items() if any(index))
     # in the energy norm an error is the size of the modes that are left out, in moments its square
     allowed = variance * (DROPPED * target if quantity is not None else DROPPED * target**2)
-    after = squares.sum() - np.cumsum(squares)  # what is dropped behind each
+    after = squares.sum() - np.cumsum(squares)  # variance of all that rank behind each
     count = min(int(np.searchsorted(-after, -allowed)) + 1, len(ranked)) if target else len(ranked)
     chosen = [index for _, index in ranked[:count]]
     indices = (*sizes, *chosen)
@@ -268,25 +195,33 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
         A :class:`Resultant`, the name of an interface (its normal force), or ``"energy"``; None: what
         ``solve(accuracy=..., quantity=...)`` was asked for, or the energy norm.
 
-    The iteration is carried on for one digit, and a chaos is solved again with its next modes, both started
-    from the answer: about half the cost of the run without its factorisation. The result stays as it is.
+    The iteration is carried on until its error is ten times smaller, and a chaos is solved again with its
+    next modes. Both start from the answer, which takes about half as long as the run without its
+    factorisation. The result stays as it is.
+
     Ctrl-C ends the measurement: what it has not reached is NaN then, and a note says so.
     """
     if quantity is None and result.found is not None:
         return result.found
-    what = interest(result.problem, quantity)
-    if isinstance(result, SampleResult):
-        return errors_of_samples(result, what)
-    made = not_known(result, what)
+    return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))
+
+
+def _errors_of_run(
+    result: Result,
+    quantity: Resultant | None,
+    truncation: Callable[[Any, Resultant | None], ErrorShare] | None = None,
+) -> Errors:
+    """Errors of a run with fields; `truncation` measures that of its chaos, from the tightened run."""
+    made = not_known(result, quantity)
     try:
         if result.plan.active:
-            tight = tightened(result, max(DIGIT * min(result.plan.options.rtol, result.error), FINEST))
-            made = replace(made, algebraic=_algebraic(result, tight, what, made.moments))
-            if isinstance(tight, ChaosResult):
-                made = replace(made, truncation=_truncation(tight, what))
+            tight = result.tightened(max(DIGIT * min(result.plan.options.rtol, result.error), FINEST))
+            made = replace(made, algebraic=_algebraic(result, tight, quantity, made.moments))
+            if truncation is not None:
+                made = replace(made, truncation=truncation(tight, quantity))
         else:
             made = replace(made, algebraic=of_direct(result, made.moments), whole=None)
-        made = replace(made, discretisation=error_of_meshes(result, what))
+        made = replace(made, discretisation=error_of_meshes(result, quantity))
     except Interrupted:
         return replace(made, notes=(INTERRUPTED,))
     return replace(made, next_halving=next_halving(result, made))
@@ -299,7 +234,7 @@ def of_direct(result: Result, value: MeanStd | None) -> ErrorShare:
 
 
 def complete(result: Result | SampleResult) -> None:
-    """Ctrl-C in a measurement is no measurement.
+    """Check that a run of a measurement was not interrupted.
 
     Raises
     ------
@@ -312,12 +247,12 @@ def complete(result: Result | SampleResult) -> None:
 
 def not_known(result: Result, quantity: Resultant | None) -> Errors:
     """The errors of a result of which nothing is measured."""
-    value = None if quantity is None else moments(result, quantity)
+    value = None if quantity is None else result.mean_std(quantity)
     nan = None if value is None else np.nan
     of_std = None if value is None or value.std is None else np.nan
     algebraic = ErrorShare(result.error, nan, of_std, "its estimate; not measured")
     truncation = None
-    if isinstance(result, ChaosResult):
+    if result.statistics != "value":
         truncation = ErrorShare(np.nan, nan, of_std, "not measured")
     whole = None if value is None else whole_of(value, result.plan.options.rtol)
     return Errors(algebraic, truncation, None, quantity, value, whole)
@@ -326,12 +261,12 @@ def not_known(result: Result, quantity: Resultant | None) -> Errors:
 def _algebraic(
     result: Result, tight: Result, quantity: Resultant | None, value: MeanStd | None
 ) -> ErrorShare:
-    """The error of the iteration by the run that was carried on."""
+    """The error of the iteration, from the run with the tighter tolerance."""
     complete(tight)
-    how = "the iteration carried on for one digit"
+    how = "the iteration carried on to a tenth of its error"
     if quantity is None or value is None:
         return ErrorShare(result.error, how=how)
-    after = moments(tight, quantity)
+    after = tight.mean_std(quantity)
     return ErrorShare(result.error, abs(after.mean - value.mean), _difference(after.std, value.std), how)
 
 
@@ -340,7 +275,7 @@ def _difference(one: float | None, other: float | None) -> float | None:
 
 
 def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
-    """The error of a chaos, by a larger one."""
+    """The error of a chaos, from a larger one."""
     if result.collocations:
         return by_solves(result, quantity)
     try:
@@ -351,7 +286,7 @@ def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     found = ErrorShare(distance(wider, result), how=f"the next {wider.modes - result.modes} modes")
     if quantity is None:
         return found
-    before, after = moments(result, quantity), moments(wider, quantity)
+    before, after = result.mean_std(quantity), wider.mean_std(quantity)
     of_std = _difference(after.std, before.std)
     return replace(found, quantity=abs(after.mean - before.mean), std=of_std)
 
@@ -374,8 +309,8 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     how = f"{count} deterministic solves"
     if quantity is None:
         return ErrorShare(error, how=how)
-    value = moments(result, quantity)
-    exact, own = (samples_of(result, fields, quantity) for fields in (truth, result.at(truth.germs)))
+    value = result.mean_std(quantity)
+    exact, own = (quantity.at_end(result, fields) for fields in (truth, result.at(truth.germs)))
     shift = exact - own
     margin = 2.0 * shift.std(ddof=1) / np.sqrt(count)
     better = value.mean + shift.mean()
@@ -388,7 +323,7 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
 
 
 def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
-    """By the spread of parts of the sample, one after the other."""
+    """Errors of samples, from the differences between consecutive parts of the sample."""
     error = largest_of(result.error)
     if quantity is None:
         raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
@@ -397,8 +332,8 @@ def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Error
             "one quadrature does not tell its error: compare it with one of more points, or let "
             "solve(accuracy=...) do so"
         )
-    values = samples_of(result, result, quantity)
-    value = moments(result, quantity)
+    values = quantity.at_end(result, result)
+    value = result.mean_std(quantity)
     spread = np.array(
         [[p.mean(), p.std()] for p in np.array_split(values, REPLICATES)]
     ).std(axis=0, ddof=1)
@@ -425,28 +360,42 @@ def error_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | 
 
 def next_halving(result: Result, made: Errors) -> str:
     """What would halve the dominating error, and its cost by the model of the plan."""
+    return _HALVINGS[made.dominating](result, made)
+
+
+def _iteration_cost(result: Result) -> tuple[float, float]:
+    """Operations of one iteration by the model of the plan, and the seconds that it took."""
+    cost, summary = result.plan.cost, result.summary
+    spent = max(summary.global_s + summary.local_s + summary.other_s, 1e-6)
+    return cost.iteration_flops if cost is not None else 0.0, spent / max(result.iterations, 1)
+
+
+def _smaller_tolerance(result: Result, made: Errors) -> str:
+    flops, seconds = _iteration_cost(result)
+    count = _iterations_for(result, 0.5)
+    if count is None:
+        advice = remedy(result.status) or "nothing of its run says how many iterations it would take"
+        return f"the error does not fall any more ({result.status}): {advice}"
+    return (
+        f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "
+        f"{shown(count * flops, 'Flop')}, {count * seconds:.2g} s"
+    )
+
+
+def _more_modes(result: ChaosResult, made: Errors) -> str:
+    flops, seconds = _iteration_cost(result)
+    wider = enlarged(result, made.quantity, made.asked or 0.0)
+    assert wider.indices is not None
+    count = ceil(0.5 * result.iterations)
+    factor = len(wider.indices) / result.modes
+    return (
+        f"{len(wider.indices)} instead of {result.modes} modes: about {count} iterations, "
+        f"{shown(count * factor * flops, 'Flop')}, {count * factor * seconds:.2g} s"
+    )
+
+
+def _smaller_cells(result: Result, made: Errors) -> str:
     cost = result.plan.cost
-    spent = max(result.summary.global_s + result.summary.local_s + result.summary.other_s, 1e-6)
-    flops = cost.iteration_flops if cost is not None else 0.0
-    a_pass = spent / max(result.iterations, 1)
-    if made.dominating == "algebraic":
-        count = _iterations_for(result, 0.5)
-        if count is None:
-            advice = remedy(result.status) or "nothing of its run says how many iterations it would take"
-            return f"the error does not fall any more ({result.status}): {advice}"
-        return (
-            f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "
-            f"{shown(count * flops, 'Flop')}, {count * a_pass:.2g} s"
-        )
-    if made.dominating == "truncation" and isinstance(result, ChaosResult):
-        wider = enlarged(result, made.quantity, made.asked or 0.0)
-        assert wider.indices is not None
-        count = ceil(0.5 * result.iterations)
-        factor = len(wider.indices) / result.modes
-        return (
-            f"{len(wider.indices)} instead of {result.modes} modes: about {count} iterations, "
-            f"{shown(count * factor * flops, 'Flop')}, {count * factor * a_pass:.2g} s"
-        )
     degree = min(part.V.ufl_element().degree for part in result.problem.substructures.values())
     finer = 2.0 ** (-1.0 / degree)
     factor = finer ** (-2.0 * result.problem.dim)
@@ -458,8 +407,8 @@ def next_halving(result: Result, made: Errors) -> str:
 
 
 def _iterations_for(result: Result, fall: float) -> int | None:
-    """Iterations until the error has fallen so much, by the rate of the last half of the run; None: it does
-    not fall, or what is known of it says nothing."""
+    """Iterations until the error has fallen by a factor, at the rate of the last half of the run; None: it
+    does not fall, or what is known of it says nothing."""
     if result.status not in ("converged", "max_iterations"):
         return None
     record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
@@ -469,3 +418,18 @@ def _iterations_for(result: Result, fall: float) -> int | None:
     if now >= before:
         return None
     return max(1, ceil(-log(fall) * (last - first) / log(before / now)))
+
+
+_HALVINGS: Mapping[Source, Callable[[Any, Errors], str]] = {
+    "algebraic": _smaller_tolerance,
+    "truncation": _more_modes,  # which only a chaos has among the runs
+    "discretisation": _smaller_cells,
+}
+
+
+_BY_KIND: Mapping[AnswerKind, Callable[[Any, Resultant | None], Errors]] = {
+    "deterministic": _errors_of_run,
+    "history": _errors_of_run,
+    "chaos": partial(_errors_of_run, truncation=_truncation),
+    "samples": errors_of_samples,
+}

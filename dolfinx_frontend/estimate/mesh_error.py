@@ -32,8 +32,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.results.reactions import eliminated_fields, reaction
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Resultant
-from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.results.resultant import Interest, Resultant, interest
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Law
 
@@ -41,9 +40,9 @@ __all__ = ["DiscretisationError", "discretisation_error"]
 
 
 SMALL = 1e-3
-"""Change from which a nonlinear law tells its tangent, as a share of the largest displacement."""
+"""Size of the change that gives the tangent of a nonlinear law, relative to the largest displacement."""
 TANGENT_RTOL = 1e-7
-"""Tolerance of the two answers whose difference that is."""
+"""Tolerance of the two answers whose difference is taken for it."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +54,11 @@ class DiscretisationError:
     energy
         Relative error in the energy norm of the parts: sqrt(a(u - u_h) / a(u_h)), a(v) = sum of v^T K v.
     parts
-        Substructure -> its share of that; their squares add up to the square of `energy`.
+        Substructure -> its contribution to that; their squares add up to the square of `energy`.
     quantity
         Size of the error of the quantity of interest, in its unit; None: none was named. The larger of
-        |correction| and the root of the sum of squares of its shares by cell: where these cancel, what is
-        left is no estimate any more.
+        |correction| and the root of the sum of the squares of its contributions by cell: where these cancel,
+        their sum is no estimate.
     value
         The quantity in the result.
     correction
@@ -68,7 +67,7 @@ class DiscretisationError:
         sqrt(a(e_u) a(e_z)), which no error exceeds: what is left of it is cancellation, on which to count is
         a risk where stresses are singular.
     shares
-        Substructure -> its share of `correction`.
+        Substructure -> its contribution to `correction`.
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
     """
@@ -83,7 +82,7 @@ class DiscretisationError:
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
 
     def relative(self) -> float:
-        """Error of the quantity of interest as a share of its value.
+        """Error of the quantity of interest relative to its value.
 
         Raises
         ------
@@ -105,7 +104,7 @@ class DiscretisationError:
 
 
 def discretisation_error(
-    result: Result, quantity: Resultant | str | None = None, step: int = -1
+    result: Result, quantity: Interest = None, step: int = -1
 ) -> DiscretisationError:
     """Estimate the error of the meshes in a result; collective on several ranks.
 
@@ -130,14 +129,10 @@ def discretisation_error(
         A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
         converge.
     """
-    if not isinstance(result, Result):
-        raise SceneError(
-            f"{type(result).__name__} has no displacement fields to recover: take the result of "
-            "solve(problem), e.g. at the mean of the parameters"
-        )
-    if isinstance(quantity, str):
-        quantity = Resultant(quantity)
+    if result.without_recovery is not None:
+        raise SceneError(result.without_recovery)
     problem = result.problem
+    quantity = interest(problem.interfaces, quantity)
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
     began = perf_counter()
     dual: _Dual | None = None
@@ -221,7 +216,7 @@ def _reaction(result: Result, quantity: Resultant) -> tuple[int, Array, Array]:
     """Side of an eliminated support or glue, directions (nodes, d), its nodal forces ([T], nodes, d)."""
     name = quantity.interface
     result.problem.on_one_rank(f"the reaction of {name!r}, which was assembled across,")
-    if isinstance(result, StochasticResult):
+    if result.statistics != "value":
         raise SceneError(
             f"interface {name!r} was assembled across, its mean force is not known: solve with "
             f"active=[{name!r}]"
@@ -370,9 +365,10 @@ class _Dual:
 
     def _base(self, laws: Laws) -> State:
         """The state that the change starts from: that of the result where it is good enough."""
-        if isinstance(self.result, StochasticResult):  # its state has other columns
-            return self._run(laws, [])
-        return self.result.state if _linear(self.result) else self._run(laws, [self.result.state])
+        state = self.result.mean_state
+        if state is not None and _linear(self.result):
+            return state
+        return self._run(laws, [] if state is None else [state])
 
     def _run(self, laws: Laws, start: list[State]) -> State:
         solver, options = self.result.solver, self.result.plan.options

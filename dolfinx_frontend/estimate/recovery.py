@@ -32,9 +32,9 @@ __all__ = ["Recovery", "recovery"]
 
 SIMPLICES = ("triangle", "tetrahedron")
 POINTS_A_TERM = 1.5
-"""Points of a fit for each term of its polynomial, from which on they are enough."""
+"""Points that a fit needs for each term of its polynomial."""
 CHUNK = 2_000_000
-"""Numbers in the fits that are worked on together."""
+"""Numbers in the fits that are computed at once."""
 
 
 @lru_cache
@@ -178,7 +178,7 @@ class Recovery:
             P = _powers(offset / radius[:, None, None, None], self.terms) * there[:, :, None, None]
             P = P.reshape(len(who), widest * q, -1)
             A = np.einsum("vsa,vsb->vab", P, P, optimize=True)
-            # directions that the points do not tell are left flat, about the mean: constants are recovered
+            # coefficients that the points do not determine are 0, about the mean: constants are recovered
             fit = np.linalg.pinv(A, rcond=1e-8, hermitian=True) @ P.transpose(0, 2, 1)
             mean = np.repeat(there, q, axis=1) / (sizes[who] * q)[:, None]
             excess = -(fit @ np.repeat(there, q, axis=1)[:, :, None].astype(np.float64))
@@ -258,7 +258,7 @@ class Recovery:
         if not isinstance(integrand, ufl.Form):
             order = int(coordinate_map(mesh).degree)
             integrand = integrand * ufl.dx(domain=mesh, degree=2 * (self.degree + order - 1))
-        # what depends on values instead of gradients is of higher order
+        # terms with values instead of gradients are of higher order
         one = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0)))
         of_cells = ufl.Form(
             [

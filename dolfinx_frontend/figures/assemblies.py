@@ -10,8 +10,9 @@ import numpy as np
 
 from dolfinx_frontend.results.answer import Answer
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.compat import vertex_nodes
 from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
-from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of, vertex_nodes
+from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def _plane_assembly(
         for face in part.names:
             colour = _face_colour(kind_of, f"{name}:{face}")
             vertices = [part.mesh.topology.connectivity(1, 0).links(f) for f in part.facets(face)]
-            ends = part.mesh.geometry.x[vertex_nodes(part)[np.asarray(vertices)], :2]
+            ends = part.mesh.geometry.x[vertex_nodes(part.mesh)[np.asarray(vertices)], :2]
             axis.add_collection(LineCollection(list(ends), colors="black", lw=3.6))
             axis.add_collection(LineCollection(list(ends), colors=colour, lw=2.4))
     plane_axes(axis)

@@ -87,20 +87,7 @@ def interface_figure(
     normal = np.zeros(3)
     normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
     own = problem.substructures[side.substructure]
-    for name in hide or ():
-        if name not in problem.substructures:
-            raise unknown_name("part", name, problem.substructures, "hide")
-    if hide is None and own.dim == 2:
-        hide = ()  # nothing covers anything
-    elif hide is None:
-        # parts whose middle lies beyond the face would cover it
-        plane = float(normal[: own.dim] @ described.points.mean(axis=0))
-        beyond = {
-            name: float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane
-            for name, s in problem.substructures.items()
-        }
-        hide = [name for name in problem.substructures if beyond[name] and name != own.name]
-    names = [name for name in problem.substructures if name not in hide or name == own.name]
+    names = _drawn(problem, interface, normal, hide)
     functions = {name: result.displacement(name, step) for name in names}
     skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
     everything = np.concatenate([skin.points for skin, _ in skins.values()])
@@ -135,6 +122,25 @@ def interface_figure(
         _facet_lines(axis, own, side.face, numbers, values, functions[own.name], scale, norm, colours)
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
     return save(figure, path)
+
+
+def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | None) -> list[str]:
+    """Parts that are drawn: all but `hide`, by default in 3D those whose middle lies beyond the face."""
+    described = problem.interfaces[interface]
+    own = problem.substructures[described.sides[0].substructure]
+    for name in hide or ():
+        if name not in problem.substructures:
+            raise unknown_name("part", name, problem.substructures, "hide")
+    if hide is None and own.dim == 2:
+        hide = ()  # nothing covers anything
+    elif hide is None:
+        plane = float(normal[: own.dim] @ described.points.mean(axis=0))
+        hide = [
+            name
+            for name, s in problem.substructures.items()
+            if float((s.dof_coordinates @ normal[: own.dim]).mean()) > plane
+        ]
+    return [name for name in problem.substructures if name not in hide or name == own.name]
 
 
 def _onto(normal: Array) -> list[float]:

@@ -20,7 +20,6 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.figures import render
 from dolfinx_frontend.figures.canvas import plane_axes
 from dolfinx_frontend.figures.render import up
-from dolfinx_frontend.geometry.parts import Part
 
 __all__ = ["RenderError"]
 
@@ -298,16 +297,6 @@ def draw_solid(
         else:
             axis.imshow(_trimmed(images[i]), interpolation="antialiased")
         axis.set_axis_off()
-
-
-def vertex_nodes(part: Part) -> Ints:
-    """Geometry node of every vertex."""
-    topology = part.mesh.topology
-    topology.create_connectivity(topology.dim, 0)
-    vertices = topology.connectivity(topology.dim, 0)
-    nodes = np.empty(topology.index_map(0).size_local, dtype=np.int64)
-    nodes[vertices.array] = cell_nodes(part.mesh)[:, : vertices.links(0).size].reshape(-1)
-    return nodes
 
 
 def outline(axis: Any, skin: Skin, points: Array) -> None:

@@ -32,6 +32,7 @@ from dolfinx_frontend.formats.hdf5 import (
     replaced,
     write_tree,
 )
+from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
@@ -66,7 +67,7 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class ParameterMap:
-    """How a physical parameter (one row) or random field (one row a point) follows from its germs.
+    """How a physical parameter (one row) or random field (one row per point) follows from its germs.
 
     With a = offset + matrix @ germs: ``"affine"``: the value is a; ``"exponential"``: exp(a);
     ``"table"``: linear interpolation of `value` over `argument`, both ascending.
@@ -237,10 +238,7 @@ class ChaosFile:
             if name not in numbers:
                 raise unknown_name("parameter", name, numbers, str(self.path))
             given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        sizes = {len(v) for v in given.values()} - {1}
-        if len(sizes) > 1:
-            raise SceneError(f"{self.path}: values of different lengths: {sorted(sizes)}")
-        count = sizes.pop() if sizes else 1
+        count = common_length(given, f"{self.path}: ")
         points = np.zeros((count, self.dimension))
         matrix = np.zeros((len(numbers), self.dimension))
         scores = np.empty((len(numbers), count))
@@ -343,7 +341,7 @@ def _tree(
         if block.ndim != 2 or block.shape[1] != len(table) or len(block) == 0:
             raise ChaosFileError(
                 f"{where}: coefficients of shape {block.shape}; wanted (rows, {len(table)}), one "
-                "column a mode"
+                "column per mode"
             )
         shape = (len(block),) if given.shape is None else tuple(int(s) for s in given.shape)
         if math.prod(shape) != len(block) or min(shape, default=1) < 0:

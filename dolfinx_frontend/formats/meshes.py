@@ -82,7 +82,7 @@ class StoredMaterial:
 class StoredPart:
     """A part read from a file; its mesh is made when it is first asked for.
 
-    dolfinx numbers cells and nodes anew: unknowns keep the numbers of the file, :meth:`function` puts them
+    dolfinx renumbers cells and nodes: unknowns keep the numbers of the file, :meth:`function` puts them
     where they belong.
 
     Parameters

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.compat import cell_nodes, create_mesh, gmsh_cell_permutation
+from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
 
@@ -92,18 +92,6 @@ def _elements(model: Any, dim: int, entities: Sequence[int]) -> dict[int, npt.ND
             width = model.mesh.getElementProperties(kind)[3]
             found.setdefault(int(kind), []).append(tags.astype(np.int64).reshape(-1, width))
     return {kind: np.concatenate(rows) for kind, rows in found.items()}
-
-
-def _vertex_nodes(mesh: dmesh.Mesh) -> npt.NDArray[np.int64]:
-    """Row in the input coordinates of every vertex of a mesh on one process, (vertices,)."""
-    dim = mesh.topology.dim
-    mesh.topology.create_connectivity(dim, 0)
-    vertices = mesh.topology.connectivity(dim, 0)
-    width = vertices.links(0).size
-    geometry = np.empty(mesh.topology.index_map(0).size_local, dtype=np.int64)
-    # vertices come first among the geometry nodes of a cell
-    geometry[vertices.array] = cell_nodes(mesh)[:, :width].reshape(-1)
-    return np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)[geometry]
 
 
 def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
@@ -216,7 +204,8 @@ def _gmsh_mesh(
     permuted = row[nodes[:, gmsh_cell_permutation(cell, nodes.shape[1])]]
     kept, local = np.unique(permuted, return_inverse=True)
     mesh = create_mesh(local.reshape(permuted.shape), x[kept], cell, order)
-    return mesh, kept[_vertex_nodes(mesh)]
+    rows = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)  # of the input coordinates
+    return mesh, kept[rows[vertex_nodes(mesh)]]
 
 
 class _FacetIndex:

@@ -22,6 +22,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.vectors import unit
 
 __all__ = ["Cut", "Loaded", "Solid", "Surface", "load", "matching", "nearest", "solids_of", "vector"]
 
@@ -371,23 +372,16 @@ def _surface(model: Any, name: str, volumes: Sequence[int], tag: int) -> Surface
     radius: float | None = None
     if kind == "plane":
         n = np.asarray(model.getNormal(tag, at.tolist()))
-        normal = tidy(outward(model, volumes, tag, at) * n)
+        normal = unit(outward(model, volumes, tag, at) * n)
     elif kind == "cylinder":
         largest, smallest, across, along = model.getPrincipalCurvatures(tag, at.tolist())
         curved = abs(largest[0]) > abs(smallest[0])
         radius = 1.0 / max(abs(largest[0]), abs(smallest[0]))
-        axis = tidy(np.asarray(along if curved else across))
+        axis = unit(np.asarray(along if curved else across))
         axis = axis * (1.0 if axis[np.argmax(np.abs(axis))] > 0.0 else -1.0)
     low, high = box_of(occ, 2, tag)
     centre = np.asarray(occ.getCenterOfMass(2, tag))
     return Surface(name, tag, kind, float(occ.getMass(2, tag)), centre, low, high, normal, axis, radius)
-
-
-def tidy(v: Array) -> Array:
-    """A unit vector without rounding."""
-    unit = v / np.linalg.norm(v)
-    rounded = np.round(unit)
-    return np.asarray(rounded + 0.0 if np.abs(unit - rounded).max() < 1e-9 else unit, dtype=np.float64)
 
 
 def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate, some
@@ -265,7 +266,7 @@ class StepAssembly:
             material = "-" if body is None else type(body.material).__name__
             size = f"{self._size(name):.3g}"
             rows.append((name, f"{solid.volume:.5g}", size, str(len(solid.surfaces)), material))
-        lines += _columns(_merged(rows), "<>>><")
+        lines += columns(_merged(rows), "<>>><")
         contacts: list[tuple[str, ...]] = [("interface", "kind", "area mm^2", "gap mm", "face", "law")]
         for name, touch in self.touches.items():
             join = self._joins.get(name)
@@ -274,7 +275,7 @@ class StepAssembly:
             sizes = (f"{touch.area:.5g}", f"{touch.gap:.3g}")
             contacts.append((name, touch.kind, *sizes, _shape(touch), law))
         if len(contacts) > 1:
-            lines += ["", *_columns(_merged(contacts), "<<>><<")]
+            lines += ["", *columns(_merged(contacts), "<<>><<")]
         lines += [f"nothing touches: {text}" for text in self._alone]
         return "\n".join(lines)
 
@@ -566,15 +567,6 @@ def _shape(touch: Touch) -> str:
     return f"normal {vector(touch.normal)}" if np.any(touch.normal) else touch.shape
 
 
-def _columns(rows: Sequence[Sequence[str]], sides: str) -> list[str]:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(sides))]
-    forms = [f"{side}{width}" for side, width in zip(sides, widths, strict=True)]
-    return [
-        "  ".join(f"{cell:{form}}" for cell, form in zip(row, forms, strict=True)).rstrip()
-        for row in rows
-    ]
-
-
 def _merged(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """Rows that differ only in the number of ``nut 1``, ``nut 2``, ... as one row, ``nut 1 .. 8``."""
     out: list[tuple[str, ...]] = []
@@ -605,4 +597,4 @@ def _surface_table(surfaces: Sequence[Surface], names: Mapping[int, str] | None 
     for s in surfaces:
         centre = vector(np.round(s.centre, 2))
         rows.append((str(s.tag), f"{s.area:.5g}", centre, s.shape, (names or {}).get(s.tag, "")))
-    return "\n".join("  " + line for line in _columns(rows, ">>>" + "<<"))
+    return "\n".join("  " + line for line in columns(rows, ">>><<"))

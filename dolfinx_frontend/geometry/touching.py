@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +14,8 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.clipping import clip
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.groups import grouped
+from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.geometry.solids import (
     ROUNDING,
     Loaded,
@@ -22,7 +25,6 @@ from dolfinx_frontend.geometry.solids import (
     nearest,
     outward,
     parameters_of,
-    tidy,
 )
 
 __all__ = ["Kind", "Touch", "touching"]
@@ -112,21 +114,6 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
     return sorted(out, key=lambda t: (place[t.parts[0]], place[t.parts[1]], t.name))
 
 
-class _Union:
-    """Disjoint sets."""
-
-    def __init__(self, keys: Iterable[Any]) -> None:
-        self._parent = {key: key for key in keys}
-
-    def find(self, key: Any) -> Any:
-        while self._parent[key] != key:
-            key = self._parent[key]
-        return key
-
-    def join(self, a: Any, b: Any) -> None:
-        self._parent[self.find(a)] = self.find(b)
-
-
 def _continue(model: Any, a: Surface, b: Surface, edges: Mapping[int, set[int]]) -> bool:
     """Whether two faces of a part continue each other on the same surface."""
     if a.kind != b.kind:
@@ -145,15 +132,9 @@ def _groups(model: Any, surfaces: Sequence[Surface]) -> list[list[Surface]]:
     edges = {
         s.tag: {abs(t) for _, t in model.getBoundary([(2, s.tag)], oriented=False)} for s in surfaces
     }
-    union = _Union(s.tag for s in surfaces)
-    for i, a in enumerate(surfaces):
-        for b in surfaces[i + 1 :]:
-            if _continue(model, a, b, edges):
-                union.join(a.tag, b.tag)
-    found: dict[int, list[Surface]] = {}
-    for s in surfaces:
-        found.setdefault(union.find(s.tag), []).append(s)
-    return list(found.values())
+    pairs = [(a.tag, b.tag) for a, b in combinations(surfaces, 2) if _continue(model, a, b, edges)]
+    by_tag = {s.tag: s for s in surfaces}
+    return [[by_tag[tag] for tag in group] for group in grouped(list(by_tag), pairs)]
 
 
 def _shared_touch(
@@ -162,7 +143,7 @@ def _shared_touch(
     area = sum(s.area for s in group)
     mean = np.asarray(sum(s.area * s.normal for s in group)) / area
     length = float(np.linalg.norm(mean))
-    normal = tidy(mean) if length > 0.1 else np.zeros(3)
+    normal = unit(mean) if length > 0.1 else np.zeros(3)
     tags = tuple(s.tag for s in group)
     return Touch(f"{a}|{b}", (a, b), kind, (tags, tags), area, 0.0, 0.0, normal, group[0].shape)
 
@@ -368,18 +349,13 @@ def _near_touches(
         return []
     by_tag = [{s.tag: s for s in solids[name].surfaces} for name in names]
     sides = [[by_tag[k][t] for t in dict.fromkeys(pair[k] for pair in facing)] for k in (0, 1)]
-    union = _Union([(k, s.tag) for k in (0, 1) for s in sides[k]])
+    links = [((0, one), (1, two)) for one, two in facing]
     for k in (0, 1):
         for group in _groups(model, sides[k]):
-            for s in group[1:]:
-                union.join((k, group[0].tag), (k, s.tag))
-    for one, two in facing:
-        union.join((0, one), (1, two))
-    groups: dict[Any, list[tuple[int, int]]] = {}
-    for pair in facing:
-        groups.setdefault(union.find((0, pair[0])), []).append(pair)
+            links += [((k, group[0].tag), (k, s.tag)) for s in group[1:]]
     out = []
-    for pairs in groups.values():
+    for faces in grouped([(k, s.tag) for k in (0, 1) for s in sides[k]], links):
+        pairs = [pair for pair in facing if (0, pair[0]) in faces]
         tags = [tuple(dict.fromkeys(p[k] for p in pairs)) for k in (0, 1)]
         # the first side is the one of which the other covers the larger fraction
         own = [sum(by_tag[k][t].area for t in tags[k]) for k in (0, 1)]
@@ -390,7 +366,7 @@ def _near_touches(
             each = [f for f in turned if f is not None]
         area = sum(f.area for f in each)
         mean = np.asarray(sum(f.area * f.normal for f in each)) / area
-        normal = tidy(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)
+        normal = unit(mean) if np.linalg.norm(mean) > 0.1 else np.zeros(3)
         parts = (names[order[0]], names[order[1]])
         out.append(
             Touch(

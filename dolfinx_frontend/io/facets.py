@@ -61,7 +61,7 @@ class _Surface(NamedTuple):
     """The covered facets of side 1 of an interface, which are the same at all steps."""
 
     x: Array  # (nodes, 3), facet by facet
-    cells: npt.NDArray[np.int64]  # (facets, nodes a facet)
+    cells: npt.NDArray[np.int64]  # (facets, nodes per facet)
     type: int  # of VTK
     trace: sp.csr_matrix  # (nodes, unknowns of a component of the displacement)
     mean: sp.csr_matrix  # (facets, points), by area

@@ -237,8 +237,8 @@ def write_interfaces(
 ) -> Path:
     """Write what acts on the interfaces.
 
-    There are two groups of blocks, with a block an interface each. ``points`` are the points at which the law
-    is evaluated: a cloud (with ``space="points"`` the quadrature points of the facets). ``facets`` is the
+    There are two groups of blocks, one block per interface in each. ``points`` are the points at which the
+    law is evaluated: a cloud (with ``space="points"`` the quadrature points of the facets). ``facets`` is the
     surface of side 1, facet by facet, with constant cell data: of interfaces with ``space="facets"`` what is
     computed there, of others the means, by area, of the points of each facet. Both have
 
@@ -248,7 +248,7 @@ def write_interfaces(
     ``opening``, ``slip``     normal and tangential part of the jump w2 - w1, length; slip in global axes
     ``gap``                   of contacts: their distance, length
     ``state``                 of contacts: 0 open, 1 closed (stick, with friction), 2 slip; on facets
-                              with several points the shares of its area, ``open share``, ``slip share``
+                              with several points the fractions of its area, ``open share``, ``slip share``
     ``area``                  that a point or facet stands for
     ========================  ====================================================================
 

@@ -35,23 +35,23 @@ __all__ = [
     "build",
     "definite",
     "laws",
-    "read_only",
 ]
 
 
 _log = logging.getLogger(__name__)
 
 HELD, PUSHED = 1e3, 1e-3
-"""Search direction of a paired boundary interface, as a share of factor * E / L: with prescribed
+"""Search direction of a paired boundary interface, relative to factor * E / L: with prescribed
 displacements far above the stiffness of any part, with prescribed forces far below."""
 
 # contacts take a third, E / L by default; `./run bench iterations` measures it
 CONTACT = 1.0 / 3.0
 SOFTEST = 1e-3
-"""Smallest search direction of an elastic interface, as a share of factor * E / L."""
+"""Smallest search direction of an elastic interface, relative to factor * E / L."""
 
 RANGE = 1e130
-"""Largest strain of an iteration, and the inverse of the smallest: room for squares, moduli and tolerance."""
+"""Largest strain of an iteration, and the inverse of the smallest: squares, moduli and tolerances must fit
+beside it into double precision."""
 
 
 def _scale(problem: Problem, plan: Plan) -> float:
@@ -84,7 +84,7 @@ def _direction(
         if plan.macro:
             shorter = bodies ** (1.0 / interface.dim)  # E / L of a body instead of the scene
         if patch:
-            # bodies give way to a contact as over its own size, where that is smaller than theirs
+            # a body yields to a contact over the size of the contact, where that is smaller than the body's
             size = interface.area ** (1.0 / (interface.dim - 1))
             shorter = max(shorter, _length(problem) / size)
         unit *= shorter
@@ -327,7 +327,7 @@ def build(problem: Problem, plan: Plan) -> Built:
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
     """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
     if not laws:
-        return 0.0  # one solve; nothing is squared to decide anything
+        return 0.0  # one solve; no squares, which may overflow
     found = [0.0]
 
     def add(value: Array, unit: float) -> None:
@@ -375,13 +375,6 @@ def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]
     return found
 
 
-def read_only(values: Array) -> Array:
-    """A view that cannot be written."""
-    view = np.asarray(values, dtype=np.float64).view()
-    view.flags.writeable = False
-    return view
-
-
 def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:
     """The laws of the active interfaces on this rank, what is random at its mean."""
     own = problem.own.interfaces
@@ -390,7 +383,7 @@ def laws(structure: Structure, problem: Problem, plan: Plan) -> Laws:
 
 
 def active_fields(interface: Interface, plan: Plan) -> Fields:
-    """An active law for the kernel; parameters that change in time have a column a time or load pattern."""
+    """An active law for the kernel; parameters that change in time have a column per time or load pattern."""
     law = interface.law
     if plan.times is None or plan.history == "none":
         return law.fields(interface)

@@ -1,4 +1,4 @@
-"""What is random as the kernel sees it: parameters in the columns of a run."""
+"""What is random, in the terms of the kernel: parameters in the columns of a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class ColumnGroup:
     begin, end
         The components.
     forward, backward
-        None, one for all points, or one a point: (columns, q) into the columns of the law, (q, columns) back.
+        None, one for all points, or one per point: (columns, q) into the columns of the law, (q, columns)
+        back.
     parameters
         Kernel parameter -> (rows, q * steps) in the columns of the law.
     """

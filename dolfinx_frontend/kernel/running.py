@@ -1,4 +1,4 @@
-"""A run as its user meets it: Ctrl-C, a progress bar, lines in the log.
+"""What a user sees of a run: Ctrl-C, a progress bar, lines in the log.
 
 Ctrl-C while the kernel iterates ends the run with what is done so far: ``solve`` returns its last iterate
 with the status ``"interrupted"``, a sweep or a sampling the points that are finished, with ``complete``

@@ -28,9 +28,9 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.running import Interrupt
 from dolfinx_frontend.plan.plan import Plan
 

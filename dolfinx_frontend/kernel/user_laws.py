@@ -1,4 +1,4 @@
-"""Laws of users: their functions asked, their answers checked, and the resolvent of a force law.
+"""Laws of users: calls of their functions, checks of what they return, and the resolvent of a force law.
 
 The kernel asks for f = R(j0 - c f) with the flexibility c. With j = j0 - c f and y = j / sqrt(c) that is
 
@@ -36,7 +36,7 @@ GOOD_ENOUGH = 1e-10
 """The same, after the last step."""
 STEPS = 500
 DEEPEST = 0.9
-"""Deepest cut of an ellipsoid that is believed, 1 being all of it."""
+"""Deepest cut of an ellipsoid that is accepted; a cut of depth 1 removes all of it."""
 
 
 def batched(law: Functions, interface: Interface) -> Batched:
@@ -126,11 +126,11 @@ class _Asked:
         def force_at(y: Array, nan: bool = False) -> Array:
             given = np.ascontiguousarray(shaped(root * y))
             answer = self.call("force", self.law.force, jump.shape, (given,), values)
-            if not nan:  # infinities are far from the answer, and no mistake
+            if not nan:  # infinite values far from the answer are no mistake
                 self.demand(~np.isnan(answer), answer, given, "force")
             return flat(answer)
 
-        # where the force at the free jump is beyond all numbers, begin at no jump
+        # where the force at the free jump overflows, begin at jump 0
         y, force = free, force_at(free)
         far = _any(_endless(force))
         if far.any():
@@ -260,7 +260,7 @@ def _newton(tangent: Array, residual: Array, root: Array) -> Array:
 
 
 class _Intervals:
-    """Regions [low, high] that enclose the roots of one component, one a row."""
+    """Regions [low, high] that enclose the roots of one component, one per row."""
 
     def __init__(self, y: Array, residual: Array) -> None:
         self.low = np.full_like(y, -np.inf)
@@ -292,7 +292,7 @@ class _Intervals:
 
 
 class _Ellipsoids:
-    """Regions {centre + B u, |u| <= 1} that enclose the roots, one a row."""
+    """Regions {centre + B u, |u| <= 1} that enclose the roots, one per row."""
 
     def __init__(self, y: Array, residual: Array) -> None:
         count = y.shape[1]

@@ -16,9 +16,9 @@ Moments = Literal["resultants", "linear"]
 """Constant fields (the resultants of the forces), or linear ones (their moments, too)."""
 
 _FLAT = 1e-4
-"""A face has no extent in a direction in which it is thinner than this share of its size."""
+"""A face has no extent in a direction in which it is thinner than this fraction of its size."""
 _DEPENDENT = 1e-6
-"""Fields whose part that is independent of the others is below this share are left out."""
+"""Fields are left out if less than this fraction of them is independent of the others."""
 
 
 def basis(interface: Interface, frames: Array, components: int, moments: Moments = "linear") -> Array:

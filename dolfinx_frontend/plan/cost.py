@@ -15,6 +15,7 @@ from math import log2
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.plan.reduction import members_of_bodies
 
 __all__ = ["Cost", "predict", "shown"]
 
@@ -64,18 +65,6 @@ def shown(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}"
 
 
-def _groups(problem: Problem, active: Iterable[str]) -> list[set[str]]:
-    """Substructures by body: what eliminated interfaces connect."""
-    kept = set(active)
-    groups = [{name} for name in problem.substructures]
-    for name, interface in problem.interfaces.items():
-        if name in kept or len(interface.sides) < 2:
-            continue
-        touched = [g for g in groups if any(s.substructure in g for s in interface.sides)]
-        groups = [g for g in groups if g not in touched] + [set().union(*touched)]
-    return groups
-
-
 def _removed(interface: Interface) -> int:
     """Unknowns that an eliminated interface takes out."""
     return len(interface.sides[0].nodes) * interface.law.removed(interface.dim)
@@ -104,7 +93,7 @@ def predict(
     kept = tuple(active)
     unknowns = touched = rows = 0
     numbers = flops = products = dense = 0.0
-    for group in _groups(problem, kept):
+    for group in members_of_bodies(problem, set(problem.interfaces).difference(kept)):
         n = sum(problem.substructures[name].size for name in group)
         on_body: set[tuple[str, int]] = set()
         for name, interface in problem.interfaces.items():

@@ -1,7 +1,7 @@
 """The plan: what of a scene is modelled, and how, decided before anything is factorised.
 
-A scene pays only for what it contains: interfaces that are linear and fixed are assembled across,
-and the iteration runs on the others. Every decision carries its reason and can be overridden.
+Interfaces that are linear and fixed are assembled across, so that they cost nothing afterwards, and the
+iteration runs on the others. Every decision carries its reason and can be overridden.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _PLAIN_FACTOR = 2.0
 _ACCELERATED_FACTOR = 3.0
 _MACRO_FACTOR = 10.0
 _FEW, _MANY = 2, 3
-"""Interfaces between parts from which a coarse problem pays: with matrix directions, and without."""
+"""Fewest interfaces between parts for which a coarse problem pays: with matrix directions, and without."""
 _UNMATCHED = "its meshes do not match"
 _UNGLUED = "its jump cannot be glued"
 _ASKED = "asked for"
@@ -67,7 +67,7 @@ class Direction:
         L; None: the size of the scene, (sum of volumes)^(1/d), or of a contact, area^(1/(d-1)), if that is
         smaller; with a coarse problem, which sees the scene as a whole, the mean size of a body.
     given
-        Interface name -> k, a number or one value a point; goes before the factor.
+        Interface name -> k, a number or one value per point; goes before the factor.
     """
 
     factor: float | None = None
@@ -118,7 +118,7 @@ class Plan:
         The amplitudes of the load patterns; None stands for what is constant in time.
     history
         What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
-        ``"patterns"`` (linear: one column a load pattern, superposed) or ``"steps"`` (one column a time).
+        ``"patterns"`` (linear: one column per load pattern, superposed) or ``"steps"`` (one column per time).
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """
@@ -244,126 +244,39 @@ def make_plan(
             f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
         )
     moments = None if times is None else check_times(times)
-    amplitudes = problem.amplitudes
-    if amplitudes and moments is None:
+    if problem.amplitudes and moments is None:
         changing = [name for name, i in problem.interfaces.items() if i.law.varying]
         changing += [name for name, s in problem.substructures.items() if s.varying_loads]
         raise SceneError(
             f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
         )
-    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
-    for name in _names(problem, vary, "plan"):
-        reasons[name] = "its law varies"
-    for name, interface in problem.interfaces.items():
-        if set(interface.law.varying) - set(interface.law.loading):
-            reasons.setdefault(name, "its law changes in time")
-    if active == "all" or (active is None and method == "latin"):
-        for name in problem.interfaces:
-            reasons.setdefault(name, _ASKED if active == "all" else _PAPER)
-    elif active is not None:
-        for name in _names(problem, active, "plan"):
-            reasons.setdefault(name, _ASKED)
-    elif method == "accelerated":
-        for name, interface in problem.interfaces.items():
-            if interface.law.springs and len(interface.sides) == 2:
-                reasons.setdefault(name, "elastic, between two parts")
-
-    eliminated: dict[str, str] = {}
-    for name, interface in problem.interfaces.items():
-        law = interface.law
-        glues = law.elimination is Elimination.GLUED
-        unmatched = glues and interface.matching is None
-        if unmatched and interface.space != "facets":
-            raise SceneError(
-                f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
-                "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
-                "stiffness well above modulus / length"
-            )
-        if name in reasons:
-            continue
-        how = law.eliminated(interface.matching is not None)
-        if how is None:
-            if unmatched:
-                reasons[name] = _UNMATCHED
-            elif glues:
-                reasons[name] = _UNGLUED
-            else:
-                reasons[name] = "its law is nonlinear"
-        else:
-            eliminated[name] = how
+    reasons, eliminated = _split(problem, _wanted(problem, method, active, vary))
     kept = tuple(name for name in problem.interfaces if name in reasons)
     if method == "direct" and kept:
         raise SceneError(
             f"method 'direct' cannot be used: {', '.join(kept)} must stay active "
             f"({reasons[kept[0]]}); use 'auto'"
         )
-
-    options = options or (Options.plain() if method == "latin" else Options())
+    chosen, options, reason = _iteration(kept, method, options)
     if not isinstance(direction, Direction):
         direction = Direction(factor=direction)
     _names(problem, direction.given, "search direction")
-    chosen: Literal["direct", "accelerated", "latin"]
-    if not kept:
-        chosen = "direct"
-        reason = "no interface is active: one solve gives the answer"
-    elif options.acceleration == 0 or method == "latin":
-        chosen = "latin"
-        options = options.with_(acceleration=0)
-        reason = "asked for"
-    else:
-        chosen = "accelerated"
-        reason = "Anderson needs 4 to 8 times fewer iterations than the plain one"
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, random is None)
     if direction.factor is None:
         factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
-        if macro:
-            factor = _MACRO_FACTOR
-        direction = Direction(factor, direction.length, direction.given)
-
-    decisions = [
-        Decision(
-            "active interfaces",
-            ", ".join(kept) or "none",
-            "; ".join(sorted({reasons[name] for name in kept})) or "all are linear and fixed",
-        ),
-    ]
-    by_how: dict[str, list[str]] = {}
-    for name, way in eliminated.items():
-        by_how.setdefault(way, []).append(name)
-    for way, names in by_how.items():
-        decisions.append(Decision(way, ", ".join(names), "linear and fixed"))
-    patterns, history, why = _history(problem, kept, moments, amplitudes)
+        direction = Direction(_MACRO_FACTOR if macro else factor, direction.length, direction.given)
+    patterns, history, why = _history(problem, kept, moments, problem.amplitudes)
     steps = len(moments) if history == "steps" and moments is not None else 1
-    if random is not None:
-        germs = random.space.germ_names
-        why = f"{len(germs)} germs: {', '.join(germs)}" + (f"; {why}" if why else "")
-        what = f"{columns} chaos modes" + (f" x {steps} time steps" if steps > 1 else "")
-        decisions.append(Decision("columns", what, why))
-        columns *= steps
-    elif history == "none":
-        decisions.append(Decision("columns", "1", why or _one_column(problem)))
-    else:
-        columns = len(patterns) if history == "patterns" else steps
-        what = "load patterns" if history == "patterns" else "time steps"
-        decisions.append(Decision("columns", f"{columns} {what}", why))
-    for text in random.dropped if random is not None else ():
-        what, _, why = text.partition(": ")
-        decisions.append(Decision("dropped", what, why))
+    columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
+
+    decisions = [*_of_interfaces(kept, reasons, eliminated), *of_columns]
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
         options = options.with_(newton=0)
         decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
-        decisions.append(
-            Decision(
-                "search direction",
-                f"k = {direction.factor:g} E/L"
-                + (", at most 2 kappa where elastic" if chosen == "accelerated" else "")
-                + (f", given for {', '.join(direction.given)}" if direction.given else ""),
-                "the answer does not depend on it, the number of iterations does",
-            )
-        )
+        decisions.append(_of_direction(direction, chosen))
         decisions += reach
         decisions.append(
             Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
@@ -392,6 +305,121 @@ def make_plan(
     )
 
 
+def _wanted(
+    problem: Problem,
+    method: Method,
+    active: Sequence[str] | Literal["all"] | None,
+    vary: Iterable[str],
+) -> dict[str, str]:
+    """Interfaces that are kept whatever their law allows -> why."""
+    reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
+    for name in _names(problem, vary, "plan"):
+        reasons[name] = "its law varies"
+    for name, interface in problem.interfaces.items():
+        if set(interface.law.varying) - set(interface.law.loading):
+            reasons.setdefault(name, "its law changes in time")
+    if active == "all" or (active is None and method == "latin"):
+        for name in problem.interfaces:
+            reasons.setdefault(name, _ASKED if active == "all" else _PAPER)
+    elif active is not None:
+        for name in _names(problem, active, "plan"):
+            reasons.setdefault(name, _ASKED)
+    elif method == "accelerated":
+        for name, interface in problem.interfaces.items():
+            if interface.law.springs and len(interface.sides) == 2:
+                reasons.setdefault(name, "elastic, between two parts")
+    return reasons
+
+
+def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Interfaces that are kept -> why, and those that are eliminated -> how."""
+    reasons = dict(wanted)
+    eliminated: dict[str, str] = {}
+    for name, interface in problem.interfaces.items():
+        law = interface.law
+        glues = law.elimination is Elimination.GLUED
+        unmatched = glues and interface.matching is None
+        if unmatched and interface.space != "facets":
+            raise SceneError(
+                f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
+                "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
+                "stiffness well above modulus / length"
+            )
+        if name in reasons:
+            continue
+        how = law.eliminated(interface.matching is not None)
+        if how is not None:
+            eliminated[name] = how
+        elif unmatched:
+            reasons[name] = _UNMATCHED
+        else:
+            reasons[name] = _UNGLUED if glues else "its law is nonlinear"
+    return reasons, eliminated
+
+
+def _iteration(
+    kept: Sequence[str], method: Method, options: Options | None
+) -> tuple[Literal["direct", "accelerated", "latin"], Options, str]:
+    """Which iteration there is, its settings, and why."""
+    options = options or (Options.plain() if method == "latin" else Options())
+    if not kept:
+        return "direct", options, "no interface is active: one solve gives the answer"
+    if options.acceleration == 0 or method == "latin":
+        return "latin", options.with_(acceleration=0), "asked for"
+    return "accelerated", options, "Anderson needs 4 to 8 times fewer iterations than the plain one"
+
+
+def _of_interfaces(
+    kept: Sequence[str], reasons: Mapping[str, str], eliminated: Mapping[str, str]
+) -> list[Decision]:
+    """What becomes of the interfaces."""
+    why = "; ".join(sorted({reasons[name] for name in kept})) or "all are linear and fixed"
+    by_how: dict[str, list[str]] = {}
+    for name, way in eliminated.items():
+        by_how.setdefault(way, []).append(name)
+    return [
+        Decision("active interfaces", ", ".join(kept) or "none", why),
+        *(Decision(way, ", ".join(names), "linear and fixed") for way, names in by_how.items()),
+    ]
+
+
+def _columns(
+    problem: Problem,
+    random: RandomLaws | None,
+    modes: int,
+    history: Literal["none", "patterns", "steps"],
+    steps: int,
+    patterns: int,
+    why: str,
+) -> tuple[int, list[Decision]]:
+    """Number of columns of every field, and what they are; `why` a history needs them."""
+    if random is not None:
+        germs = random.space.germ_names
+        why = f"{len(germs)} germs: {', '.join(germs)}" + (f"; {why}" if why else "")
+        what = f"{modes} chaos modes" + (f" x {steps} time steps" if steps > 1 else "")
+        dropped = [text.partition(": ") for text in random.dropped]
+        return modes * steps, [
+            Decision("columns", what, why),
+            *(Decision("dropped", name, reason) for name, _, reason in dropped),
+        ]
+    if history == "none":
+        return modes, [Decision("columns", "1", why or _one_column(problem))]
+    count, what = (patterns, "load patterns") if history == "patterns" else (steps, "time steps")
+    return count, [Decision("columns", f"{count} {what}", why)]
+
+
+def _of_direction(direction: Direction, chosen: str) -> Decision:
+    """The search direction of a run with active interfaces."""
+    text = f"k = {direction.factor:g} E/L"
+    if chosen == "accelerated":
+        text += ", at most 2 kappa where elastic"
+    if direction.given:
+        text += f", given for {', '.join(direction.given)}"
+    return Decision(
+        "search direction", text, "the answer does not depend on it, the number of iterations does"
+    )
+
+
 def _ranks(problem: Problem) -> tuple[str, str]:
     """How a problem is spread over ranks, and what follows from that."""
     assert problem.distribution is not None
@@ -415,7 +443,7 @@ def _reach(
     options: Options,
     plain_columns: bool,
 ) -> tuple[tuple[str, ...], Moments, tuple[str, ...], list[Decision]]:
-    """How far an iteration reaches: interfaces in the coarse problem, its moments, paired ones, and why."""
+    """Interfaces in the coarse problem, its moments, interfaces with matrix directions, and why."""
     decisions: list[Decision] = []
     paired: tuple[str, ...] = ()
     if problem.distribution is not None:
@@ -500,7 +528,7 @@ def _constant_loads(problem: Problem) -> bool:
     for interface in problem.interfaces.values():
         law = interface.law
         if not law.linear:
-            continue  # its loading is no load of a body
+            continue  # its loading is not a load of a body
         for name in law.loading:
             value = getattr(law, name)
             terms = [v for a, v in value.terms if a is None] if isinstance(value, Varying) else [value]

@@ -27,7 +27,7 @@ Source = RandomParameter | DiscretisedField
 class SampledParameter(NamedTuple):
     """A random parameter in kernel terms at N points of the germs: ``pattern @ values``."""
 
-    name: str  # the kernel's
+    name: str  # of the kernel's parameter
     pattern: Array  # (rows, r)
     values: Array  # (r, N)
 
@@ -135,7 +135,7 @@ class RandomLaws:
             )
         kernel_name, unit, values = law.kernel_values(interface, parameter, values)
         if isinstance(source, DiscretisedField):
-            # one row of values a point of the interface, spread over the rows of the parameter
+            # one row of values per point of the interface, spread over the rows of the parameter
             m = interface.num_points
             pattern = np.zeros((len(unit), m))
             pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // m)] = unit[:, 0]
@@ -169,12 +169,12 @@ def sampled_parameters(
 ) -> dict[str, Array]:
     """Kernel parameter -> (rows, N * steps) at points (N, L) of the germs, time steps fastest.
 
-    What is the same everywhere keeps its one column.
+    A parameter that is the same everywhere has one column.
 
     Parameters
     ----------
     fields
-        The law, with one column or one a time step.
+        The law, with one column or one per time step.
     """
     values = {}
     for parameter, block in fields.parameters.items():

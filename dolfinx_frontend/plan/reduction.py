@@ -7,17 +7,17 @@ Elastic interfaces stay as springs between members, prescribed forces go into th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.groups import group_labels, grouped
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law
 
@@ -27,6 +27,7 @@ __all__ = [
     "body_matrix",
     "displacements",
     "factorised_stiffness",
+    "members_of_bodies",
     "reduce",
     "spring_jump",
     "spring_operator",
@@ -102,21 +103,11 @@ def _free_basis(rows: Array) -> Array:
     return basis
 
 
-def _groups(problem: Problem, eliminate: set[str]) -> list[list[str]]:
-    """Substructures by body, in the order of the problem."""
-    names = list(problem.substructures)
-    if not names:  # a rank without parts
-        return []
-    number = {n: k for k, n in enumerate(names)}
-    pairs = [
-        [number[s.substructure] for s in i.sides]
-        for i in problem.interfaces.values()
-        if i.name in eliminate and len(i.sides) == 2
-    ]
-    a, b = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(names),) * 2)
-    count, label = connected_components(graph, False)
-    return [[n for n in names if label[number[n]] == k] for k in range(count)]
+def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[str]]:
+    """Substructures of this rank by body, in the order of the problem."""
+    here = problem.substructures
+    sides = [[s.substructure for s in i.sides] for i in problem.interfaces.values() if i.name in eliminate]
+    return grouped(list(here), [(s[0], s[-1]) for s in sides if here.keys() >= set(s)])
 
 
 def _check(interface: Interface, law: Law) -> None:
@@ -150,11 +141,10 @@ def _shifts(
         owner.append(np.full(len(jump), k))
     a, b = np.concatenate(first), np.concatenate(second)
     step, who = np.concatenate(delta), np.concatenate(owner)
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
-    _, label = connected_components(graph, False)
+    label = group_labels(nodes, np.stack([a, b], axis=1))
     known = np.zeros(nodes, dtype=bool)
     known[np.unique(label, return_index=True)[1]] = True  # first node of each class
-    while True:  # one sweep a link between parts, never more than parts meet at a node
+    while True:  # one sweep per link between parts: not more than parts that meet at a node
         forward, backward = known[a] & ~known[b], known[b] & ~known[a]
         if not (forward.any() or backward.any()):
             break
@@ -174,6 +164,104 @@ def _shifts(
     return shift
 
 
+@dataclass(frozen=True)
+class _Classes:
+    """Classes of nodes that are glued to each other, and what supports take from them.
+
+    Attributes
+    ----------
+    bases
+        Bases (d, q) of the displacements that are left free; the first is that of free nodes.
+    kind
+        (classes,) number of the basis of each class.
+    fixed
+        (classes, d) displacement that is prescribed.
+    """
+
+    bases: list[Array]
+    kind: Ints
+    fixed: Array
+
+
+def _held_classes(
+    problem: Problem,
+    held: Sequence[tuple[Interface, Law]],
+    start: Mapping[str, int],
+    shift: Array,
+    label: Ints,
+) -> _Classes:
+    """The classes (`label` of each node) with the displacements that supports prescribe."""
+    d = problem.dim
+    classes_count = int(label.max()) + 1
+    basis_of = [np.eye(d)]  # basis 0: free nodes
+    kind = np.zeros(classes_count, dtype=np.int64)
+    fixed = np.zeros((classes_count, d))
+    if not held:
+        return _Classes(basis_of, kind, fixed)
+    # constraints: (node, which interface), directions of each interface, values of each pair
+    who, what, rows, values = [], [], [], []
+    for k, (i, law) in enumerate(held):
+        local, directions, value = _constraint(problem, i, law)
+        who.append(local + start[i.sides[0].substructure])
+        what.append(np.full(len(local), k))
+        rows.append(directions)
+        values.append(value - shift[who[-1]] @ directions.T)
+    node, index = np.concatenate(who), np.concatenate(what)
+    place = np.concatenate([np.arange(len(w)) for w in who])
+    # entries of a class in the order of interfaces: nodes with the same set form one group
+    order = np.lexsort((index, label[node]))
+    node, index, place = node[order], index[order], place[order]
+    classes, first, length = np.unique(label[node], return_index=True, return_counts=True)
+    widest = int(length.max())
+    key = np.full((len(classes), widest), -1)
+    spot = np.zeros_like(key)
+    row = np.repeat(np.arange(len(classes)), length)
+    column = np.arange(len(node)) - np.repeat(first, length)
+    key[row, column], spot[row, column] = index, place
+    sets, group = np.unique(key, axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    for g, keys in enumerate(sets):
+        used = [int(k) for k in keys if k >= 0]
+        D = np.concatenate([rows[k] for k in used])
+        chosen = np.flatnonzero(group == g)
+        target = np.concatenate(
+            [values[k][spot[chosen, c]] for c, k in enumerate(used)], axis=1
+        )
+        value = target @ np.linalg.pinv(D, rcond=1e-6).T
+        residual = np.abs(value @ D.T - target)
+        if residual.max() > 1e-9 * max(float(np.abs(target).max()), 1e-300):
+            quoted = " and ".join(sorted({repr(held[k][0].name) for k in used}))
+            raise SceneError(
+                f"interfaces {quoted} prescribe different displacements at "
+                f"{np.count_nonzero(residual.max(axis=1) > 0)} common nodes (up to "
+                f"{residual.max():.4g} off their compromise); make them agree or shrink a face"
+            )
+        kind[classes[chosen]] = len(basis_of)
+        fixed[classes[chosen]] = value
+        basis_of.append(_free_basis(D))
+    return _Classes(basis_of, kind, fixed)
+
+
+def _prolongation(classes: _Classes, own: Ints, columns: Ints) -> sp.csr_matrix:
+    """Z (d * nodes, unknowns) of a member with nodes in the classes `own`; unknowns start at `columns`."""
+    d = classes.fixed.shape[1]
+    entries = []
+    for k, basis in enumerate(classes.bases):
+        chosen = np.flatnonzero(classes.kind[own] == k)
+        r, c = np.nonzero(basis)
+        if not chosen.size or not r.size:
+            continue
+        at_row = (d * chosen[:, None] + r).ravel()
+        at_column = (columns[own[chosen]][:, None] + c).ravel()
+        entries.append((at_row, at_column, np.tile(basis[r, c], len(chosen))))
+    row, column, value = (
+        (np.concatenate(t) for t in zip(*entries, strict=True))
+        if entries
+        else (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+    )
+    return sp.csr_matrix((value, (row, column)), shape=(d * len(own), int(columns[-1])))
+
+
 def _body(
     problem: Problem,
     members: list[str],
@@ -181,7 +269,6 @@ def _body(
     inside: list[Interface],
     amplitude: Amplitude | None,
 ) -> Body:
-    d = problem.dim
     parts = [problem.substructures[m] for m in members]
     counts = np.array([len(p.dof_coordinates) for p in parts])
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -198,83 +285,24 @@ def _body(
         for i, _ in glued
         if i.matching is not None
     ]
-    a, b = np.concatenate(pairs).T if pairs else np.zeros((2, 0), dtype=np.int64)
-    graph = sp.coo_matrix((np.ones(len(a)), (a, b)), shape=(nodes, nodes))
-    classes_count, label = connected_components(graph, False)
+    label = group_labels(nodes, np.concatenate(pairs) if pairs else [])
     shift = _shifts(problem, glued, start, nodes)
 
-    # constraints: (node, which interface), directions of each interface, values of each pair
-    who, what, rows, values = [], [], [], []
-    held = by_way[Elimination.REMOVED]
-    for k, i in enumerate(held):
-        local, directions, value = _constraint(problem, i, laws[i.name])
-        who.append(local + start[i.sides[0].substructure])
-        what.append(np.full(len(local), k))
-        rows.append(directions)
-        values.append(value - shift[who[-1]] @ directions.T)
-    basis_of = [np.eye(d)]  # basis 0: free nodes
-    kind = np.zeros(classes_count, dtype=np.int64)
-    fixed = np.zeros((classes_count, d))
-    if held:
-        node, index = np.concatenate(who), np.concatenate(what)
-        place = np.concatenate([np.arange(len(w)) for w in who])
-        # entries of a class in the order of interfaces: nodes with the same set form one group
-        order = np.lexsort((index, label[node]))
-        node, index, place = node[order], index[order], place[order]
-        classes, first, length = np.unique(label[node], return_index=True, return_counts=True)
-        widest = int(length.max())
-        key = np.full((len(classes), widest), -1)
-        spot = np.zeros_like(key)
-        row = np.repeat(np.arange(len(classes)), length)
-        column = np.arange(len(node)) - np.repeat(first, length)
-        key[row, column], spot[row, column] = index, place
-        sets, group = np.unique(key, axis=0, return_inverse=True)
-        group = group.reshape(-1)
-        for g, keys in enumerate(sets):
-            used = [int(k) for k in keys if k >= 0]
-            D = np.concatenate([rows[k] for k in used])
-            chosen = np.flatnonzero(group == g)
-            target = np.concatenate(
-                [values[k][spot[chosen, c]] for c, k in enumerate(used)], axis=1
-            )
-            value = target @ np.linalg.pinv(D, rcond=1e-6).T
-            residual = np.abs(value @ D.T - target)
-            if residual.max() > 1e-9 * max(float(np.abs(target).max()), 1e-300):
-                quoted = " and ".join(sorted({repr(held[k].name) for k in used}))
-                raise SceneError(
-                    f"interfaces {quoted} prescribe different displacements at "
-                    f"{np.count_nonzero(residual.max(axis=1) > 0)} common nodes (up to "
-                    f"{residual.max():.4g} off their compromise); make them agree or shrink a face"
-                )
-            kind[classes[chosen]] = len(basis_of)
-            fixed[classes[chosen]] = value
-            basis_of.append(_free_basis(D))
+    held = [(i, laws[i.name]) for i in by_way[Elimination.REMOVED]]
+    classes = _held_classes(problem, held, start, shift, label)
 
     # columns: the unknowns of a class are consecutive
-    free = np.array([basis.shape[1] for basis in basis_of])[kind]
+    free = np.array([basis.shape[1] for basis in classes.bases])[classes.kind]
     columns = np.concatenate([[0], np.cumsum(free)])
     size = int(columns[-1])
     if size == 0:
         raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
-    prolongation, offset = {}, {}
+    prolongation: dict[str, sp.csr_matrix] = {}
+    offset: dict[str, Array] = {}
     for m, count, s in zip(members, counts, starts, strict=False):
         own = label[s : s + count]
-        entries = []
-        for k, basis in enumerate(basis_of):
-            chosen = np.flatnonzero(kind[own] == k)
-            r, c = np.nonzero(basis)
-            if not chosen.size or not r.size:
-                continue
-            at_row = (d * chosen[:, None] + r).ravel()
-            at_column = (columns[own[chosen]][:, None] + c).ravel()
-            entries.append((at_row, at_column, np.tile(basis[r, c], len(chosen))))
-        row, column, value = (
-            (np.concatenate(t) for t in zip(*entries, strict=True))
-            if entries
-            else (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
-        )
-        prolongation[m] = sp.csr_matrix((value, (row, column)), shape=(d * count, size))
-        offset[m] = (fixed[own] + shift[s : s + count]).ravel()
+        prolongation[m] = _prolongation(classes, own, columns)
+        offset[m] = (classes.fixed[own] + shift[s : s + count]).ravel()
 
     load = {m: p.load_of(amplitude).copy() for m, p in zip(members, parts, strict=True)}
     for i in by_way[Elimination.LOAD]:
@@ -323,7 +351,7 @@ def reduce(
             raise unknown_name("interface", name, problem.interfaces)
         _check(problem.interfaces[name], current[name])
     bodies = []
-    for members in _groups(problem, chosen):
+    for members in members_of_bodies(problem, chosen):
         inside = [
             i
             for i in problem.interfaces.values()
@@ -355,12 +383,12 @@ def spring_operator(
 
 
 def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
-    """Jump j = w_2 - w_1 (m, d) in the local frame, of displacements by substructure."""
+    """Jump j = w_2 - w_1 (m, d[, columns]) in the local frame, of displacements (n[, columns]) by part."""
     i = problem.interfaces[name]
     jump = -(i.local_trace(0) @ u[i.sides[0].substructure])
     if len(i.sides) == 2:
         jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
-    out: Array = jump.reshape(i.num_points, i.dim)
+    out: Array = jump.reshape(i.num_points, i.dim, *jump.shape[1:])
     return out
 
 

@@ -3,7 +3,7 @@
 from dolfinx_frontend.reference.cholesky import Cholesky, solvers
 from dolfinx_frontend.reference.direct import Monolithic, ReferenceSolution, monolithic
 from dolfinx_frontend.reference.energy import energy_difference, energy_error
-from dolfinx_frontend.reference.galerkin import SSFEMSolution, energy_error_modes, smallest_eigenvalue, ssfem
+from dolfinx_frontend.reference.galerkin import SSFEMSolution, smallest_eigenvalue, ssfem
 
 __all__ = [
     "Cholesky",
@@ -12,7 +12,6 @@ __all__ = [
     "SSFEMSolution",
     "energy_difference",
     "energy_error",
-    "energy_error_modes",
     "monolithic",
     "smallest_eigenvalue",
     "solvers",

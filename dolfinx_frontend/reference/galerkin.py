@@ -7,7 +7,7 @@ a = sum_i a_i Psi_i and jumps j_k = B u_k of the springs,
     K_0 u_k + B^T W sum_j A_kj (B u_j - Delta_j) = F_k,    A_kj = sum_i a_i E[Psi_i Psi_j Psi_k],
 
 for all modes k: one system of n (P + 1) unknowns.  K_0 holds the parts and the fixed springs; A is
-one matrix for a uniform parameter and one a point for a random field.  Delta_j and F_j are the
+one matrix for a uniform parameter and one per point for a random field.  Delta_j and F_j are the
 coefficients of imposed jumps and loads on the basis, so a random stiffness times a random jump is
 A(a) times the projection of the jump: the same definition as in LATIN-PCE.
 
@@ -37,7 +37,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.plan.random_laws import RandomLaws
-from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_operator
+from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
 from dolfinx_frontend.reference.cholesky import Cholesky
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -45,7 +45,7 @@ from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["SSFEMSolution", "energy_error_modes", "smallest_eigenvalue", "ssfem"]
+__all__ = ["SSFEMSolution", "smallest_eigenvalue", "ssfem"]
 
 PETSc: Any = _PETSc  # its stubs know no members
 Source = RandomParameter | DiscretisedField
@@ -158,16 +158,6 @@ class _Spring:
         for _, components, product in self.random:
             out[:, components] = product(stretch[:, components])
         return out
-
-
-def _interface_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
-    """Jump modes (m, d, P + 1) in the local frame of displacement modes (n_e, P + 1)."""
-    i = problem.interfaces[name]
-    jump = -(i.local_trace(0) @ u[i.sides[0].substructure])
-    if len(i.sides) == 2:
-        jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
-    out: Array = jump.reshape(i.num_points, i.dim, -1)
-    return out
 
 
 class _System:
@@ -296,7 +286,7 @@ class _System:
             s = self.springs[name]
             i = s.interface
             B = spring_operator(self.problem, body, name, i.law)[0]
-            force = s.force(_interface_jump(self.problem, name, self.offsets))
+            force = s.force(spring_jump(self.problem, name, self.offsets))
             f -= B.T @ (i.weights[:, None, None] * force).reshape(-1, self.columns)
         return f
 
@@ -438,7 +428,7 @@ class SSFEMSolution:
         """Modes (m, d, P + 1) of the jump w_2 - w_1 in the local frame, length."""
         if interface not in self.problem.interfaces:
             raise unknown_name("interface", interface, self.problem.interfaces, "solution")
-        return _interface_jump(self.problem, interface, self.coefficients)
+        return spring_jump(self.problem, interface, self.coefficients)
 
     def force_coefficients(self, interface: str) -> Array:
         """Modes (m, d, P + 1) of f_1 = kappa (j - Delta) in the local frame, force / area.
@@ -644,48 +634,3 @@ def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> 
         return_eigenvectors=False,
     )
     return float(values[0])
-
-
-def energy_error_modes(
-    problem: Problem, coefficients: Mapping[str, Array], reference: Mapping[str, Array]
-) -> float:
-    """Relative error of displacement modes in the energy norm of the mean structure.
-
-    sqrt( a(u - ur) / a(ur) ), where a sums up v_j^T K v_j of the parts over all modes j, plus the
-    energy of the elastic interfaces with their mean stiffness, capped as in
-    :func:`reference.energy_error`.  Jumps of the reference count without the mean of imposed ones.
-
-    Parameters
-    ----------
-    problem
-        Assembled scene.
-    coefficients, reference
-        Substructure -> modes (n_e, P + 1) on the same basis; absent last modes count as 0.
-    """
-    columns = max(np.shape(u)[1] for group in (coefficients, reference) for u in group.values())
-
-    def padded(group: Mapping[str, Array], name: str) -> Array:
-        u = np.asarray(group[name], dtype=np.float64)
-        return np.pad(u, ((0, 0), (0, columns - u.shape[1])))
-
-    exact = {name: padded(reference, name) for name in problem.substructures}
-    error = {name: padded(coefficients, name) - exact[name] for name in exact}
-    above, below = _part_energy(problem, error), _part_energy(problem, exact)
-    for name, i in problem.interfaces.items():
-        if not i.law.springs:
-            continue
-        parts = [problem.substructures[s.substructure] for s in i.sides]
-        cap = min(p.modulus / p.length for p in parts)
-        kappa = i.law.stiffnesses(i)
-        k = (i.weights[:, None] * kappa * cap / (kappa + cap))[:, :, None]
-        above += float(np.sum(k * _interface_jump(problem, name, error) ** 2))
-        stretch = _interface_jump(problem, name, exact)
-        stretch[:, :, 0] -= i.law.jumps(i)
-        below += float(np.sum(k * stretch**2))
-    if below == 0.0:
-        return 0.0 if above == 0.0 else float("inf")
-    return float(np.sqrt(max(above, 0.0) / below))
-
-
-def _part_energy(problem: Problem, u: Mapping[str, Array]) -> float:
-    return float(sum(np.sum(v * (problem.substructures[n].matrix @ v)) for n, v in u.items()))

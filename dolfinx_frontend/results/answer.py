@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.uncertainty.quantities import Kind
@@ -71,6 +72,9 @@ class Surface:
     contact: bool = False
     bolt: int | None = None
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     @property
     def dim(self) -> int:
         """Space dimension d."""
@@ -125,7 +129,7 @@ class Block:
     def force(self, interface: str) -> Array:
         """Force per area on side 1, (n, [T,] m, components), local frame: component 0 is normal.
 
-        A nonlinear law of a chaos is evaluated anew at every sample, with the parameters of the
+        A nonlinear law of a chaos is evaluated again at every sample, with the parameters of the
         sample: it holds exactly, so that a contact never pulls.
         """
         return self._both(interface)[0]
@@ -192,6 +196,9 @@ class Answer(Protocol):
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
 
+    def load(self, interface: str) -> Array | None:
+        """Force ([T,] m, components) that is prescribed, the same in all samples; None: it is an answer."""
+
     def force(self, interface: str) -> Array:
         """Force per area on side 1, local frame; of a chaos the mean, of samples and sweeps all of them."""
 
@@ -211,7 +218,7 @@ class Answer(Protocol):
         """Mean and standard deviation."""
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
-        """The samples, some at a time; of a chaos so many random ones."""
+        """The samples, some at a time; of a chaos this many random ones."""
 
     def moment_blocks(self) -> Iterator[Block]:
         """The samples from which moments of fields are made."""
@@ -244,12 +251,12 @@ def timed(plan: Plan, block: Array) -> Array:
 
 
 def stepped(values: Array, times: Array | None, leading: int = 0) -> Array:
-    """Fields with an axis of time steps after so many others, with or without a history."""
+    """Fields with an axis of time steps after this many others, with or without a history."""
     return values if times is not None else np.expand_dims(values, leading)
 
 
 def chunks(count: int, numbers: int) -> Iterator[slice]:
-    """Slices of `count` samples of so many numbers each, whose fields fit into memory."""
+    """Slices of `count` samples of this many numbers each, whose fields fit into memory."""
     chunk = max(1, int(BYTES / (32.0 * max(numbers, 1))))
     return (slice(k, min(k + chunk, count)) for k in range(0, count, chunk))
 
@@ -260,6 +267,6 @@ def one_number_a_sample(values: npt.ArrayLike, count: int, name: str) -> Array:
     if data.shape != (count,):
         raise SceneError(
             f"quantity {name!r}: the function returned shape {data.shape} for {count} samples; "
-            "return one number a sample"
+            "return one number per sample"
         )
     return data

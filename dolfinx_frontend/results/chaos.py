@@ -11,21 +11,24 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from latin_core import Laws, stochastic
+from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
 from dolfinx_frontend.formats.openturns import to_openturns
 from dolfinx_frontend.kernel import bridge
-from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.columns import Collocation
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chunks, stepped, timed
 from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
@@ -44,7 +47,7 @@ CHUNK = 512
 """Samples of a field that are evaluated at once."""
 
 NOISE = 100.0
-"""A standard deviation below so many times the tolerance, as a share of the mean, is noise."""
+"""A standard deviation below this many times the tolerance, relative to the mean, is noise."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def _moment_errors(
     shift, margin = estimate((truth - better) ** 2 - (chaos - mean) ** 2)
     ends = [np.sqrt(np.maximum(variance + shift + s * margin, 0.0)) for s in (0.0, -1.0, 1.0)]
     away = [np.abs(end - np.sqrt(variance)) for end in ends]
-    # nothing but noise, say of a resultant that equilibrium fixes, is measured by the mean
+    # a deviation that is only noise, e.g. of a resultant fixed by equilibrium, is compared with the mean
     noise = _relative(truth.std(axis=0, ddof=1), better, weights) <= NOISE * rtol
     whole = np.abs(better) if noise else ends[0]
     of_std = [_relative(d, whole, weights) for d in (away[0], np.max(away, axis=0))]
@@ -164,7 +167,7 @@ class Sampler(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ChaosResult(Result, StochasticResult):
-    """Answer of one LATIN-PCE run; fields have one column a chaos mode.
+    """Answer of one LATIN-PCE run; fields have one column per chaos mode.
 
     Over a load history every field has the T time steps in front of its own axes.
 
@@ -222,6 +225,35 @@ class ChaosResult(Result, StochasticResult):
     def mean_laws(self) -> Laws:
         """The laws with every random parameter at its mean."""
         return self.solver.laws
+
+    @property
+    def mean_state(self) -> State | None:
+        """None: the modes are no state of `mean_laws`."""
+        return None
+
+    def mean_std(self, quantity: Resultant) -> MeanStd:
+        """A total force or mean jump, of a history at its end; collective."""
+        if quantity.interface in self.collocations:
+            sums = Accumulator()
+            for block in self.moment_blocks():
+                sums.add({"": quantity.at_end(self, block)}, block.weights)
+            mean, std = sums.found()[""]
+        else:
+            mean, std = of_modes(self.resultant_coefficients(quantity))
+        return MeanStd(float(mean), float(std))
+
+    def resultant_coefficients(self, quantity: Resultant) -> Array:
+        """Chaos coefficients (P + 1,) of a total force or mean jump, of a history at its end; collective."""
+
+        def read() -> Array:
+            block = self.force_coefficients if quantity.of == "force" else self.jump_coefficients
+            values = quantity.total(
+                np.moveaxis(block(quantity.interface), -1, 0),
+                self.problem.interfaces[quantity.interface].weights,
+            )
+            return values if self.times is None else values[..., -1]
+
+        return self.everywhere(quantity.interface, read)
 
     @property
     def kind(self) -> AnswerKind:

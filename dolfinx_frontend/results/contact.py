@@ -1,4 +1,4 @@
-"""Where a contact is open, sticks or slips, and the values of its law that say so."""
+"""Where a contact is open, sticks or slips, and the values of its law that decide it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["CLOSED", "OPEN", "SLIPS", "ContactValues", "contact_states", "contac
 OPEN, CLOSED, SLIPS = 0.0, 1.0, 2.0
 """States of a contact; closed with friction is stick."""
 NOTHING = 1e-9
-"""A pressure below this share of the largest is none: the point is open."""
+"""A pressure below this fraction of the largest is none: the point is open."""
 AT_LIMIT = 1e-6
-"""A friction force within this share of its limit slips."""
+"""A friction force within this fraction of its limit slips."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,17 @@ from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.resultant import Resultant
 
-__all__ = ["ErrorShare", "Errors", "Estimator", "MeanStd", "not_measured", "share_of"]
+__all__ = [
+    "Continuation",
+    "ErrorShare",
+    "Errors",
+    "Estimator",
+    "MeanStd",
+    "Source",
+    "not_continued",
+    "not_measured",
+    "share_of",
+]
 
 Source = Literal["algebraic", "truncation", "discretisation"]
 
@@ -77,7 +87,7 @@ class Errors:
     notes: tuple[str, ...] = ()
 
     def relative(self, source: Source) -> float:
-        """One error as a share: of mean and standard deviation the larger, or of the energy norm; else 0."""
+        """One error, relative: the larger of mean and deviation, or that in the energy norm; 0: none."""
         share: ErrorShare | None = getattr(self, source)
         if share is None:
             return 0.0
@@ -142,3 +152,14 @@ def not_measured(result: Any, quantity: Resultant | str | None = None) -> Errors
     raise SceneError(
         "this result was made without an estimator: dolfinx_frontend.errors(result) measures its errors"
     )
+
+
+class Continuation(Protocol):
+    """Carries the run of a result on to another tolerance, on the same factors."""
+
+    def __call__(self, result: Any, rtol: float) -> Any: ...
+
+
+def not_continued(result: Any, rtol: float) -> Any:
+    """The continuation of a result that was made without one."""
+    raise SceneError("this result was made without a continuation: solve again, with start=result")

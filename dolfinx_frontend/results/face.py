@@ -25,10 +25,11 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
-from dolfinx_frontend.results.reactions import eliminated_fields
+from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
 from dolfinx_frontend.results.stress import stress_function, stress_of
 from dolfinx_frontend.results.surfaces import surface_of
 from dolfinx_frontend.scene.amplitudes import check_step
+from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
 
 __all__ = ["Face"]
@@ -71,7 +72,7 @@ class Face(ABC):
 
     @abstractmethod
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
-        """The samples, some at a time; of a chaos so many random ones (None: as many as a table takes)."""
+        """The samples, some at a time; of a chaos this many random ones (None: as many as a table takes)."""
 
     @abstractmethod
     def unknowns(self, part: str) -> Array:
@@ -91,6 +92,14 @@ class Face(ABC):
     def without_displacements(self) -> str | None:
         """Why there are no displacements, and how to get them; None: there are."""
         return None
+
+    @property
+    def without_recovery(self) -> str | None:
+        """Why the error of the meshes cannot be estimated, and what to do; None: it can."""
+        return (
+            f"{type(self).__name__} has no displacement fields to recover: take the result of "
+            "solve(problem), e.g. at the mean of the parameters"
+        )
 
     def moment_blocks(self) -> Iterator[Block]:
         """The samples from which moments of fields are made."""
@@ -145,6 +154,19 @@ class Face(ABC):
         """An interface as tables and figures see it."""
         self._check_interface(interface)
         return surface_of(self.problem.interfaces[interface], self.times)
+
+    def load(self, interface: str) -> Array | None:
+        """Force ([T,] m, components) of a load that was assembled into its part; None: it is no such load."""
+        each, times = self.problem.interfaces[interface], self.times
+        if interface in self.plan.active or each.law.prescribes != "force":
+            return None
+        force = prescribed_force(each, self._laws(interface))
+        return force[0] if times is None else force
+
+    def _laws(self, interface: str) -> list[Law]:
+        """The law of an interface at every time."""
+        law, times = self.problem.interfaces[interface].law, self.times
+        return [law] if times is None else [law.at(t) for t in times]
 
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
@@ -203,12 +225,11 @@ class Face(ABC):
                 f"the displacements: {self.without_displacements}"
             )
         times = self.times
-        laws = [interface.law] if times is None else [interface.law.at(t) for t in times]
 
         def stepwise(part: str, unknowns: Ints | None) -> Array:
             return stepped(displacement(part, unknowns), times, 1)
 
-        force, jump = eliminated_fields(interface, laws, stepwise)
+        force, jump = eliminated_fields(interface, self._laws(name), stepwise)
         return (force[:, 0], jump[:, 0]) if times is None else (force, jump)
 
     # --- fields --------------------------------------------------------------------------------
@@ -354,7 +375,7 @@ class Face(ABC):
     ) -> Quantity:
         """A scalar quantity of interest, evaluated sample by sample.
 
-        A deterministic answer gives one value, a sweep one a point of its grid.
+        A deterministic answer gives one value, a sweep one per point of its grid.
 
         Parameters
         ----------
@@ -363,7 +384,7 @@ class Face(ABC):
         name, unit
             For tables and figures.
         samples, seed
-            Of a chaos: so many random samples (None: 100 000). Other answers have the samples that they have.
+            Of a chaos: this many random samples (None: 100 000). Other answers use all their samples.
         """
         blocks = self.blocks(samples or self.draws, seed)
         found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
@@ -393,9 +414,9 @@ class Face(ABC):
         (friction at its limit) of contacts. Of interfaces that were eliminated as supports or glue, the
         reactions; their points carry no pressure that is known. Collective on several ranks.
 
-        A random answer has a row a statistic: mean, standard deviation and quantiles of the number itself,
+        A random answer has a row per statistic: mean, standard deviation and quantiles of the number itself,
         sample by sample (the largest pressure of each sample, not that of the mean); a quadrature has no
-        quantiles. A sweep has a row a point.
+        quantiles. A sweep has a row per point.
 
         Parameters
         ----------
@@ -408,7 +429,7 @@ class Face(ABC):
         quantiles
             Probabilities, where the answer is random.
         samples, seed
-            Of a chaos: so many random samples (None: 4096).
+            Of a chaos: this many random samples (None: 4096).
         """
         return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
 
@@ -426,7 +447,7 @@ class Face(ABC):
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
-        """The numbers behind the tables, a number a sample and a time step."""
+        """The numbers behind the tables, a number per sample and time step."""
         return read(self, interfaces, samples, seed)
 
     def save(

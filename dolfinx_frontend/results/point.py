@@ -1,4 +1,4 @@
-"""One point of a sweep or a sampling, with all that a deterministic answer offers."""
+"""One point of a sweep or a sampling, with everything that a deterministic answer offers."""
 
 from __future__ import annotations
 

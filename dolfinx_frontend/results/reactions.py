@@ -16,13 +16,20 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.results.answer import Answer, Block, stepped
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["Reaction", "eliminated_fields", "reaction"]
+__all__ = ["Reaction", "eliminated_fields", "prescribed_force", "reaction"]
 
 ALIGNED = 1e-9
 """A normal within this of a global axis is that axis."""
 
 
 # --- springs and loads -----------------------------------------------------------------------------
+def prescribed_force(interface: Interface, laws: Sequence[Law]) -> Array:
+    """Force (T, m, components) that a load prescribes; `laws` as for :func:`eliminated_fields`."""
+    return np.stack(
+        [law.fields(interface).parameters["force"].reshape(interface.num_points, -1) for law in laws]
+    )
+
+
 def eliminated_fields(
     interface: Interface,
     laws: Sequence[Law],
@@ -48,12 +55,12 @@ def eliminated_fields(
     components = laws[0].count(d)
     jump = jump[..., :components]
     force = np.empty_like(jump)
+    if laws[0].prescribes == "force":
+        force[:] = prescribed_force(interface, laws)
+        return force, jump
     for step, law in enumerate(laws):
-        if law.prescribes == "force":
-            force[:, step] = law.fields(interface).parameters["force"].reshape(m, -1)
-        else:
-            kappa, imposed = (each(interface)[:, :components] for each in (law.stiffnesses, law.jumps))
-            force[:, step] = kappa * (jump[:, step] - imposed)
+        kappa, imposed = (each(interface)[:, :components] for each in (law.stiffnesses, law.jumps))
+        force[:, step] = kappa * (jump[:, step] - imposed)
     return force, jump
 
 
@@ -123,7 +130,7 @@ def reaction(answer: Answer, name: str) -> Reaction | None:
 
 
 def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callable[[Block], Array]:
-    """What holds the nodes of a side beside the loads and the forces that are known, (n, T, nodes, d)."""
+    """Forces (n, T, nodes, d) that balance the nodes of a side, besides loads and forces that are known."""
     problem, times = answer.problem, answer.times
     side = problem.interfaces[name].sides[number]
     part, nodes = problem.substructures[side.substructure], side.nodes
@@ -149,7 +156,9 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
         total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1) - load
         out: Array = total.reshape(*u.shape[:2], -1, d)
         for sign, surface, shape in acting:
-            force = surface.vectors(stepped(block.force(surface.name), times, 1))
+            given = answer.load(surface.name)
+            force = block.force(surface.name) if given is None else given[None]
+            force = surface.vectors(stepped(force, times, 1))
             weighted = np.moveaxis(sign * surface.weights[:, None] * force, 2, 0)  # (m, n, T, d)
             nodal = (shape @ weighted.reshape(len(weighted), -1)).reshape(-1, *weighted.shape[1:])
             out = out - np.moveaxis(nodal, 0, 2)

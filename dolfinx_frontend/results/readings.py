@@ -32,7 +32,7 @@ PLANE = 1e-9
 
 @dataclass(frozen=True)
 class Measures:
-    """Numbers of one interface, each ([N,] [T]): a number a sample and a time step.
+    """Numbers of one interface, each ([N,] [T]): a number per sample and time step.
 
     Attributes
     ----------
@@ -121,12 +121,19 @@ def _cross(arm: Any, force: Sequence[Array]) -> dict[str, Array]:
     }
 
 
-def _resultants(points: Array, centre: Array, nodal: Array) -> dict[str, Array]:
-    """Force and moment of forces (..., m, d) at points (m, d)."""
-    arm = (points - centre).T
-    parts = [nodal[..., a] for a in range(points.shape[1])]
-    values = {f"force_{'xyz'[a]}": f.sum(axis=-1) for a, f in enumerate(parts)}
-    return values | {k: v.sum(axis=-1) for k, v in _cross(arm, parts).items()}
+def _levers(points: Array, centre: Array) -> dict[str, Array]:
+    """What a unit force along each axis at each point adds to force and moment: column -> (m, d)."""
+    m, d = points.shape
+    units: list[Array] = list(np.eye(d)[:, None])  # component a of all unit forces, (1, d)
+    rows = {f"force_{'xyz'[a]}": np.repeat(unit, m, axis=0) for a, unit in enumerate(units)}
+    return rows | _cross((points - centre).T[:, :, None], units)
+
+
+def _summed(fields: Array, rows: Mapping[str, Array]) -> dict[str, Array]:
+    """Sums of fields (..., m, k) times each of the rows (m, k) over points and components, (...) each."""
+    matrix = np.stack([row.ravel() for row in rows.values()], axis=1)
+    sums = fields.reshape(*fields.shape[:-2], -1) @ matrix
+    return dict(zip(rows, np.moveaxis(sums, -1, 0), strict=True))
 
 
 def measure(
@@ -146,17 +153,21 @@ def measure(
     dict
         Column -> (...,).
     """
-    weights, normals = surface.weights, surface.normals
-    vector = surface.vectors(force)
+    weights, frames = surface.weights, surface.frames
+    out = np.einsum("pcd,pd->pc", frames, surface.normals)  # what each component pushes out of side 1
+    tangents = frames - out[:, :, None] * surface.normals[:, None]
+    axes = {"xyz"[a]: tangents[:, :, a] for a in range(surface.dim)}
+    rows = {c: np.einsum("pcd,pd->pc", frames, r) for c, r in _levers(surface.points, surface.centre).items()}
+    rows |= {"normal": out} | axes
+    sums = _summed(force, {column: weights[:, None] * row for column, row in rows.items()})
     values = {"area": np.full(force.shape[:-2], weights.sum())}
-    values |= _resultants(surface.points, surface.centre, weights[:, None] * vector)
-    normal = np.einsum("...pd,pd->...p", vector, normals)
-    along = vector - normal[..., None] * normals
-    shear = np.sqrt(np.sum(along**2, axis=-1))
-    values["normal"] = normal @ weights
-    values["shear"] = np.linalg.norm(np.einsum("...pd,p->...d", along, weights), axis=-1)
+    values |= {column: sum_ for column, sum_ in sums.items() if column not in axes}
+    values["shear"] = np.linalg.norm([sums[axis] for axis in axes], axis=0)
+    normal = np.einsum("...pc,pc->...p", force, out)
+    along = np.einsum("...pc,pcd->...pd", force, tangents)
+    shear = np.sqrt(np.einsum("...pd,...pd->...p", along, along))
     values["pressure_min"] = -normal.max(axis=-1)
-    values["pressure_mean"] = -(normal @ weights) / weights.sum()
+    values["pressure_mean"] = -values["normal"] / weights.sum()
     values["pressure_max"] = -normal.min(axis=-1)
     values["shear_max"] = shear.max(axis=-1)
     nothing = np.full(force.shape[:-2], np.nan)
@@ -170,11 +181,15 @@ def measure(
 
 def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, Array]:
     """Numbers (N, T) of an interface whose force is known at its points."""
-    surface = answer.surface(name)
+    surface, given = answer.surface(name), answer.load(name)
+    if given is not None:  # the same in all samples
+        values = measure(surface, stepped(given, answer.times)[None])
+        count = sum(len(block) for block in blocks)
+        return {column: np.broadcast_to(v, (count, *v.shape[1:])) for column, v in values.items()}
     found = []
     for block in blocks:
         force, contact = stepped(block.force(name), answer.times, 1), block.contact(name)
-        # the block has its fields already, what is made of them comes in parts
+        # the fields of a block are in memory already; what is computed from them is done in parts
         for part in chunks(len(force), force[0].size):
             limits = None if contact is None else contact[part].limits
             found.append(measure(surface, force[part], limits))
@@ -183,7 +198,8 @@ def _measured(answer: Answer, name: str, blocks: Sequence[Block]) -> dict[str, A
 
 def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[str, Array]:
     """Numbers (N, T) of an interface that was assembled across: its resultants."""
-    found = [_resultants(held.points, surface.centre, held.forces(block)) for block in blocks]
+    levers = _levers(held.points, surface.centre)
+    found = [_summed(held.forces(block), levers) for block in blocks]
     resultants = {column: np.concatenate([each[column] for each in found]) for column in found[0]}
     shape = resultants["force_x"].shape
     nothing = np.full(shape, np.nan)
@@ -228,7 +244,7 @@ def read(
     interfaces
         Names; None: all.
     samples, seed
-        Of a chaos: at so many random samples.
+        Of a chaos: at this many random samples.
 
     Raises
     ------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from latin_core import Laws, State, Summary
@@ -15,13 +15,20 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel.bridge import read_only
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run, direct_status, ended
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
-from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
+from dolfinx_frontend.results.errors import (
+    Continuation,
+    Errors,
+    Estimator,
+    MeanStd,
+    not_continued,
+    not_measured,
+)
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import law_contact
@@ -66,6 +73,7 @@ class Result(Value, Face):
     found: Errors | None = field(default=None, kw_only=True)
     corrected: Corrected | None = field(default=None, kw_only=True)
     estimator: Estimator = field(default=not_measured, kw_only=True)
+    continuation: Continuation = field(default=not_continued, kw_only=True)
 
     if not TYPE_CHECKING:
 
@@ -148,6 +156,29 @@ class Result(Value, Face):
         """Laws without anything random."""
         return self.laws
 
+    @property
+    def mean_state(self) -> State | None:
+        """The state that belongs to `mean_laws`; None: it was not computed."""
+        return self.state
+
+    @property
+    def without_recovery(self) -> str | None:
+        """None: there are displacement fields, whose gradients can be recovered."""
+        return None
+
+    def tightened(self, rtol: float) -> Self:
+        """The run carried on to another tolerance, on the same factors."""
+        more: Self = self.continuation(self, rtol)
+        return more
+
+    def mean_std(self, quantity: Resultant) -> MeanStd:
+        """A total force or mean jump, of a history at its end; its standard deviation if it is random.
+
+        Collective: to be called on all ranks.
+        """
+        value = self.everywhere(quantity.interface, lambda: quantity.value(self))
+        return MeanStd(float(np.ravel(value)[-1]), None)
+
     def unknowns(self, part: str) -> Array:
         """Unknowns ([T,] n) of a part, length; interior fields are recovered when first asked for."""
         self._check_part(part)
@@ -185,8 +216,9 @@ class Result(Value, Face):
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
 
-        The iteration is carried on for one digit, a chaos gets its next modes: about half the cost of the
-        run without its factorisation. After ``solve(accuracy=...)`` they are there already.
+        The iteration is carried on until its error is ten times smaller, a chaos gets its next modes: about
+        half the cost of the run without its factorisation. After ``solve(accuracy=...)`` they are known
+        already.
 
         Parameters
         ----------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -10,7 +11,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
-__all__ = ["Resultant"]
+__all__ = ["Interest", "Resultant", "interest"]
 
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")
@@ -69,6 +70,16 @@ class Resultant:
         total = field[..., self.component] @ weights
         return np.asarray(total if self.of == "force" else total / weights.sum())
 
+    def at_end(self, answer: Any, fields: Any) -> Array:
+        """The number (N,) in samples of an answer, of a history at its end; collective."""
+
+        def read() -> Array:
+            values = self.total(self.field(fields), answer.problem.interfaces[self.interface].weights)
+            return values if answer.times is None else values[..., -1]
+
+        found: Array = answer.everywhere(self.interface, read)
+        return found
+
     def value(self, result: Any) -> Array:
         """The number in a result: (), (T,) of a history, (N,) of samples.
 
@@ -82,3 +93,24 @@ class Resultant:
             raise unknown_name("interface", self.interface, interfaces, "problem")
         weights = interfaces[self.interface].weights
         return self.total(self.field(result), weights)
+
+
+Interest = Resultant | str | None
+"""A quantity of interest as users give it; a name: the normal force of that interface."""
+
+
+def interest(interfaces: Mapping[str, Any], quantity: Interest) -> Resultant | None:
+    """The quantity that is meant; None: the energy norm.
+
+    Raises
+    ------
+    SceneError
+        There is no such interface.
+    """
+    if quantity is None or quantity == "energy":
+        return None
+    if isinstance(quantity, str):
+        quantity = Resultant(quantity)
+    if quantity.interface not in interfaces:
+        raise unknown_name("interface", quantity.interface, interfaces, "quantity of interest")
+    return quantity

@@ -14,14 +14,14 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.kernel.bridge import read_only
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
-from dolfinx_frontend.results.errors import Errors, Estimator, not_measured
+from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
 from dolfinx_frontend.results.moments import Accumulator
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.surfaces import law_contact
@@ -173,8 +173,15 @@ class SampleResult(Value, PointResults, StochasticResult):
                 out[name] = out.get(name, 0.0) + np.moveaxis(block.displacement(name), 0, -1) @ weighted
         return out
 
+    def mean_std(self, quantity: Resultant) -> MeanStd:
+        """A total force or mean jump, of a history at its end; collective."""
+        sums = Accumulator()
+        sums.add({"": quantity.at_end(self, self)}, self.weights)
+        mean, std = sums.found()[""]
+        return MeanStd(float(mean), float(std))
+
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
-        """As :meth:`Result.errors`; the error of the sampling by the spread of parts of the sample."""
+        """As :meth:`Result.errors`; the error of the sampling from the spread over parts of it."""
         return self.estimator(self, quantity)
 
     def _count(self) -> str:

@@ -12,9 +12,11 @@ from typing import Any, TypeVar, get_args
 import numpy as np
 import scipy.sparse as sp
 
+from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import unknown_name
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
 from dolfinx_frontend.formats.hdf5 import Tree
@@ -45,7 +47,7 @@ OLDEST = 1
 # --- what a result was solved for, as far as it is in a file ---------------------------------------
 @dataclass(frozen=True, eq=False)
 class SavedSide:
-    """One side of an interface; the first has its normal, and how its points hang on the nodes of its part.
+    """One side of an interface; the first has its normal and the shape functions at its points.
 
     Attributes
     ----------
@@ -60,12 +62,15 @@ class SavedSide:
     normal: Array | None = field(default=None, repr=False)
     shape: sp.csr_matrix | None = field(default=None, repr=False)
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     def __str__(self) -> str:
         return f"{self.substructure}:{self.face}"
 
 
 @dataclass(frozen=True, eq=False)
-class SavedInterface:
+class SavedInterface(PointFrames):
     """An interface of a saved result.
 
     Attributes
@@ -102,25 +107,8 @@ class SavedInterface:
     bolt: int | None = field(default=None, repr=False)
     _facets: Callable[[], Ints] | None = field(default=None, repr=False)
 
-    @property
-    def dim(self) -> int:
-        """Space dimension d."""
-        return int(self.points.shape[1])
-
-    @property
-    def num_points(self) -> int:
-        """Number of interface points m."""
-        return len(self.weights)
-
-    @property
-    def normals(self) -> Array:
-        """(m, d), unit normals out of side 1."""
-        return self.frames[:, 0, :]
-
-    @property
-    def area(self) -> float:
-        """Sum of the weights."""
-        return float(self.weights.sum())
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def facets(self) -> Ints:
@@ -320,6 +308,10 @@ class SavedResult(Face):
             each.bolt,
         )
 
+    def load(self, interface: str) -> Array | None:
+        """None: the file has the forces of loads as all others."""
+        return None
+
     def why_unknown(self, interface: str) -> str | None:
         """Why an interface without force has no row."""
         return "eliminated, or saved without fields: the file has the numbers of its own samples only"
@@ -392,7 +384,7 @@ class SavedResult(Face):
         return None
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
-        """The samples of the file, some at a time; of a chaos the first so many of those of its tables."""
+        """The samples of the file, some at a time; of a chaos the first of those that its tables use."""
         if self.kind == "chaos":
             germs = self.germs
             if germs is None or (samples or 0) > len(germs):
@@ -490,7 +482,7 @@ class SavedResult(Face):
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
-        """The numbers of the file; of a chaos those of fewer samples if so many are asked for."""
+        """The numbers of the file; of a chaos those of the first `samples` samples."""
         other = samples is not None and self.germs is not None and samples != len(self.germs)
         if self.kind == "chaos" and other:
             return read(self, interfaces, samples, seed)

@@ -176,7 +176,7 @@ class PointResults(Face):
         return map(self._block, self._in_parts())
 
     def _recovered(self, part: slice) -> dict[str, Array]:
-        """Part -> unknowns (n, [T,] unknowns) at some of the points; one solve a point."""
+        """Part -> unknowns (n, [T,] unknowns) at some of the points; one solve per point."""
         assert self.points.states is not None  # was asked before
         states = self.points.states[part]  # (points, 2, rows, columns)
         data, traces = np.moveaxis(states, 0, 2).reshape(2, states.shape[2], -1)

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -25,7 +26,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 WIDTH = 110
 """Characters of a line of a printed table."""
 ROUNDING = 1e-8
-"""What a printed table shows as 0, as a share of the largest number of its kind."""
+"""What a printed table shows as 0, relative to the largest number of its kind."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Table:
     Attributes
     ----------
     columns
-        Name -> one entry a row.
+        Name -> one entry per row.
     labels
         Columns that name a row: interface, and swept parameters, time, statistic where there are several.
     notes
@@ -77,7 +78,7 @@ class Table:
         return float(self[column][rows[0]])
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """One dict a row."""
+        """One dict per row."""
         for entries in zip(*self.columns.values(), strict=True):
             yield dict(zip(self.columns, entries, strict=True))
 
@@ -119,7 +120,7 @@ class Table:
                 room = WIDTH - fixed
             blocks[-1].append(name)
             room -= widths[name] + 2
-        texts = [self._block(shown, widths, [*self.labels, *names]) for names in blocks]
+        texts = [self._block(shown, [*self.labels, *names]) for names in blocks]
         notes = [line for note in self.notes for line in textwrap.wrap(note, WIDTH)]
         return "\n\n".join(texts) + "".join(f"\n{line}" for line in notes)
 
@@ -137,23 +138,16 @@ class Table:
             largest["moment"] = max(largest["moment"], largest["force"] * size)
         return largest
 
-    def _block(self, shown: dict[str, list[str]], widths: dict[str, int], names: list[str]) -> str:
-        def line(cells: Iterable[str]) -> str:
-            padded = (
-                c.ljust(widths[n]) if n in ("interface", "law", "statistic") else c.rjust(widths[n])
-                for n, c in zip(names, cells, strict=True)
-            )
-            return "  ".join(padded).rstrip()
-
-        rows = zip(*(shown[n] for n in names), strict=True)
-        return "\n".join([line(names), *(line(row) for row in rows)])
+    def _block(self, shown: dict[str, list[str]], names: list[str]) -> str:
+        sides = "".join("<" if n in ("interface", "law", "statistic") else ">" for n in names)
+        return "\n".join(columns([names, *zip(*(shown[n] for n in names), strict=True)], sides))
 
     def __repr__(self) -> str:
         return str(self)
 
 
 def _kind(column: str) -> str:
-    """Columns of one kind are of one size: a number far below the others of its kind is rounding."""
+    """Kind of a column; a number far below the others of its kind is rounding."""
     if column in ("normal", "shear", "before", "after", "change", "lowest", "highest"):
         return "force"
     return "pressure" if column == "shear_max" else column.split("_")[0]

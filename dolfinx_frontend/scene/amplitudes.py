@@ -61,7 +61,7 @@ class Amplitude:
         self._values = np.array([] if values is None else values, dtype=np.float64).ravel()
         if len(self._times) != len(self._values) or not len(self._times):
             raise SceneError(
-                f"Amplitude: {len(self._times)} times and {len(self._values)} values; give one value a time"
+                f"Amplitude: {len(self._times)} times and {len(self._values)} values; give one value per time"
             )
         if not (np.all(np.isfinite(self._times)) and np.all(np.isfinite(self._values))):
             raise SceneError("Amplitude: times and values are finite numbers")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
 from dolfinx_frontend.scene.materials import Material
@@ -235,13 +236,12 @@ class Scene:
         lines = [
             f"Scene: {len(self.substructures)} substructures, {len(self.interfaces)} interfaces"
         ]
+        parts = []
         for s in self.substructures.values():
             material = type(s.material).__name__ if isinstance(s.material, Material) else "UFL form"
-            what = "        not made yet"
-            if not s.lazy:
-                what = f"{s.part.mesh.topology.index_map(s.dim).size_local:>8} {s.cell}s"
-            lines.append(f"  {s.name:<16} {what}, degree {s.degree}, {material}")
-        for i in self.interfaces.values():
-            sides = " | ".join(str(f) for f in i.faces)
-            lines.append(f"  {i.name:<24} {sides:<36} {i.law.title}")
-        return "\n".join(lines)
+            cells, kind = ("", "not made yet") if s.lazy else (
+                str(s.part.mesh.topology.index_map(s.dim).size_local), f"{s.cell}s"
+            )
+            parts.append((s.name, cells, f"{kind}, degree {s.degree}, {material}"))
+        joints = [(i.name, " | ".join(map(str, i.faces)), i.law.title) for i in self.interfaces.values()]
+        return "\n".join(lines + [f"  {line}" for line in columns(parts, "<><") + columns(joints, "<<<")])

@@ -140,7 +140,7 @@ def evaluate(
             return out
     wanted = "a number" if components == 1 or scalar != "zero" else f"{components} components"
     if arrays or origin == "returned":
-        wanted += f" or {m} rows (one an interface point)" + (
+        wanted += f" or {m} rows (one per interface point)" + (
             f" of {components}" if components > 1 else ""
         )
     else:

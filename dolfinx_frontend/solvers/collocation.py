@@ -20,6 +20,7 @@ from latin_core import stochastic
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.kernel.columns import Collocation, nominal_fields
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -28,13 +29,14 @@ __all__ = ["MOST_TENSOR", "collocation"]
 
 
 MOST_TENSOR = 4096
-"""Points up to which a tensor Gauss rule is the default..."""
+"""Points up to which a tensor Gauss rule is the default, if the memory allows it, see `MOST_BYTES`."""
 MOST_BYTES = 1e9
-"""...if samples and forces of the interface take no more memory."""
+"""Memory that samples and forces of an interface may take with a tensor rule."""
 LEAST_LINE = 16
-"""Points that a germ is given at least while all germs together take no more than..."""
+"""Fewest Gauss points of a germ, while all germs together have at most `CHEAP` points: at kinks a coarse rule
+is wrong by up to a tenth of a per cent of the mean."""
 CHEAP = 256
-"""...so many: kinks cost a coarse rule up to a tenth of a per cent of the mean."""
+"""Points up to which every germ gets `LEAST_LINE` of them."""
 SOBOL_A_MODE = 16
 """Sobol points taken for each mode that is projected, at least."""
 FEWEST_SOBOL = 1024
@@ -46,17 +48,9 @@ UNEVEN = 0.5
 def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
     """Germs of all interfaces that are joined to one by parts and interfaces."""
     problem = random.problem
-    parts = {side.substructure for side in problem.interfaces[name].sides}
-    while True:
-        touching = [
-            {side.substructure for side in i.sides}
-            for i in problem.interfaces.values()
-            if any(side.substructure in parts for side in i.sides)
-        ]
-        grown = parts.union(*touching)
-        if grown == parts:
-            break
-        parts = grown
+    joined = [(i.sides[0].substructure, i.sides[-1].substructure) for i in problem.interfaces.values()]
+    start = problem.interfaces[name].sides[0].substructure
+    parts = next(set(group) for group in grouped(list(problem.parts), joined) if start in group)
     germs: set[int] = set()
     for (other, _), source in random.sources.items():
         if any(side.substructure in parts for side in problem.interfaces[other].sides):

@@ -67,12 +67,23 @@ def _run(
     checked = corrected(solver) if plan.method == "direct" else None
     seconds = {"setup": setup, "solve": perf_counter() - began}
     kind = Result if plan.times is None else HistoryResult
-    made = kind(solver.problem, plan, summary, state, seconds, solver, laws, cuts, corrected=checked)
-    return replace(made, estimator=estimator)
+    return kind(
+        solver.problem,
+        plan,
+        summary,
+        state,
+        seconds,
+        solver,
+        laws,
+        cuts,
+        corrected=checked,
+        estimator=estimator,
+        continuation=solve_on,
+    )
 
 
 def start_states(start: Result | State | None) -> list[State]:
     """Start states for the kernel."""
     if start is None:
         return []
-    return [start.state if isinstance(start, Result) else start]
+    return [start if isinstance(start, State) else start.state]

@@ -5,7 +5,7 @@ stiffness kappa = sum_i kappa_i Psi_i the law f = kappa (j - Delta) becomes, mod
 
     f_k = sum_j A_kj (j_j - Delta_j),     A_kj = sum_i kappa_i E[Psi_i Psi_j Psi_k],
 
-one system of size P + 1 a point and direction. A = V diag(lambda) V^T decouples it: in the columns j V the
+one system of size P + 1 per point and direction. A = V diag(lambda) V^T decouples it: in the columns j V the
 law is the deterministic one with the stiffness lambda_q. So the kernel runs the same laws and the same
 iteration as for one column, and its fixed point is the stochastic Galerkin solution (equations 17 and 19).
 
@@ -55,7 +55,7 @@ __all__ = [
 ]
 
 NEAR = 0.1
-"""A smallest eigenvalue below this share of the mean is reported."""
+"""A smallest eigenvalue below this fraction of the mean is reported."""
 
 MOST_CHECKS = 4
 """Times ``check_points`` that a check takes at most."""
@@ -461,9 +461,15 @@ def _run(
         proven=proven,
         collocations=collocations,
         estimator=estimator,
+        continuation=_tightened,
         sampler=sample_chaos,
     )
     return _checked(result)
+
+
+def _tightened(result: ChaosResult, rtol: float) -> ChaosResult:
+    """The same chaos, carried on to another tolerance."""
+    return carry_on(result, result.chaos, rtol)
 
 
 def _checked(result: ChaosResult) -> ChaosResult:

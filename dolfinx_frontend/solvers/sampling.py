@@ -1,7 +1,7 @@
 """Sampling: many deterministic solves at points of the germs, each warm-started from its neighbours.
 
-The comparison for chaos, and the way out where it does not converge: Monte Carlo, quasi-Monte Carlo,
-tensor and sparse quadrature are the same run over different points.
+A reference for chaos, and a replacement where it does not converge: Monte Carlo, quasi-Monte Carlo, tensor
+and sparse quadrature are the same run over different points.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver

@@ -8,15 +8,15 @@ opening and the slip that u makes at an interface point, F the loads. Three ques
 
     g >= mu |v| at every point,   F u > sum w tau |v|
 
-(Farkas' lemma: the work of no admissible force could make up for that of the loads). Such a u is a
-proof that the scene as it is discretised has no solution, whatever an iteration says, so it is an error.
+(Farkas' lemma: no admissible force does enough work against u to balance that of the loads). Such a u
+proves that the discretised scene has no solution, whatever an iteration says: this is an error.
 
 **Slipping.** Friction is only as strong as the normal forces are: with the bounds b = mu |f_n| + tau of
 the forces that were reached there is no balance if some u has
 
     g >= 0 at every point,   F u > sum w b |v|.
 
-These forces may be wrong in a run that has not converged, so that it is a warning.
+These forces may be wrong in a run that has not converged: this is a warning only.
 
 **Undetermined.** A converged answer in which a part touches nothing that holds it and carries no load is
 one of many: a warning.
@@ -49,16 +49,16 @@ from dolfinx_frontend.results.result import Result
 __all__ = ["check_support"]
 
 _CERTAIN = 1e-6
-"""Share of the loads that must be out of balance for an error: what rounding cannot make."""
+"""Fraction of the loads that must be out of balance for an error: more than rounding can cause."""
 
 _DOUBTFUL = 2e-3
-"""The same for a warning that rests on the forces of an iteration."""
+"""The same for a warning, which is based on the forces of an iteration."""
 
 _ROUNDS = 300
 """Most rounds of the search for the motion that the loads drive."""
 
 _CONVEX = 100.0
-"""Weight of the condition that shares of bounded forces sum up to 1."""
+"""Weight of the condition that the fractions of bounded forces sum up to 1."""
 
 _CLIMB = 1.5
 """A motion that opens no point by more than this, relative to friction times the largest slip, is a slip."""
@@ -73,7 +73,7 @@ _TURNS = 1e-2
 """Rotations that move the points of a part by less than this, relative to its translations, are not named."""
 
 _TOUCHING = 1e-6
-"""Opening, as a share of the face's size, below which two faces touch."""
+"""Opening, relative to the face's size, below which two faces touch."""
 
 
 _log = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class _Grip:
-    """What an interface in contact can bear at its points, and how they move.
+    """What an interface in contact can carry at its points, and how they move.
 
     Attributes
     ----------
@@ -282,7 +282,7 @@ def _driven(work: Array, grips: Mapping[str, _Grip], least: float) -> Array | No
         if np.linalg.norm(motion) * scale <= least:
             return None
         if len(share) > 50 + 20 * len(work):
-            # what carries nothing now is found again if it is needed
+            # entries that carry nothing are dropped; they are found again if they are needed
             used = share > 0.0
             used[rays.shape[1]] = True
             rays, discs = rays[:, used[: rays.shape[1]]], discs[:, used[rays.shape[1] :]]
@@ -298,7 +298,7 @@ def _events(grips: Mapping[str, _Grip], motion: Array) -> list[str]:
         if size < 1e-6:
             continue
         slips = v > 1e-3 * size
-        # friction makes the motion of the proof climb: that is slip, and not opening
+        # with friction the motion of the proof opens the contact a little: that is slip, not opening
         opens = g > 1e-3 * size + 1.01 * grip.friction * v
         if opens.all():
             out.append(f"{name!r} opens everywhere")
@@ -476,7 +476,7 @@ def check_support(result: Result) -> None:
 
     _decide(problem, loads_are_balanced)
     if result.status == "diverged":
-        return  # its forces say nothing
+        return  # its forces mean nothing
     answers = problem.gather(
         {
             name: _answers(result, problem.interfaces[name], [now for _, _, now in steps])
@@ -559,7 +559,7 @@ def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list
     found = []
     for k, now in enumerate(steps):
         closed = force[k, :, 0] < 0.0
-        if result.plan.times is not None:  # what is loaded later on may well lie there unloaded at first
+        if result.plan.times is not None:  # a part that is loaded later may lie there unloaded at first
             closed |= _touching(now.interfaces[interface.name], jump[k])
         found.append(
             _Reached(force[k], held(result.problem, interface, closed), bool(closed.any()))

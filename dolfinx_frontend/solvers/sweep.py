@@ -15,9 +15,9 @@ from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.common.progress import Bar
-from dolfinx_frontend.kernel.bridge import read_only
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver
@@ -218,7 +218,7 @@ def _reading(
 def _through_time(
     problem: Problem, plan: Plan, interface: str, parameter: str, pattern: Array
 ) -> tuple[Array, int]:
-    """Pattern of a swept value with a block of rows a column, and the number of columns."""
+    """Pattern of a swept value with a block of rows per column, and the number of columns."""
     value = problem.interfaces[interface].law.varying.get(parameter)
     if value is None or plan.times is None:
         return pattern, 1

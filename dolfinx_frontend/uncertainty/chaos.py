@@ -39,7 +39,7 @@ class Chaos:
         if that gives few enough points (:data:`dolfinx_frontend.solvers.collocation.MOST_TENSOR`),
         Sobol points otherwise.
     sobol_points
-        Use so many scrambled Sobol points instead, a power of two.
+        Use this many scrambled Sobol points instead, a power of two.
     check_points
         Deterministic solves with which the truncation of a nonlinear scene is checked; 0: none.
     tolerance

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 
 
@@ -69,3 +71,11 @@ def checked_bounds(kind: str, name: str, lower: Any, upper: Any) -> tuple[float,
 
 def is_whole(value: object) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def common_length(given: Mapping[str, Array], where: str = "") -> int:
+    """Number of points of values (N,) or (1,) by name, which are set together."""
+    sizes = {len(values) for values in given.values()} - {1}
+    if len(sizes) > 1:
+        raise SceneError(f"{where}values of different lengths: {sorted(sizes)}")
+    return sizes.pop() if sizes else 1

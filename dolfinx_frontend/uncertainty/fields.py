@@ -333,7 +333,7 @@ class RandomField:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscretisedField:
-    """A random field on the points of an interface: standard normal germs, one a mode.
+    """A random field on the points of an interface: standard normal germs, one per mode.
 
     Attributes
     ----------

@@ -393,7 +393,7 @@ def sobol_of(
     seed
         Of the points and the bootstrap.
     level, resamples
-        Bootstrap percentile intervals, by so many resamplings of the n rows.
+        Bootstrap percentile intervals, by this many resamplings of the n rows.
 
     Returns
     -------
@@ -402,7 +402,7 @@ def sobol_of(
     Raises
     ------
     SceneError
-        `n` is no power of two, or the function does not return one finite number a point.
+        `n` is no power of two, or the function does not return one finite number per point.
     """
     _check_level(level)
     if n < 2 or n & (n - 1):
@@ -420,7 +420,7 @@ def sobol_of(
             raise SceneError(
                 f"sobol_of: the function returned shape {values.shape} with "
                 f"{int(np.count_nonzero(~np.isfinite(values)))} values that are not finite for {n} "
-                "points; return one finite number a point"
+                "points; return one finite number per point"
             )
         return values
 

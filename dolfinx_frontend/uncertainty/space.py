@@ -16,6 +16,7 @@ from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
@@ -27,7 +28,7 @@ __all__ = ["Expansion", "RandomSpace", "Sobol"]
 class Expansion(NamedTuple):
     """A random quantity in its own chaos."""
 
-    coefficients: Array  # (rows, n): one row, or one an interface point
+    coefficients: Array  # (rows, n): one row, or one per interface point
     indices: MultiIndexSet  # n multi-indices in the germs of the space
 
 
@@ -351,10 +352,7 @@ class RandomSpace:
             if isinstance(source, DiscretisedField):
                 raise SceneError(f"random field {name!r} cannot be set by one number per point")
             given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        sizes = {len(v) for v in given.values()} - {1}
-        if len(sizes) > 1:
-            raise SceneError(f"values of different lengths: {sorted(sizes)}")
-        count = sizes.pop() if sizes else 1
+        count = common_length(given)
         points = np.zeros((count, self.dimension))
         for block in self._blocks:
             if block.field is not None:
@@ -417,7 +415,7 @@ class RandomSpace:
         return self.from_uniform(engine.random_base2(count.bit_length() - 1))
 
     def tensor_gauss(self, counts: int | Sequence[int], memory_limit: float = 0.0) -> Rule:
-        """Tensor Gauss rule with so many points in each germ."""
+        """Tensor Gauss rule with this many points in each germ."""
         if isinstance(counts, (int, np.integer)):
             wanted = [int(counts)] * self.dimension
         else:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
+from tests.helpers import small_assembly
 
 EPS = np.finfo(float).eps
 STEEL = LinearElastic(2e5, 0.3)
@@ -43,3 +46,26 @@ def test_modulus_does_not_know_incompressibility(nu):
     scene.fix("a:x0")
     modulus = assemble(scene).substructures["a"].modulus
     assert modulus == pytest.approx(7.0 * 1.3 / (1 + nu), rel=1e-11)
+
+
+def test_what_an_assembled_problem_has_cannot_be_written() -> None:
+    problem = small_assembly()
+    scene_objects = [*problem.substructures.values(), *problem.interfaces.values()]
+    scene_objects += [side for i in problem.interfaces.values() for side in i.sides]
+    arrays = []
+    for each in scene_objects:
+        for field in dataclasses.fields(each):
+            value = getattr(each, field.name)
+            if isinstance(value, np.ndarray):
+                arrays.append(value)
+            elif sp.issparse(value):
+                arrays += [value.data, value.indices, value.indptr]
+    joint = next(iter(problem.interfaces.values()))
+    arrays += [joint.normals, next(iter(problem.substructures.values())).matrix.data]
+    assert len(arrays) > 20
+    for array in arrays:
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    # and so has what is made of it
+    changed = problem.with_laws({joint.name: joint.law}).interfaces[joint.name]
+    assert changed.weights is not None and not changed.weights.flags.writeable

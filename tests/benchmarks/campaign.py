@@ -193,6 +193,7 @@ def main() -> int:
     parser.add_argument("--time-limit", type=float, default=60.0, help="seconds a scene")
     parser.add_argument("--family", choices=("dev", "held-out"), help="draw from one generator only")
     parser.add_argument("--scripts", type=Path, help="folder for a script of every failing scene")
+    parser.add_argument("--check", action="store_true", help="an error if a scene is wrong or crashed")
     given = parser.parse_args()
     began = perf_counter()
     if given.only is not None:
@@ -220,7 +221,7 @@ def main() -> int:
         given.json.parent.mkdir(parents=True, exist_ok=True)
         given.json.write_text(json.dumps(record, indent=1) + "\n")
         print(f"written to {given.json}")
-    return 0
+    return int(given.check and record["wrong"] + record["crashed"] > 0)
 
 
 if __name__ == "__main__":

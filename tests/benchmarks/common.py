@@ -28,6 +28,7 @@ from dolfinx_frontend import Problem
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "demos")]
 
+from parts.text import table as table  # noqa: E402, F401
 from parts.unit import Unit, measure_unit  # noqa: E402
 from tests.verification.scenes import demo as demo  # noqa: E402, F401
 
@@ -134,19 +135,8 @@ def write_json(record: dict[str, Any], path: Path | None) -> None:
         print(f"\nwritten to {path}")
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Print columns: the first to the left, the others to the right."""
-    cells = [["-" if c is None else str(c) for c in row] for row in (header, *rows)]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
-    for number, row in enumerate(cells):
-        line = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:]))]
-        print("  " + "  ".join(line).rstrip())
-        if number == 0:
-            print("  " + "-" * (sum(widths) + 2 * len(widths) - 2))
-
-
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """The same for a page."""
+    """A table for a page."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(str(c).replace("|", "/") for c in line) + " |" for line in lines)
 

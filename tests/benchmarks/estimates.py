@@ -50,7 +50,6 @@ from dolfinx_frontend import (
     solve,
     tensor_quadrature,
 )
-from dolfinx_frontend.estimate.errors import moments
 from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.estimate.mesh_error import discretisation_error as of_meshes
 from dolfinx_frontend.kernel import bridge
@@ -250,7 +249,7 @@ def truth(case: Case) -> tuple[dict[Resultant, MeanStd], dict[str, Any]]:
         )
         if not drawn.converged:
             raise RuntimeError(f"{case.name}: points of the reference did not converge")
-        return {q: moments(drawn, q) for q in case.quantities}, {"how": "24 points", "status": "converged"}
+        return {q: drawn.mean_std(q) for q in case.quantities}, {"how": "24 points", "status": "converged"}
     few = RandomLaws.of(case.problem).space.dimension <= 2
     for order in (12, 9, 7) if few else (7,):
         try:
@@ -260,7 +259,7 @@ def truth(case: Case) -> tuple[dict[Resultant, MeanStd], dict[str, Any]]:
             if order == 7:
                 raise
     about = {"how": f"order {order}", **common.settled(fine, 1e-10)}
-    return {q: moments(fine, q) for q in case.quantities}, about
+    return {q: fine.mean_std(q) for q in case.quantities}, about
 
 
 def off(found: MeanStd, exact: MeanStd) -> tuple[float, float]:
@@ -276,7 +275,7 @@ def truncation(case: Case, exact: dict[Resultant, MeanStd]) -> list[dict[str, An
         result = solve(case.problem, chaos=order, options=Options(rtol=1e-10), **case.settings)
         for quantity in case.quantities:
             made = result.errors(quantity)
-            found, share = moments(result, quantity), made.truncation
+            found, share = result.mean_std(quantity), made.truncation
             assert share is not None and share.quantity is not None and share.std is not None
             true = off(found, exact[quantity])
             estimates = (share.quantity / abs(found.mean), share.std / (found.std or np.inf))
@@ -312,7 +311,7 @@ def promise(case: Case, exact: dict[Resultant, MeanStd], repeats: int = 1) -> li
                 timed = common.timed(run, repeats)
             except IndefiniteError:
                 continue
-            errors = {q: max(off(moments(timed.value, q), exact[q])) for q in case.quantities}
+            errors = {q: max(off(timed.value.mean_std(q), exact[q])) for q in case.quantities}
             front.append((timed.seconds, errors))
     rows = []
     for quantity in case.quantities:
@@ -320,7 +319,7 @@ def promise(case: Case, exact: dict[Resultant, MeanStd], repeats: int = 1) -> li
             how = {"accuracy": accuracy, "quantity": quantity, "meshes": False}
             timed = common.timed(partial(solve, case.problem, **how, **case.settings), repeats)
             result = timed.value
-            true = max(off(moments(result, quantity), exact[quantity]))
+            true = max(off(result.mean_std(quantity), exact[quantity]))
             fits = [seconds for seconds, errors in front if errors[quantity] <= accuracy]
             rows.append(
                 {

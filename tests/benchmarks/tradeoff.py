@@ -65,7 +65,6 @@ from dolfinx_frontend import (
     sparse_quadrature,
     tensor_quadrature,
 )
-from dolfinx_frontend.estimate.errors import moments
 from parts.front import FrontPanel, front_figure
 from parts.lap_joint import lap_joint
 from parts.unit import measure_unit
@@ -411,7 +410,7 @@ def of_chaos(scene: Scene, problem: Problem, found: Any) -> Moments:
 
 def of_samples(scene: Scene, result: SampleResult) -> Moments:
     """Moments of samples."""
-    return Moments(*moments(result, scene.quantity))
+    return Moments(*result.mean_std(scene.quantity))
 
 
 def run(scene: Scene, setting: Setting, problem: Problem, seed: int = 0) -> Answer:

@@ -1,12 +1,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
-#include <random>
 
 #include "chain.hpp"
+#include "fixed_point.hpp"
 #include "latin/common/error.hpp"
 #include "latin/substructure/body.hpp"
 
+using fixed_point::random;
 using latin::Index;
 using latin::Matrix;
 using latin::SparseRows;
@@ -14,12 +15,6 @@ using latin::Vector;
 using latin::substructure::Body;
 
 namespace {
-
-Matrix random(Index rows, Index cols, unsigned seed) {
-  std::mt19937 generator(seed);
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  return Matrix::NullaryExpr(rows, cols, [&] { return uniform(generator); });
-}
 
 /// A floating substructure with two sides of two rows each, its unknowns glued and shuffled by Z, offset,
 /// two load patterns, and a spring to the ground.

@@ -212,7 +212,7 @@ def test_reader_of_the_documentation(tmp_path, suffix):
 
 
 def test_checksum_of_the_documentation(tmp_path):
-    """As the page describes it, written anew."""
+    """As the page describes it, written again."""
     space, basis, _ = everything()
     save_chaos(tmp_path / "a.json", space, basis, fields_of(basis), {"note": "ä"})
     tree = json.loads((tmp_path / "a.json").read_text())

@@ -125,7 +125,7 @@ RANDOM: dict[str, Callable[[Any, Path], Any]] = {
 
 
 def by_node(_: Any, function: Any) -> Any:
-    """Values in an order that does not depend on that of the cells: dolfinx numbers a loaded mesh anew."""
+    """Values in an order that does not depend on that of the cells: dolfinx renumbers a loaded mesh."""
     x = function.function_space.tabulate_dof_coordinates()
     values = function.x.array.reshape(len(x), -1)
     mesh = function.function_space.mesh

@@ -35,6 +35,8 @@ from dolfinx_frontend import (
     tensor_quadrature,
 )
 from dolfinx_frontend.results import saved
+from dolfinx_frontend.results.answer import Surface
+from dolfinx_frontend.results.readings import measure
 from dolfinx_frontend.scene.laws import Law
 
 E, LENGTH, WIDTH = 200e3, 20.0, 10.0  # MPa, mm
@@ -242,6 +244,47 @@ def test_statistics_of_samples_and_quadrature() -> None:
     # the density of a quantile by that of the normal law: 1.25 standard errors of the mean
     found = table.value("normal", "joint", statistic="50 %")
     assert found == pytest.approx(median, abs=5 * deviation / np.sqrt(2000))
+
+
+def test_a_load_is_the_same_in_all_samples_and_needs_no_displacements() -> None:
+    p = 3.0
+    scene = two_blocks(Elastic(normal=Uniform("k", 40.0, 60.0), tangential=50.0))
+    scene.pressure("right:y1", p, name="press")
+    result = solve(assemble(scene), chaos=Chaos(2))
+    rows = result.table(["joint", "press"], samples=64).columns
+    assert "_blocks" not in vars(result)  # interior unknowns of all modes
+    at = [k for k, name in enumerate(rows["interface"]) if name == "press"]
+    pressed = {rows["statistic"][k]: rows["force_y"][k] for k in at}
+    assert pressed["mean"] == pytest.approx(-p * LENGTH * WIDTH, rel=1e-12) and pressed["std"] == 0.0
+    assert {pressed[key] for key in pressed if key.endswith("%")} == {pressed["mean"]}
+    force = next(result.blocks(8)).force("press")
+    assert len(force) == 8 and (force == result.load("press")).all() and result.load("joint") is None
+
+
+@pytest.mark.parametrize(("dim", "components"), [(2, 1), (2, 2), (3, 1), (3, 2), (3, 3)])
+def test_measures_are_sums_over_the_points(dim: int, components: int) -> None:
+    """Against the same numbers vector by vector, in frames that need not begin with the normal."""
+    rng = np.random.default_rng(10 * dim + components)
+    count, samples = 7, 5
+    points, weights = rng.standard_normal((count, dim)), rng.uniform(0.5, 1.5, count)
+    frames, normals = (np.linalg.qr(rng.standard_normal((count, dim, dim)))[0] for _ in range(2))
+    surface = Surface("a", "Law", points, weights, normals[:, 0], frames[:, :components])
+    force = rng.standard_normal((samples, count, components))
+    found = measure(surface, force)
+    centre = weights @ points / weights.sum()
+    for s in range(samples):
+        vectors = np.array([f @ axes for f, axes in zip(force[s], surface.frames, strict=True)])
+        normal = np.array([v @ n for v, n in zip(vectors, surface.normals, strict=True)])
+        along = vectors - normal[:, None] * surface.normals
+        moment = sum(np.cross(*np.pad([x - centre, w * v], ((0, 0), (0, 3 - dim)))) for x, w, v in
+                     zip(points, weights, vectors, strict=True))
+        wanted = {f"force_{'xyz'[a]}": weights @ vectors[:, a] for a in range(dim)}
+        wanted |= {f"moment_{'xyz'[a]}": moment[a] for a in range(2 if dim == 2 else 0, 3)}
+        wanted |= {"normal": weights @ normal, "shear": np.linalg.norm(weights @ along)}
+        wanted |= {"pressure_max": -normal.min(), "pressure_mean": -(weights @ normal) / weights.sum()}
+        wanted |= {"shear_max": np.linalg.norm(along, axis=1).max()}
+        for column, value in wanted.items():
+            assert found[column][s] == pytest.approx(value, rel=1e-12, abs=1e-13), column
 
 
 def test_random_friction_slips_at_its_own_limit() -> None:

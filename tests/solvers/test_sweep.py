@@ -332,7 +332,7 @@ def test_damaged_checkpoint_is_left_alone(problem, tmp_path, damage):
         "scrambled": good[:4096] + b"\xa5" * 2048 + good[4096 + 2048 :],
     }[damage]
     path.write_bytes(bad)
-    with pytest.raises(CheckpointError, match="move it away to start anew"):
+    with pytest.raises(CheckpointError, match="move it away to start from the beginning"):
         sweep(problem, grid, options=TIGHT, progress=False, checkpoint=path)
     assert path.read_bytes() == bad
 

@@ -171,7 +171,7 @@ def rings(cell: str, space: Space, law: str, degree: int, n: int, order: int = 2
     d = DIMENSION[cell]
 
     def bend(x: Array) -> Array:
-        # x: radius, y: angle as a share of the quarter
+        # x: radius, y: angle as a fraction of the quarter
         angle = 0.5 * np.pi * x[:, 1]
         return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), *x.T[2:]])
 

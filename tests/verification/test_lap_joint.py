@@ -30,7 +30,7 @@ TIGHT = 1e-6  # tolerance of the iteration; sums over interfaces are held to 100
 PRESSURE, MU, SPRING, AREA = 5.0, 0.2, 1000.0, 100.0
 BOUND = MU * PRESSURE * AREA
 MODULUS = 2e6  # MPa
-GIVE = SPRING * 10.0 / (MODULUS * 20.0)  # what the block gives way, as a share of the spring: 2.5e-4
+GIVE = SPRING * 10.0 / (MODULUS * 20.0)  # what the block gives way, relative to the spring: 2.5e-4
 
 
 def drawn_block(ends: list[float], steps: int):

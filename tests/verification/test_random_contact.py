@@ -43,7 +43,7 @@ SCREW = Elastic(normal=2.5e4, tangential=2.5e4, total=True, jump=Normal("D", -0.
 
 
 def bolted(share: float, bolt: Elastic, joint: Contact | Elastic, at: float = 0.0) -> Problem:
-    """A joint and a preloaded bolt between the same faces, pulled by a share of the preload (TARGETS 2.6)."""
+    """A joint and a preloaded bolt between the same faces, pulled by a fraction of the preload."""
     scene = Scene()
     add_bolted(scene, share, bolt, joint, "", at)
     return assemble(scene)

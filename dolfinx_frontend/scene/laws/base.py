@@ -117,7 +117,7 @@ class Fields:
     frames
         (components * m, d) rows of the local frame that belong to them.
     parameters
-        Kernel parameter -> (rows, 1): one value a point (stiffness), or a point and component.
+        Kernel parameter -> (rows, 1): one value per point (stiffness), or per point and component.
     softest
         Smallest search direction (m, components), force / length^3, with which the law has one answer; None:
         any.

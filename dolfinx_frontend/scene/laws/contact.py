@@ -17,7 +17,7 @@ __all__ = ["Contact"]
 
 
 TOUCHING = 1e-6
-"""Interpenetration, as a share of the face's size, that is rounding of the mesh."""
+"""Interpenetration, relative to the face's size, that is rounding of the mesh."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -33,7 +33,7 @@ class UserLaw(Law):
     resolve
         ``resolve(jump, flexibility, **values)``: the answer itself, f = R(jump - flexibility f), for laws
         that no function R describes (contact, friction); flexibility (points, components, 1) > 0.
-        With `history` it takes ``steps``, too: so many columns follow each other in time.
+        With `history` it takes ``steps``, too: this many columns follow each other in time.
     compiled
         Capsule of a law written in C++.
     tangent

@@ -66,7 +66,7 @@ class Spring:
         traces: Sequence[Mat],  # (d * points, n) each, global components
         frames: npt.ArrayLike,  # (components * points, d)
         stiffness: npt.ArrayLike,  # (components * points,), times the weights
-        jump: npt.ArrayLike,  # (components * points, l), length, one column a load pattern
+        jump: npt.ArrayLike,  # (components * points, l), length, one column per load pattern
     ) -> None: ...
 
 class Body:
@@ -159,7 +159,7 @@ class BodyCost(TypedDict):
     dense_numbers: float
 
 LawColumns: TypeAlias = Mapping[str, Any]
-"""begin, end: components; forward: no, one or one a point (c, q); backward: (q, c); parameters."""
+"""begin, end: components; forward: no, one or one per point (c, q); backward: (q, c); parameters."""
 
 Parameters: TypeAlias = Mapping[str, Mapping[str, npt.ArrayLike]]
 """interface -> name -> values."""

@@ -56,7 +56,7 @@ class Checkpoint:
             theirs = self._open(mine)
         except (sqlite3.Error, UnicodeDecodeError, OverflowError, OSError) as error:
             raise CheckpointError(
-                f"checkpoint {self.path} cannot be read ({error}): move it away to start anew"
+                f"checkpoint {self.path} cannot be read ({error}): move it away to start from the beginning"
             ) from error
         if theirs != mine:
             self._db.close()
@@ -124,7 +124,7 @@ class Checkpoint:
             EOFError,
         ) as error:
             raise CheckpointError(
-                f"checkpoint {self.path} is damaged ({error}): move it away to start anew"
+                f"checkpoint {self.path} is damaged ({error}): move it away to start from the beginning"
             ) from error
 
     def __repr__(self) -> str:

@@ -152,7 +152,7 @@ class MultiIndexSet:
     caps
         (L,) greatest degree of each variable, or empty.
     bytes_per_index
-        What a mode costs its user, beside the storage of the index.
+        What a mode costs its user beside the storage of the index.
     memory_limit
         Bytes that may be needed in all; 0: no limit. The size is known before anything is
         allocated.

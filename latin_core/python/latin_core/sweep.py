@@ -121,6 +121,40 @@ Fields = dict[str, tuple[Array, Array]]
 """Interface -> its local-stage force and jump, (rows, columns) each."""
 
 
+@dataclass(frozen=True)
+class _Keeper:
+    """Writes what a point leaves to its place in the result: numbers, fields of `interfaces`, `outputs`."""
+
+    result: SweepPoints
+    interfaces: Sequence[str]
+    outputs: Sequence[str]
+
+    def keep(self, point: int, arrays: Mapping[str, Any]) -> None:
+        """What a point has left, in memory or in a checkpoint."""
+        result = self.result
+        result.iterations[point] = int(arrays["iterations"])
+        result.error[point] = float(arrays["error"])
+        result.seconds[point] = float(arrays["seconds"])
+        result.status[point] = str(arrays["status"])
+        result.worst[point] = arrays.get("worst", -1)
+        for name in self.interfaces:
+            self._store(result.forces, name, point, arrays[f"force:{name}"])
+            self._store(result.jumps, name, point, arrays[f"jump:{name}"])
+        for name in self.outputs:
+            if f"output:{name}" in arrays:
+                self._store(result.outputs, name, point, arrays[f"output:{name}"])
+
+    def _store(self, into: dict[str, Array], name: str, point: int, values: Array) -> None:
+        if name not in into:
+            into[name] = np.full((len(self.result.iterations), *values.shape), np.nan)
+        if into[name].shape[1:] != values.shape:
+            raise ValueError(
+                f"output {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} before: "
+                "return one shape for all points"
+            )
+        into[name][point] = values
+
+
 def sweep(
     structure: _core.Structure,
     laws: _core.Laws,
@@ -203,29 +237,7 @@ def sweep(
     if clash:
         raise ValueError(f"output {clash[0]!r}: a name without a colon is wanted")
 
-    def store(into: dict[str, Array], name: str, point: int, values: Array) -> None:
-        if name not in into:
-            into[name] = np.full((points, *values.shape), np.nan)
-        if into[name].shape[1:] != values.shape:
-            raise ValueError(
-                f"output {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} before: "
-                "return one shape for all points"
-            )
-        into[name][point] = values
-
-    def keep(point: int, arrays: dict[str, Any]) -> None:
-        result.iterations[point] = int(arrays["iterations"])
-        result.error[point] = float(arrays["error"])
-        result.seconds[point] = float(arrays["seconds"])
-        result.status[point] = str(arrays["status"])
-        result.worst[point] = arrays.get("worst", -1)
-        for name in interfaces if keep_fields else ():
-            store(result.forces, name, point, arrays[f"force:{name}"])
-            store(result.jumps, name, point, arrays[f"jump:{name}"])
-        for name in outputs:
-            if f"output:{name}" in arrays:
-                store(result.outputs, name, point, arrays[f"output:{name}"])
-
+    keeper = _Keeper(result, interfaces if keep_fields else (), tuple(outputs))
     known: list[_core.State] = list(start.values()) if start else []
     known_points: list[int] = list(start) if start else []
     file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
@@ -233,7 +245,7 @@ def sweep(
         for number, arrays in file or ():
             if not 0 <= number < points:
                 raise CheckpointError(f"{checkpoint} holds point {number}, this sweep has {points} points")
-            keep(number, arrays)
+            keeper.keep(number, arrays)
             if str(arrays["status"]) == "converged":
                 known.append(_core.State(arrays["data"], arrays["traces"]))
                 known_points.append(number)
@@ -255,7 +267,7 @@ def sweep(
                     arrays[f"force:{name}"], arrays[f"jump:{name}"] = (f.T for f in fields[name])
             for name, function in outputs.items():
                 arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
-            keep(point, arrays)
+            keeper.keep(point, arrays)
             if result.states is not None:
                 result.states[point] = state.data, state.traces
             log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)

@@ -21,7 +21,7 @@
 namespace latin::algebra {
 namespace {
 
-/// A pivot below this share of its diagonal entry is rounding: an answer would have three digits at most.
+/// A pivot below this fraction of its diagonal entry is rounding: an answer would have three digits at most.
 constexpr double singular = 1e-13;
 
 std::string not_definite(const std::string& name, const std::string& where) {

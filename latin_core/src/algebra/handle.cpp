@@ -65,7 +65,7 @@ class Borrowed {
   Borrowed& operator=(Borrowed&&) = delete;
   ~Borrowed() {
     const PetscLock lock;
-    // a destructor has nobody to tell
+    // a destructor must not throw: error codes are dropped
     PetscBool known = PETSC_FALSE;
     static_cast<void>(MatSeqAIJRestoreArrayRead(matrix_.get(), &values_));
     static_cast<void>(MatRestoreRowIJ(matrix_.get(), 0, PETSC_FALSE, PETSC_FALSE, &rows_, &starts_,

@@ -79,8 +79,8 @@ class Walker {
       const Index cap = request_.caps.empty() ? request_.order * 1'000'000 : request_.caps[l];
       bool going = true;
       for (Index degree = 1; going && degree <= cap; ++degree) {
-        const double price = std::pow(weight * static_cast<double>(degree), exponent_);
-        const double total = request_.shape == IndexShape::tensor ? price : spent + price;
+        const double cost = std::pow(weight * static_cast<double>(degree), exponent_);
+        const double total = request_.shape == IndexShape::tensor ? cost : spent + cost;
         if (total > budget_) {
           break;
         }

@@ -207,7 +207,7 @@ std::string shape_of(Index rows, Index cols) {
 
 /// Only the lower triangle of a stiffness is used: another matrix would be solved in silence.
 void check_symmetry(const Member& member) {
-  /// Of the sums over a row and over a column, beside the sum of magnitudes in the row.
+  /// Difference of the sums over a row and over a column, relative to the sum of magnitudes in the row.
   constexpr double unequal = 1e-8;
   const SparseView& matrix = *member.stiffness;
   const Index n = matrix.rows();

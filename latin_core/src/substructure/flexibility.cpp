@@ -12,9 +12,9 @@ namespace {
 
 /// Modes of a body that are looked for: the rigid ones of two parts.
 constexpr Index most_modes = 12;
-/// Modes softer than this share of the springs k are kept apart.
+/// Modes softer than this fraction of the springs k are kept apart.
 constexpr double soft = 1e-4;
-/// Least flexibility of a point, as a share of the mean.
+/// Least flexibility of a point, relative to the mean.
 constexpr double least_own = 1e-2;
 /// Least stiffness of a mode, in the same terms: rounding of a rigid one.
 constexpr double floating = 1e-13;

@@ -9,7 +9,7 @@
 namespace latin::substructure {
 namespace {
 
-/// A law that takes up all but this share of a free jump is a perfect connection.
+/// A law that takes up all but this fraction of a free jump is a perfect connection.
 constexpr double rounding_of_share = 1e-14;
 
 [[noreturn]] void refuse(const std::string& interface, const std::string& why) {

@@ -8,10 +8,10 @@
 namespace latin::substructure {
 namespace {
 
-/// A body that nothing else holds is held by this share of its springs. What floats is left to the coarse
+/// A body that nothing else holds is held by this fraction of its springs. What floats is left to the coarse
 /// problem, or to the acceleration.
 constexpr double mu = 1e-3;
-/// A perfect connection, in shares of the flexibility 1/k1 + 1/k2: soft enough for the matrix, stiff
+/// A perfect connection, relative to the flexibility 1/k1 + 1/k2: soft enough for the matrix, stiff
 /// against every wave that a mesh can carry.
 constexpr double softness = 1e-5;
 

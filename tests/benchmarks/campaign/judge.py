@@ -87,7 +87,7 @@ class Found:
     Attributes
     ----------
     fields
-        Run (one, or one a sample or point) -> step -> part -> (n, columns).
+        Run (one, or one per sample or point) -> step -> part -> (n, columns).
     said, status
         One each run.
     """

@@ -33,9 +33,9 @@ FLOORS = 10.0
 LEAST = 1e-10
 """Errors below this are rounding in any case: an iteration's own is not known to the reference."""
 QUIET = 1e-9
-"""A step is compared with this share of the part's largest step at least."""
+"""A step is compared with this fraction of the part's largest step at least."""
 SCATTER = 1e-6
-"""A scatter is compared with this share of the part's mean at least."""
+"""A scatter is compared with this fraction of the part's mean at least."""
 NAMES = ("energy", "displacement")
 
 

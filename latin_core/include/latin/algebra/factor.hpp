@@ -13,8 +13,8 @@ enum class FactorBackend { automatic, cholmod, mumps };
 /// A symmetric positive definite matrix, factorised once.
 ///
 /// With `trailing` > 0 the last `trailing` unknowns are ordered last, and the trailing block of the
-/// factor is the Cholesky factor of the Schur complement on them: condensation at the price of the
-/// factorisation itself.
+/// factor is the Cholesky factor of the Schur complement on them: condensing onto them costs nothing
+/// beyond the factorisation.
 class Factor {
  public:
   virtual ~Factor() = default;

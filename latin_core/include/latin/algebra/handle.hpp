@@ -48,7 +48,7 @@ class Handle {
   ~Handle() {
     if (object_ != nullptr) {
       const PetscLock lock;
-      static_cast<void>(destroy(&object_));  // a destructor has nobody to tell
+      static_cast<void>(destroy(&object_));  // a destructor must not throw: the code is dropped
     }
   }
 

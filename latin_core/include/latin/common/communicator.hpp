@@ -64,7 +64,7 @@ class Communicator {
 
 /// Blocks that neighbours swap: one message each way between two ranks, whatever their number of slots.
 ///
-/// Requests are persistent; their buffers are made anew when the number of columns changes.
+/// Requests are persistent; their buffers are made again when the number of columns changes.
 class Exchange {
  public:
   explicit Exchange(const Communicator& communicator) : communicator_(communicator) {}
@@ -74,11 +74,11 @@ class Exchange {
   Exchange(Exchange&&) = delete;
   Exchange& operator=(Exchange&&) = delete;
 
-  /// A block of so many rows each way between this rank and another. Both must add their common slots in
+  /// A block of `rows` rows each way between this rank and another. Both must add their common slots in
   /// the same order. @return its number
   std::size_t add(int rank, Index rows);
 
-  /// Make room for blocks of so many columns.
+  /// Make room for blocks of this many columns.
   void prepare(Index columns);
   [[nodiscard]] Eigen::Block<Matrix> outgoing(std::size_t slot);
   [[nodiscard]] Eigen::Block<Matrix> incoming(std::size_t slot);

@@ -7,17 +7,17 @@
 
 namespace latin {
 
-/// A value that is made when first asked for, once, whatever number of threads ask.
+/// A value that is made once, when a thread first asks for it.
 ///
-/// It may be moved as long as nobody asks. What makes the value must not wait for anything that another
-/// asker may hold (Python's interpreter lock, say): the others wait for it.
+/// It must not be moved while a thread asks for it. Threads that ask meanwhile wait until the value is made, so
+/// making it must not wait for anything that they may hold (for example Python's interpreter lock).
 template <class T>
 class Lazy {
  public:
   /// The value, or null if it has not been made yet.
   [[nodiscard]] const T* made() const { return state_->ready.load(std::memory_order_acquire); }
 
-  /// The value; `make()` returns it. What make() throws is thrown, and the next to ask tries again.
+  /// The value; `make()` returns it. What make() throws is passed on, and the next call tries again.
   template <class Make>
   const T& get(Make&& make) const {
     if (const T* ready = made()) {
@@ -40,7 +40,7 @@ class Lazy {
   std::unique_ptr<State> state_ = std::make_unique<State>();
 };
 
-/// A number that several threads add to. It may be moved as long as nobody does.
+/// A number that several threads add to. It must not be moved meanwhile.
 class Counter {
  public:
   Counter() = default;

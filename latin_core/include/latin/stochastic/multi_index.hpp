@@ -9,7 +9,7 @@
 
 namespace latin::stochastic {
 
-/// (rows, L) table of degrees, one multi-index a row.
+/// (rows, L) table of degrees, one multi-index per row.
 using IndexTable = Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Which multi-indices i = (i_1, ..., i_L) belong to a set of order p, with weights w_l > 0:
@@ -30,7 +30,7 @@ struct IndexRequest {
   std::vector<double> weights;  ///< (L), or empty: all 1. A larger weight means lower degrees
   Index interaction;            ///< greatest number of variables in one index; 0: no limit
   std::vector<Index> caps;      ///< (L) greatest degree of each variable, or empty: no limit
-  double bytes_per_index;       ///< what one index costs its user, beside its own storage
+  double bytes_per_index;       ///< memory that the caller needs per index, besides its own storage
   double memory_limit;          ///< bytes; 0: no limit
 };
 

@@ -18,7 +18,7 @@ struct Member {
   /// K (n, n), symmetric, force / length; let go when the body is built
   std::shared_ptr<const SparseView> stiffness;
   SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
-  Matrix load;              ///< F (n, l), force, one column a load pattern
+  Matrix load;              ///< F (n, l), force, one column per load pattern
   Matrix offset;            ///< u0 (n, l), length; empty: zero
 };
 
@@ -29,7 +29,7 @@ struct Spring {
   std::vector<Index> members;      ///< one (ground on side 2) or two
   std::vector<SparseRows> traces;  ///< local frame, (rows, n) each
   Vector stiffness;                ///< kappa * weight, (rows)
-  Matrix jump;                     ///< Delta, (rows, l), one column a load pattern
+  Matrix jump;                     ///< Delta, (rows, l), one column per load pattern
 };
 
 /// A side of an active interface that lies on a body.
@@ -148,7 +148,7 @@ class Body {
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
  private:
-  /// Right-hand sides while the body is built, one column a load pattern.
+  /// Right-hand sides while the body is built, one column per load pattern.
   struct Loads {
     Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
     Matrix of_offset;      ///< Z^T K u0, empty without offsets

@@ -11,15 +11,15 @@ namespace latin::substructure {
 ///
 /// With A the global stage, N = 1 + mu - k A and E the map of a force per area of an interface to its sides
 /// (+1 on side 1, -1 on side 2), N^-1 is a body on springs mu k instead of k, factorised here. Modes that only
-/// those springs hold (rigid motions of a floating body, very soft ones) would hide all others behind their
-/// 1 / mu; they are kept apart:
+/// those springs hold (rigid motions of a floating body, very soft ones) have a flexibility of about 1 / mu, in
+/// which that of all others would be lost to rounding; they are kept apart:
 ///
 ///     N^-1 v = N+ v + k V theta^-1 V^T W v / (1 + mu),
 ///
 /// V (rows, r) their traces and theta (r) their stiffness. E^T k^-1 N+ E is the matrix (unknowns, unknowns).
 class Flexibility {
  public:
-  /// Share of the search direction that holds the bodies.
+  /// Springs that hold the bodies, relative to the search direction k.
   static constexpr double mu = 1e-7;
 
   /// @param first_rows  first row of every body in the stacked blocks
@@ -35,8 +35,8 @@ class Flexibility {
   [[nodiscard]] const Matrix& matrix() const { return matrix_; }
   /// E^T k^-1 E
   [[nodiscard]] const Vector& direct() const { return direct_; }
-  /// (unknowns) how much a unit force at a point closes its jump by the give of the bodies alone: the mean over
-  /// the components, and where that is next to nothing a hundredth of the mean over all points.
+  /// (unknowns) how much a unit force at a point changes its jump by the deformation of the bodies alone: the mean
+  /// over the components, but at least a hundredth of the mean over all points.
   [[nodiscard]] const Vector& own() const { return own_; }
   /// (unknowns) areas
   [[nodiscard]] const Vector& areas() const { return areas_; }

@@ -18,19 +18,19 @@ namespace latin::substructure {
 /// for its components [begin, end): `samples = block * forward`, `block = samples * backward`.
 ///
 /// Chaos modes take the eigenvectors of the Galerkin matrix of a random stiffness (exact: the coupled
-/// systems of size P + 1 of the paper's section 4.3, one a point and direction, fall apart into P + 1
+/// systems of size P + 1 of the paper's section 4.3, one per point and direction, fall apart into P + 1
 /// scalar ones), or the basis at quadrature points (a projection, for nonlinear laws).
 struct LawColumns {
   Index begin = 0;
   Index end = 0;
-  /// None: the identity, which costs nothing. One: (c, q), for all points. Several: one a point, for a
+  /// None: the identity, which costs nothing. One: (c, q), for all points. Several: one per point, for a
   /// stiffness that is a random field.
   std::vector<stochastic::ColumnTransform> transforms;
   /// Parameters as the law sees them in the samples: name -> field of q columns. They are not held to the
   /// law's minimum: eigenvalues of a Galerkin matrix are not values, and the caller guards their sign.
   std::vector<std::pair<std::string, interface::ParameterField>> parameters;
 
-  /// Columns of a sample block for a run of c columns in histories of so many steps.
+  /// Columns of a sample block for a run of c columns in histories of this many steps.
   [[nodiscard]] Index samples(Index columns, Index steps) const {
     return transforms.empty() ? columns : transforms.front().forward.cols() * steps;
   }
@@ -87,7 +87,7 @@ class Laws {
   [[nodiscard]] bool linear() const;
   /// Whether some columns are transformed.
   [[nodiscard]] bool transformed() const;
-  /// Whether laws and transforms fit a run of so many columns. @throws InputError naming the interface
+  /// Whether laws and transforms fit a run of this many columns. @throws InputError naming the interface
   void check_columns(Index columns) const;
 
   /// Parameters replaced. They reach transformed columns, too.
@@ -105,7 +105,7 @@ class Laws {
   /// @param loads (n, l), force, by substructure of this rank
   /// @throws InputError naming a substructure that is not on this rank, or whose load does not fit
   [[nodiscard]] Laws with_extra_loads(const std::map<std::string, Matrix>& loads) const;
-  /// For so many parameter sets side by side: parameters that change from column to column are repeated.
+  /// For this many parameter sets side by side: parameters that change from column to column are repeated.
   /// @throws InputError naming an interface whose columns are transformed
   [[nodiscard]] Laws repeated(Index sets) const;
 

@@ -27,7 +27,7 @@ struct LocalFields {
 /// one thread.
 class LocalStage {
  public:
-  /// @throws InputError naming the interface if the laws do not fit so many columns
+  /// @throws InputError naming the interface if the laws do not fit this many columns
   LocalStage(Laws laws, Index columns);
 
   [[nodiscard]] const Laws& laws() const { return laws_; }

@@ -14,7 +14,8 @@ struct MacroInterface {
   Matrix basis;             ///< Z (rows of a side, moments): displacements that both sides share
 };
 
-/// Coarse (macro) problem: forces of the interfaces that are in balance, in the mean and in their moments.
+/// Coarse (macro) problem: makes the forces of the two sides of every interface balance in their resultant and
+/// moments.
 ///
 /// The global stage leaves f = s - k w on every side by itself. Here a few displacements Z lambda of the
 /// interfaces, the same for both sides, are added to it, so that
@@ -22,9 +23,9 @@ struct MacroInterface {
 ///     sum over sides  Z^T W f = 0,      f = s + k Z lambda - k w,      w = A (s + k Z lambda) + loads
 ///
 /// (Ladeveze, Nouy 2003: multiscale LATIN). It holds for the answer whatever the law between the sides is,
-/// where lambda vanishes: the answer is not changed, but what would travel one substructure an iteration
-/// is told to all of them at once. The matrix is that of the structure with every body homogenised to its
-/// moments and held by the springs k; it is sparse and factorised once.
+/// where lambda vanishes. So the answer is the same, but a load reaches all substructures within one iteration
+/// instead of one more substructure per iteration. The matrix is that of the structure with every body reduced
+/// to its moments and held by the springs k; it is sparse and factorised once.
 class Macro {
  public:
   /// @param first_rows of the bodies in the stacked blocks

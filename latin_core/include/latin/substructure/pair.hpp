@@ -15,10 +15,9 @@ struct PairSide {
 
 /// Matrix search directions of a linear interface: its residual is solved for with both of its bodies.
 ///
-/// With diagonal k an iteration passes on what the springs k let through. The exact search direction of one
-/// side is the Steklov operator of what lies behind the other, which no diagonal is near. Both sides and the
-/// law of one interface are solved here at once, as if the data of all others stayed (their springs k close
-/// the bodies there): with the Schur complements S of the bodies on the unknowns that the sides touch,
+/// The best search direction of one side would be the Steklov operator of the structure beyond the other side,
+/// to which a diagonal k is a poor approximation. So both sides and the law of one interface are solved here
+/// together, with the data of all other interfaces held (their springs k close the bodies there): with the Schur complements S of the bodies on the unknowns that the sides touch,
 ///
 ///     (S_i (1 + mu) - T^T W k T) q_i = T^T W (+-f + r_i / 2),   f = kappa (rho + w_2 - w_1),   w_i = T q_i
 ///

@@ -45,7 +45,7 @@ struct ActiveInterface {
 /// Interface data of all sides are stacked into one block (rows, c): bodies in order, the sides of a body
 /// in the order of their interfaces. One iteration is
 ///
-///     w = global stage(s)          f = s - k w                 one solve a body, c right-hand sides
+///     w = global stage(s)          f = s - k w                 one solve per body, c right-hand sides
 ///     s + r = local stage(s, w)    r = f^ + k w^ - s           laws, point by point
 ///
 /// On several ranks each holds some of the bodies, with the interfaces that touch them. All rows here are
