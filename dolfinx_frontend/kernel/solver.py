@@ -12,6 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 from latin_core import (
     Iteration,
@@ -63,7 +64,10 @@ class Solver:
     def __init__(self, problem: Problem, plan: Plan) -> None:
         self.problem = problem
         self.plan = plan
-        self._core, self.bodies, self.acting = bridge.build(problem, plan)
+        self._core, own, self.acting = bridge.build(problem, plan)
+        every = [own] if problem.comm is None else problem.comm.allgather(own)
+        self.bodies = tuple(body for bodies in every for body in bodies)
+        self._first_body = sum(len(bodies) for bodies in every[: problem.rank])
         with agreement(problem.comm):
             self.laws = bridge.laws(self._core, problem, plan)
         self.weights = read_only(self._core.weights)
@@ -189,12 +193,24 @@ class Solver:
             outputs,
             start,
         )
+        self._over_ranks(points)
         blocks = [points.iterations, points.error, points.seconds, points.status, points.states]
         blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
         for block in blocks:
             if block is not None:
                 block.flags.writeable = False
         return points
+
+    def _over_ranks(self, points: SweepPoints) -> None:
+        """Of the largest errors that the ranks have seen, the place of the largest; collective."""
+        points.worst[points.worst[:, 1] >= 0, 1] += self._first_body
+        comm = self.problem.comm
+        if comm is None:
+            return
+        errors, places = zip(*comm.allgather((points.largest, points.worst)), strict=True)
+        which = np.argmax(errors, axis=0)
+        points.largest[:] = np.max(errors, axis=0)
+        points.worst[:] = np.stack(places)[which, np.arange(len(which))]
 
     def displacements(self, laws: Laws, state: State, amplitudes: Array) -> dict[str, Array]:
         """Substructure on this rank -> unknowns (n, columns) of a state."""

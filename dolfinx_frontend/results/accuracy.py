@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from latin_core import Summary
@@ -146,44 +147,47 @@ def body_name(members: Sequence[str]) -> str:
 
 
 def accuracy_of_run(
-    summary: Summary, plan: Plan, bodies: Sequence[Sequence[str]], random: bool
+    summary: Summary, plan: Plan, bodies: Sequence[Sequence[str]], comm: Any = None
 ) -> Accuracy | None:
-    """The errors of an iteration as its kernel measured them; None: it knows their maximum only.
+    """The errors of an iteration as its kernel measured them, collective; None: nothing was iterated on.
 
     Parameters
     ----------
     bodies
-        Names of the parts of every body.
-    random
-        Whether rows are mean and fluctuation, one after the other; without a chaos nothing fluctuates.
+        Names of the parts of every body, one rank's after the other's.
+    comm
+        Of the ranks; None: there is one.
     """
-    values = np.asarray(getattr(summary, "errors", ()), dtype=np.float64)
-    if values.ndim != 2 or not values.size or values.shape[1] != len(bodies) or len(values) % 2:
+    tables = [summary.errors] if comm is None else comm.allgather(summary.errors)
+    tables = [table for table in tables if table.size]
+    if not tables:
         return None
-    rows = [row for row in range(len(values)) if random or row % 2 == 0]
-    labels = tuple(group_name(plan, row, random) for row in rows)
-    steps = tuple(row // 2 for row in rows) if plan.history == "steps" else None
-    return Accuracy(values[rows], labels, tuple(map(body_name, bodies)), steps)
+    values = np.hstack(tables)
+    kinds = len(values) // plan.amplitudes.shape[1]
+    rows = range(len(values))
+    labels = tuple(group_name(plan, row, kinds) for row in rows)
+    steps = tuple(row // kinds for row in rows) if plan.history == "steps" else None
+    return Accuracy(values, labels, tuple(map(body_name, bodies)), steps)
 
 
-def group_name(plan: Plan, row: int, random: bool) -> str:
-    """What a row of the kernel's errors is: of every step or load pattern the mean, then the fluctuation."""
-    step, kind = divmod(row, 2)
+def group_name(plan: Plan, row: int, kinds: int) -> str:
+    """What a row of the kernel's errors is: a step or load pattern, or of each the mean, then the fluctuation."""
+    step, kind = divmod(row, kinds)
     label = ""
     if plan.history == "steps":
         label = f"step {step}"
     elif plan.history == "patterns" and len(plan.patterns) > 1:
         label = f"load pattern {step}"
-    fluctuates = ("mean", "fluctuation")[kind] if random else ""
+    fluctuates = ("mean", "fluctuation")[kind] if kinds > 1 else ""
     return ", ".join(word for word in (label, fluctuates) if word)
 
 
-def place_of(plan: Plan, bodies: Sequence[Sequence[str]], worst: Sequence[int], random: bool = False) -> str:
-    """The place of a row and a body among the kernel's errors; empty if they are negative: not known."""
+def place_of(plan: Plan, bodies: Sequence[Sequence[str]], worst: Sequence[int]) -> str:
+    """The place of a row and a body among the errors of a point of a sweep; empty if negative: not known."""
     row, body = (int(each) for each in worst)
     if row < 0 or not 0 <= body < len(bodies):
         return ""
-    return ", ".join(word for word in (body_name(bodies[body]), group_name(plan, row, random)) if word)
+    return ", ".join(word for word in (body_name(bodies[body]), group_name(plan, row, 1)) if word)
 
 
 def ended(status: str, error: float, place: str, rtol: float, iterations: int | None = None) -> str:

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.results.accuracy import Accuracy, Corrected, accuracy_of_run, direct_status, ended
+from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import (
     Continuation,
@@ -58,6 +58,8 @@ class Result(Value, Face):
         The factorised structure, which other results may share, and the laws it was solved with.
     found
         Errors that ``solve(accuracy=...)`` has measured on its way.
+    accuracy
+        Estimated errors by part, step, mean and fluctuation; None: only the largest is known.
     corrected
         Of a direct solve: the solution after its corrections; None: it was iterated on.
     """
@@ -71,6 +73,7 @@ class Result(Value, Face):
     laws: Laws
     cuts: Mapping[str, tuple[Array, Array]]
     found: Errors | None = field(default=None, kw_only=True)
+    accuracy: Accuracy | None = field(default=None, kw_only=True)
     corrected: Corrected | None = field(default=None, kw_only=True)
     estimator: Estimator = field(default=not_measured, kw_only=True)
     continuation: Continuation = field(default=not_continued, kw_only=True)
@@ -110,13 +113,6 @@ class Result(Value, Face):
         if self.corrected is not None:
             return self.corrected.accuracy.largest
         return self.summary.error if np.isfinite(self.summary.error) else float("nan")
-
-    @cached_property
-    def accuracy(self) -> Accuracy | None:
-        """Estimated errors by part, step, mean and fluctuation; None: only the largest is known."""
-        if self.corrected is not None:
-            return self.corrected.accuracy
-        return accuracy_of_run(self.summary, self.plan, self.solver.bodies, self.kind == "chaos")
 
     @property
     def place(self) -> str:

@@ -12,6 +12,7 @@ from latin_core import Iteration, State
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.refinement import corrected
@@ -65,6 +66,10 @@ def _run(
     summary, state = solver.run(laws, plan.options, plan.amplitudes, start, callback, progress)
     cuts = solver.fields_of_cuts(laws, state)
     checked = corrected(solver) if plan.method == "direct" else None
+    if checked is not None:
+        accuracy: Accuracy | None = checked.accuracy
+    else:
+        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
     seconds = {"setup": setup, "solve": perf_counter() - began}
     kind = Result if plan.times is None else HistoryResult
     return kind(
@@ -76,6 +81,7 @@ def _run(
         solver,
         laws,
         cuts,
+        accuracy=accuracy,
         corrected=checked,
         estimator=estimator,
         continuation=solve_on,

@@ -34,6 +34,7 @@ from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import Result
@@ -282,6 +283,7 @@ class _Changes:
     """How the laws in the columns of a chaos differ from those without: modes x steps, the steps fastest."""
 
     steps: int
+    modes: int
     parameters: dict[str, dict[str, Array]]
     columns: dict[str, list[dict[str, Any]]]
 
@@ -307,11 +309,13 @@ class _Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        return cls(steps, parameters, columns)
+        return cls(steps, len(basis), parameters, columns)
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
-        return laws.with_(steps=self.steps, parameters=self.parameters, columns=self.columns)
+        return laws.with_(
+            steps=self.steps, modes=self.modes, parameters=self.parameters, columns=self.columns
+        )
 
 
 def _with_collocations(
@@ -460,6 +464,7 @@ def _run(
         basis=basis,
         proven=proven,
         collocations=collocations,
+        accuracy=accuracy_of_run(summary, plan, solver.bodies, problem.comm),
         estimator=estimator,
         continuation=_tightened,
         sampler=sample_chaos,

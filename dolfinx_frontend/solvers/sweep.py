@@ -236,10 +236,10 @@ def _through_time(
 
 
 def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver) -> None:
-    """Log a point that did not reach the tolerance."""
+    """Log a point that did not reach the tolerance; collective."""
     if summary.status != "converged":
         plan = solver.plan
-        accuracy = accuracy_of_run(summary, plan, solver.bodies, False)
+        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
         place = "" if accuracy is None else accuracy.place
         text = ended(summary.status, summary.error, place, plan.options.rtol, summary.iterations)
         _log.warning("%s %d ended as %s", what, point, text)

@@ -58,7 +58,7 @@ Iteration iteration_of(const py::tuple& parts) {
 py::tuple parts_of(const Summary& s) {
   return py::make_tuple(static_cast<int>(s.status), s.iterations, s.error, s.indicator, s.energy,
                         s.global_s, s.local_s, s.newton_s, s.other_s, s.newton_steps, s.restarts,
-                        s.history);
+                        s.history, s.errors);
 }
 
 Summary summary_of(const py::tuple& parts) {
@@ -75,6 +75,7 @@ Summary summary_of(const py::tuple& parts) {
   s.newton_steps = parts[9].cast<Index>();
   s.restarts = parts[10].cast<Index>();
   s.history = parts[11].cast<std::vector<Iteration>>();
+  s.errors = parts[12].cast<latin::Matrix>();
   return s;
 }
 
@@ -102,6 +103,10 @@ void bind_results(py::module_& m) {
       .def_readonly("iterations", &Summary::iterations,
                     "Global stages, and the work of Newton steps in such.")
       .def_readonly("error", &Summary::error, "Last estimate of the relative error.")
+      .def_readonly("errors", &Summary::errors,
+                    "Estimated relative errors (groups, bodies) of the bodies on this rank, of which `error` is "
+                    "the largest over all ranks: the groups are the time steps, and where there are modes, the "
+                    "mean and the fluctuation of each.")
       .def_readonly("indicator", &Summary::indicator, "The paper's indicator.")
       .def_readonly("energy", &Summary::energy,
                     "u^T K u of the bodies with the springs assembled into them, all columns.")

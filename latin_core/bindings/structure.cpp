@@ -78,6 +78,9 @@ columns
     run become columns in which the law is deterministic, and back.
 extra_loads
     substructure -> forces (n, loads) that are added to its load patterns.
+modes
+    Chaos modes (columns) that a solution has at every time step: errors are then estimated of the mean and of
+    the fluctuation of each step. 1: every column is a solution of its own.
 
 Raises
 ------
@@ -214,7 +217,7 @@ py::dict cost_of(const Body& body) {
 }
 
 /// Changes of laws as Python gives them; None: as it is.
-Laws changed(Laws laws, py::handle steps, py::handle parameters, py::handle columns,
+Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameters, py::handle columns,
              py::handle extra_loads) {
   const Structure& structure = laws.structure();
   std::vector<std::pair<std::string, std::vector<LawColumns>>> groups;
@@ -234,9 +237,10 @@ Laws changed(Laws laws, py::handle steps, py::handle parameters, py::handle colu
     }
   }
   const Index count = steps.is_none() ? laws.steps() : to_index(steps, "steps");
+  const Index solutions = modes.is_none() ? laws.modes() : to_index(modes, "modes");
   const bool keeps_loads = extra_loads.is_none();
   const py::gil_scoped_release release;
-  laws = laws.with_steps(count);
+  laws = laws.with_steps(count).with_modes(solutions);
   // new groups take the place of old ones, which would hide parameters
   for (const auto& [name, group] : groups) {
     laws = laws.with_columns(name, {});
@@ -521,11 +525,11 @@ void bind_facts(StructureClass& cls) {
       .def(
           "laws",
           [](const std::shared_ptr<Structure>& self, py::handle steps, py::handle parameters,
-             py::handle columns, py::handle extra_loads) {
-            return changed(Laws(self), steps, parameters, columns, extra_loads);
+             py::handle columns, py::handle extra_loads, py::handle modes) {
+            return changed(Laws(self), steps, modes, parameters, columns, extra_loads);
           },
           "steps"_a = 1, "parameters"_a = py::none(), "columns"_a = py::none(),
-          "extra_loads"_a = py::none(), make_laws_doc);
+          "extra_loads"_a = py::none(), "modes"_a = 1, make_laws_doc);
 }
 
 void bind_calls(StructureClass& cls) {
@@ -587,6 +591,8 @@ void bind_laws_value(py::module_& m) {
       .def("__copy__", [](const Laws& laws) { return laws; })
       .def("__deepcopy__", [](const Laws& laws, const py::object&) { return laws; })
       .def_property_readonly("steps", &Laws::steps, "Columns that are the steps of one history.")
+      .def_property_readonly("modes", &Laws::modes,
+                             "Chaos modes that a solution has at every time step; 1: every column is a solution.")
       .def_property_readonly(
           "interfaces",
           [](const Laws& laws) {
@@ -606,11 +612,11 @@ void bind_laws_value(py::module_& m) {
       .def(
           "with_",
           [](const Laws& laws, py::handle steps, py::handle parameters, py::handle columns,
-             py::handle extra_loads) {
-            return changed(laws, steps, parameters, columns, extra_loads);
+             py::handle extra_loads, py::handle modes) {
+            return changed(laws, steps, modes, parameters, columns, extra_loads);
           },
           py::kw_only(), "steps"_a = py::none(), "parameters"_a = py::none(),
-          "columns"_a = py::none(), "extra_loads"_a = py::none(), with_doc);
+          "columns"_a = py::none(), "extra_loads"_a = py::none(), "modes"_a = py::none(), with_doc);
 }
 
 }  // namespace

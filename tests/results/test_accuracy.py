@@ -9,9 +9,11 @@ import pytest
 
 from dolfinx_frontend import (
     Amplitude,
+    Chaos,
     Contact,
     Elastic,
     LinearElastic,
+    LogNormal,
     Options,
     Scene,
     assemble,
@@ -23,11 +25,14 @@ from dolfinx_frontend import (
 from dolfinx_frontend.estimate.errors import next_halving, not_known
 from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run, ended, largest_of, place_of
 
+CONTACT = Contact(friction=0.3)
 BODIES = (("plate", "bolt"), ("mount",))
 
 
-def plan(history="none", patterns=(None,)):
-    return SimpleNamespace(history=history, patterns=patterns)
+def plan(history="none", patterns=(None,), steps=1):
+    """The facts of a plan that rows depend on."""
+    columns = steps if history == "steps" else len(patterns)
+    return SimpleNamespace(history=history, patterns=patterns, amplitudes=np.zeros((len(patterns), columns)))
 
 
 def summary(values):
@@ -37,7 +42,7 @@ def summary(values):
 def test_places_of_steps_and_fluctuations():
     values = np.full((16, 2), 1e-9)
     values[15, 1] = 1e-3
-    found = accuracy_of_run(summary(values), plan("steps"), BODIES, True)
+    found = accuracy_of_run(summary(values), plan("steps", steps=8), BODIES)
     assert found.largest == 1e-3 and found.place == "part mount, step 7, fluctuation"
     assert found.groups[0] == "step 0, mean" and found.places == ("part plate + bolt", "part mount")
     by_step = found.by_step(8)
@@ -45,26 +50,25 @@ def test_places_of_steps_and_fluctuations():
 
 
 def test_places_without_chaos():
-    """Nothing fluctuates: the rows of fluctuations say nothing."""
-    values = [[1e-9, 1e-8], [np.inf, np.inf]]
-    found = accuracy_of_run(summary(values), plan(), BODIES, False)
+    """Nothing fluctuates: a row for every step or load pattern."""
+    values = [[1e-9, 1e-8]]
+    found = accuracy_of_run(summary(values), plan(), BODIES)
     assert found.largest == 1e-8 and found.place == "part mount"
-    patterned = accuracy_of_run(summary(values * 2), plan("patterns", (None, "a")), BODIES, False)
+    patterned = accuracy_of_run(summary(values * 2), plan("patterns", (None, "a")), BODIES)
     assert patterned.place == "part mount, load pattern 0" and patterned.by_step(3) == pytest.approx(1e-8)
 
 
 def test_what_is_not_known_is_largest_and_has_no_number():
-    found = accuracy_of_run(summary([[1e-9, np.inf], [0.0, 0.0]]), plan(), BODIES, False)
+    found = accuracy_of_run(summary([[1e-9, np.inf]]), plan(), BODIES)
     assert np.isnan(found.largest) and found.place == "part mount" and np.isnan(found.by_step(1)[0])
     text = ended("stagnated", float("inf"), found.place, 1e-6, 120)
     assert "not known in part mount" in text and "inf" not in text and "after 120 iterations" in text
     assert np.isnan(largest_of(np.array([1.0, np.nan]))) and largest_of(np.zeros(0)) == 0.0
-    assert accuracy_of_run(SimpleNamespace(), plan(), BODIES, False) is None
-    assert accuracy_of_run(summary(np.zeros((2, 5))), plan(), BODIES, False) is None
+    assert accuracy_of_run(summary(np.zeros((0, 0))), plan(), BODIES) is None
 
 
 def test_places_of_points():
-    assert place_of(plan("steps"), BODIES, (6, 1)) == "part mount, step 3"
+    assert place_of(plan("steps", steps=8), BODIES, (3, 1)) == "part mount, step 3"
     assert place_of(plan(), BODIES, (-1, -1)) == ""
 
 
@@ -74,11 +78,11 @@ def test_a_step_converged_if_those_before_it_did():
     assert accuracy.place == "part a, step 1" and list(accuracy.by_step(3)) == [1e-9, 1e-3, 1e-9]
 
 
-def block(push=2.0, history=False):
+def block(push=2.0, history=False, ground=CONTACT):
     """A block on a plane with friction; `push` may be more than it bears at first."""
     scene = Scene()
     scene.substructure("block", geometry.box((1.0, 1.0), (3, 3)), LinearElastic(100.0, 0.3), degree=1)
-    scene.interface("ground", "block:y0", Contact(friction=0.3))
+    scene.interface("ground", "block:y0", ground)
     scene.interface("guide", "block:y1", Elastic(1.0, 1.0))
     scene.pressure("block:y1", 10.0, name="press")
     load = Amplitude([0.0, 1.0], [0.0, 1.0]) * (push, 0.0) if history else (push, 0.0)
@@ -94,6 +98,8 @@ def test_runs_that_are_cut_short(history, tmp_path, caplog):
     count = 3 if history else 1
     assert result.status == "max_iterations" and len(result.statuses) == len(result.step_errors) == count
     assert result.statuses[-1] == "max_iterations"
+    assert result.accuracy.values.shape == (count, 1)
+    assert result.place == ("part block, step 2" if history else "part block")
     for text in (repr(result), result.ended, caplog.text):
         assert "max_iterations" in text and " inf" not in text
     assert "Options(max_iterations=...)" in result.ended
@@ -108,9 +114,40 @@ def test_points_that_are_cut_short():
     options = Options(rtol=1e-12, max_iterations=3, newton=0)
     result = sweep(block(), {"ground.friction": [0.1, 0.2]}, options=options, progress=False)
     assert list(result.statuses) == ["max_iterations"] * 2 and result.places.shape == (2,)
+    assert list(result.places) == ["part block"] * 2 and result.place.endswith(", part block")
     assert "2 of 2 points did not converge" in result.ended and "inf" not in repr(result)
     point = result.point(1)
     assert point.statuses == ("max_iterations",) and "inf" not in repr(point)
+
+
+def test_rows_of_a_chaos_are_mean_and_fluctuation_of_its_steps():
+    """As many rows as the kernel says, of a static chaos and of one over time; a single mode is all mean."""
+    kinds = {0: [""], 2: ["mean", "fluctuation"]}
+    for order, words in kinds.items():
+        for history in (False, True):
+            times = [0.0, 0.5, 1.0] if history else None
+            problem = block(1.0, history, Contact(friction=LogNormal("mu", 0.3, cov=0.1)))
+            result = solve(problem, chaos=Chaos(order, check_points=0), times=times)
+            steps = [f"step {k}" for k in range(3)] if history else [""]
+            rows = [", ".join(w for w in (step, word) if w) for step in steps for word in words]
+            assert result.accuracy.groups == tuple(rows)
+            assert result.accuracy.largest == pytest.approx(result.error)
+            assert result.accuracy.by_step(len(steps)).max() == result.accuracy.largest
+
+
+def test_bodies_are_the_parts_that_are_glued():
+    scene = Scene()
+    for k in range(3):
+        box = geometry.box((1.0, 1.0), (2, 2), origin=(float(k), 0.0))
+        scene.substructure(f"b{k}", box, LinearElastic(100.0, 0.3), degree=1)
+    scene.fix("b0:x0", name="wall")
+    scene.interface("glue", "b0:x1", "b1:x0", Elastic(50.0, 50.0))
+    scene.interface("joint", "b1:x1", "b2:x0", Contact(friction=0.3))
+    scene.interface("bed", "b2:y0", Elastic(1.0, 1.0))
+    scene.traction("b2:x1", (-1.0, 0.0), name="push")
+    result = solve(assemble(scene), active=["joint"])
+    assert result.accuracy.places == ("part b0 + b1", "part b2")
+    assert result.accuracy.values.shape == (1, 2)
 
 
 def test_a_stagnated_run_is_promised_nothing():

@@ -118,6 +118,8 @@ class Summary:
     @property
     def error(self) -> float: ...
     @property
+    def errors(self) -> Array: ...  # (groups, bodies)
+    @property
     def indicator(self) -> float: ...
     @property
     def energy(self) -> float: ...
@@ -168,6 +170,8 @@ class Laws:
     @property
     def steps(self) -> int: ...
     @property
+    def modes(self) -> int: ...
+    @property
     def interfaces(self) -> dict[str, str]: ...  # interface -> name of its law
     def parameter(self, interface: str, name: str) -> Array: ...
     def with_(
@@ -177,6 +181,7 @@ class Laws:
         parameters: Parameters | None = None,
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
+        modes: int | None = None,
     ) -> Laws: ...
 
 class Structure:
@@ -218,6 +223,7 @@ class Structure:
         parameters: Parameters | None = None,
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
+        modes: int = 1,
     ) -> Laws: ...
     def solve(
         self,

@@ -126,6 +126,7 @@ class CholmodFactor final : public Factor {
   [[nodiscard]] Index size() const override { return size_; }
   [[nodiscard]] bool condenses() const override { return trailing_ > 0; }
   [[nodiscard]] double nonzeros() const override { return static_cast<double>(factor_->xsize); }
+  [[nodiscard]] double least_pivot() const override { return least_pivot_; }
   [[nodiscard]] std::string backend() const override { return "cholmod"; }
 
   [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
@@ -197,6 +198,7 @@ class CholmodFactor final : public Factor {
         const int unknown = order[column];
         // the diagonal comes first in a column of a lower triangle
         const double diagonal = lower.valuePtr()[lower.outerIndexPtr()[unknown]];
+        least_pivot_ = std::min(least_pivot_, root * root / diagonal);
         if (root * root < singular * diagonal) {
           release();
           throw NumericalError(not_definite(name, " beyond rounding (pivot " +
@@ -307,6 +309,7 @@ class CholmodFactor final : public Factor {
   Index trailing_;
   cholmod_common common_{};
   cholmod_factor* factor_ = nullptr;
+  double least_pivot_ = 1.0;
 };
 
 #endif

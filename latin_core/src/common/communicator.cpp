@@ -1,6 +1,7 @@
 #include "latin/common/communicator.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "latin/common/error.hpp"
@@ -54,6 +55,14 @@ Index Communicator::maximum(Index value) const {
     MPI_Allreduce(MPI_IN_PLACE, &largest, 1, MPI_LONG_LONG, MPI_MAX, comm_);
   }
   return static_cast<Index>(largest);
+}
+
+double Communicator::largest(double value) const {
+  if (!alone()) {
+    value = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+    MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, comm_);
+  }
+  return value;
 }
 
 std::vector<std::vector<std::string>> Communicator::gather(

@@ -8,8 +8,6 @@
 namespace latin::iteration {
 namespace {
 
-using substructure::Size;
-
 constexpr double unknown = std::numeric_limits<double>::infinity();
 /// An iterate whose residual has fallen to this share is the next to look back on.
 constexpr double well_below = 0.2;
@@ -41,9 +39,13 @@ double stage_distance(const std::array<double, 2>& shares) {
   return shares[1] > 0.0 ? std::sqrt(shares[0] / shares[1]) : 0.0;
 }
 
-double predicted_error(const Gauge& gauge, ConstMatrixRef data, ConstMatrixRef traces,
-                       double explained, const Size& whole) {
-  return gauge.of_difference(data, traces).relative_to(whole) / explained;
+double largest(const Matrix& errors) {
+  return errors.size() > 0 ? errors.maxCoeff<Eigen::PropagateNaN>() : 0.0;
+}
+
+Matrix predicted_errors(const Gauge& gauge, ConstMatrixRef data, ConstMatrixRef traces,
+                        double explained, const Whole& whole) {
+  return whole.relative(gauge.of_difference(data, traces)) / explained;
 }
 
 Hindsight::Hindsight(Index rows, Index columns) {
@@ -53,26 +55,19 @@ Hindsight::Hindsight(Index rows, Index columns) {
   }
 }
 
-Hindsight::Shares Hindsight::shares(const Gauge& gauge, const State& state) const {
-  Shares shares{};
-  for (std::size_t i = 0; i < size_; ++i) {
-    const Size share = gauge.share_of_distance(state, kept_[i].state);
-    shares[2 * i] = share.strain;
-    shares[2 * i + 1] = share.trace;
+Matrix Hindsight::raised(const Gauge& gauge, const State& state, const Matrix& estimates,
+                         double estimate, double residual, const Whole& whole) const {
+  Matrix said = estimates;
+  if (estimate < noise) {
+    return said;
   }
-  return shares;
-}
-
-double Hindsight::raised(double estimate, double residual, const Size& whole,
-                         std::span<const double> sums) const {
-  double said = 0.0;
   for (std::size_t i = 0; i < size_; ++i) {
-    const Size distance = Size{sums[2 * i], sums[2 * i + 1], 0.0}.positive();
     const double fall =
         std::sqrt(estimate / kept_[i].estimate) * std::sqrt(residual / kept_[i].residual);
-    said = std::max(said, distance.relative_to(whole) * std::min(fall, 1.0));
+    said = said.cwiseMax(std::min(fall, 1.0) *
+                         whole.relative(gauge.of_distance(state, kept_[i].state)));
   }
-  return estimate < noise ? estimate : std::max(estimate, said);
+  return said;
 }
 
 void Hindsight::keep(const State& state, double estimate, double residual) {
@@ -88,51 +83,72 @@ void Hindsight::keep(const State& state, double estimate, double residual) {
   size_ = std::min(size_ + 1, most);
 }
 
-ErrorEstimate::ErrorEstimate(Gauge gauge, Index rows, Index columns, Index own_needed)
-    : gauge_(std::move(gauge)), hindsight_(rows, columns), own_needed_(own_needed) {}
+ErrorEstimate::ErrorEstimate(Gauge gauge, Index rows, Index columns, Index own_needed,
+                             Maximum maximum)
+    : gauge_(std::move(gauge)),
+      hindsight_(rows, columns),
+      own_needed_(own_needed),
+      maximum_(std::move(maximum)) {}
 
-double ErrorEstimate::by_history(const Anderson& history, const State& state,
+double ErrorEstimate::largest(const Matrix& errors) const {
+  const double here = iteration::largest(errors);
+  return maximum_ ? maximum_(here) : here;
+}
+
+Matrix ErrorEstimate::by_history(const Anderson& history, const State& state,
                                  const Measured& measured) {
-  const double own = std::max(of_fit(history, measured), least_of_indicator * measured.indicator);
-  const double raised =
-      hindsight_.raised(own, measured.residual, measured.whole, measured.distances);
-  hindsight_.keep(state, own, measured.residual);
+  const Matrix own = of_fit(history, measured);
+  const double estimate = std::max(largest(own), least_of_indicator * measured.indicator);
+  Matrix raised =
+      hindsight_.raised(gauge_, state, own, estimate, measured.residual, measured.whole);
+  hindsight_.keep(state, estimate, measured.residual);
+  if (raised.size() > 0) {
+    // where is not known
+    Index row = 0;
+    Index column = 0;
+    raised.maxCoeff(&row, &column);
+    raised(row, column) = std::max(raised(row, column), least_of_indicator * measured.indicator);
+  }
   return raised;
 }
 
-double ErrorEstimate::by_step(const State& step, double left, const Measured& measured) const {
-  const Size error = gauge_.of_difference(step.data, step.traces);
-  return std::max(error.relative_to(measured.whole) / (1.0 - left),
-                  least_of_indicator * measured.indicator);
+Matrix ErrorEstimate::by_step(const State& step, double left, const Measured& measured) const {
+  return measured.whole.relative(gauge_.of_difference(step.data, step.traces)) / (1.0 - left);
 }
 
-double ErrorEstimate::of_fit(const Anderson& history, const Measured& measured) const {
-  if (history.residual_norm() == 0.0) {
-    return 0.0;
-  }
+Matrix ErrorEstimate::of_fit(const Anderson& history, const Measured& measured) const {
   const double explained = history.explained();
   if (history.residual_norm() <= measured.rounding() || explained < least_explained) {
     // no combination of differences is fitted to noise: it is amplified as the worst of them was
-    const double worst = amplification(history, measured);
-    if (std::isfinite(worst) || explained < least_explained) {
+    const Matrix worst = amplifications(history, measured);
+    if (history.residual_norm() == 0.0) {
+      return Matrix::Zero(worst.rows(), worst.cols());
+    }
+    if (largest(worst) < unknown || explained < least_explained) {
       return history.residual_norm() * worst;
     }
   }
   const State& error = history.predicted_error();
-  return predicted_error(gauge_, error.data, error.traces, explained, measured.whole);
+  return predicted_errors(gauge_, error.data, error.traces, explained, measured.whole);
 }
 
 /// Largest |dS| / |dR| in the history, |dS| relative to the solution.
-double ErrorEstimate::amplification(const Anderson& history, const Measured& measured) const {
-  double worst = 0.0;
+Matrix ErrorEstimate::amplifications(const Anderson& history, const Measured& measured) const {
+  Matrix worst =
+      Matrix::Zero(measured.whole.sizes.strain.rows(), measured.whole.sizes.strain.cols());
+  bool found = false;
   for (Index slot = 0; slot < history.size(); ++slot) {
     const Anderson::Difference each = history.difference(slot);
     if (each.norm > measured.rounding()) {
-      const Size size = gauge_.of_difference(each.data, each.traces);
-      worst = std::max(worst, size.relative_to(measured.whole) / each.norm);
+      found = true;
+      worst = worst.cwiseMax(measured.whole.relative(gauge_.of_difference(each.data, each.traces)) /
+                             each.norm);
     }
   }
-  return worst > 0.0 ? worst : unknown;
+  if (!found) {
+    worst.setConstant(unknown);
+  }
+  return worst;
 }
 
 }  // namespace latin::iteration

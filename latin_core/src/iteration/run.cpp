@@ -16,14 +16,24 @@ constexpr double unknown = std::numeric_limits<double>::infinity();
 /// error estimate is believed, an accelerated one a single step: slow parts of an error hide behind fast ones at
 /// first, and snapshots share the errors that were left in all of them.
 constexpr Index observing_depth = 10;
+constexpr Index own_steps = 1;
+/// A search ends when the residual has fallen to this, times the tolerance.
+constexpr double search_until = 1e-3;
+constexpr Index most_checks = 5;
+/// A check that refuted an estimate is repeated when the residual has fallen by this.
+constexpr double fall_between_checks = 0.3;
 /// Accelerated steps so much longer than the residual are not taken where a body may fly off.
 constexpr double longest_step = 1e7;
 /// Plain steps from zero, where Newton's method may take over.
 constexpr Index steps_from_zero = 2;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
-/// The residual falls by so much more than the error in a Newton step (measured: 0.1 to 6).
-constexpr double residual_over_error = 2.0;
+
+/// Whether a run ended without an answer, and not because someone wanted it to.
+bool gave_up(Status status) {
+  return status == Status::max_iterations || status == Status::stagnated ||
+         status == Status::diverged;
+}
 
 /// Whether some law is nonlinear, so that a body may lose touch. Collective.
 bool may_fly(const Laws& laws) {
@@ -40,7 +50,7 @@ NewtonProposal::Solver newton_of(Stages& stages, const Options& options) {
 }  // namespace
 
 Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, State& state,
-         std::size_t snapshots, const Callback& callback)
+         std::size_t snapshots, const Callback& callback, std::shared_ptr<Linearisation> known)
     : structure_(laws.structure()),
       options_(options),
       state_(state),
@@ -52,13 +62,15 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
           (accelerates() ? options.acceleration : observing_depth) + static_cast<Index>(snapshots)),
       stepper_(stages_.fixed_point(), history_, options.relaxation,
                may_fly(laws) ? longest_step : unknown),
-      error_(gauge_of(structure_), structure_.rows(), amplitudes.cols(),
-             accelerates() ? 1 : observing_depth),
+      error_(gauge_of(structure_, laws.groups()), structure_.rows(), amplitudes.cols(),
+             accelerates() ? own_steps : observing_depth,
+             [this](double error) { return structure_.communicator().largest(error); }),
       newton_(history_.metric(), newton_of(stages_, options),
               [this](const State& at, Matrix& residual) {
                 stages_.local(at.data, at.traces, residual);
               }),
-      stopping_(options) {}
+      stopping_(options),
+      known_(std::move(known)) {}
 
 void Run::start_from(const std::vector<const State*>& snapshots) {
   stepper_.start_from(snapshots, at());
@@ -68,14 +80,21 @@ void Run::start_from(const std::vector<const State*>& snapshots) {
 Summary Run::run(bool traces_known) {
   if (structure_.total_rows() == 0) {
     summary_.status = Status::converged;
-    summary_.energy = stages_.size(state_).strain;
+    summary_.energy = stages_.strain(state_);
     return summary_;
   }
   begin(traces_known);
   for (;;) {
-    const Measured measured = observe();
-    const std::optional<Status> status = stopping_.judge(
+    Measured measured = observe();
+    std::optional<Status> status = stopping_.judge(
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
+    if (status && gave_up(*status) && verifies()) {
+      measured = rescue(std::move(measured));
+      if (summary_.error <= options_.rtol) {
+        report(measured);
+        status = Status::converged;
+      }
+    }
     if (!status) {
       advance(measured);
     } else if (*status == Status::converged && !stages_.exact() &&
@@ -85,7 +104,7 @@ Summary Run::run(bool traces_known) {
       safeguard_.forget();
       stopping_.forget();
     } else {
-      finish(*status, measured);
+      finish(*status);
       return summary_;
     }
   }
@@ -109,22 +128,100 @@ Measured Run::observe() {
     propose();
   }
   stop_ = interrupted_;
-  const Measured measured = stages_.measure(at(), history_, error_, stop_);
-  double error = estimate(measured);
+  Measured measured = stages_.measure(at(), history_, stop_);
+  errors_ = estimate(measured);
+  double error = error_.largest(errors_);
   if (error <= options_.rtol && !newton_.made() && newton_.failed_before()) {
     propose();  // an accelerated run that was long may hide an error that Newton's step shows
-    error = estimate(measured);
+    errors_ = estimate(measured);
+    error = error_.largest(errors_);
   }
-  report(error, measured);
+  summary_.error = error;
+  // with a structure that is linearised already a check is the best step from a near parameter set
+  const bool first = summary_.history.empty() && known_ && known_->made();
+  if ((error <= options_.rtol || first) && verifies()) {
+    measured = verify(std::move(measured), true);
+  }
+  report(measured);
   return measured;
 }
 
-void Run::report(double error, const Measured& measured) {
-  summary_.error = error;
+/// Whether estimates are checked before they are believed.
+bool Run::verifies() const {
+  return !options_.stop_on_indicator && Verification::possible(stages_.laws());
+}
+
+/// Try what is left before giving up: a search from the best iterate.
+Measured Run::rescue(Measured measured) {
+  if (!verification_) {
+    verification_.emplace(stages_, known_);
+  }
+  if (safeguard_.best_norm() < measured.residual || !std::isfinite(measured.residual)) {
+    if (!safeguard_.restore(at())) {
+      return measured;
+    }
+    measured = stages_.measure(at(), history_, stop_);
+  }
+  const double least = search_until * options_.rtol * measured.residual;
+  if (verification_->search(state_, residual_, least)) {
+    state_ = verification_->better();
+    residual_ = verification_->better_residual();
+    history_.clear();
+    error_.restart();
+    measured = stages_.measure(at(), history_, stop_);
+  }
+  for (Index i = 0; i < most_checks && !(summary_.error <= options_.rtol); ++i) {
+    const double before = measured.residual;
+    measured = verify(std::move(measured), false);
+    if (!(measured.residual < before)) {
+      break;
+    }
+  }
+  return measured;
+}
+
+/// Replace the estimate by what a check finds, and the iterate by a better one where it is not good enough.
+/// @param believed the estimate is below the tolerance; else the run is about to give up
+Measured Run::verify(Measured measured, bool believed) {
+  if (measured.residual == 0.0) {
+    return measured;
+  }
+  if (believed && next_check_ > 0.0 && measured.residual > next_check_) {
+    errors_.setConstant(unknown);
+    summary_.error = unknown;
+    return measured;
+  }
+  if (!verification_) {
+    verification_.emplace(stages_, known_);
+  }
+  const auto found = verification_->check(state_, residual_, measured.whole, options_.rtol);
+  next_check_ = fall_between_checks * measured.residual;
+  if (!found) {
+    if (believed) {
+      const Matrix& away = verification_->distance();
+      errors_ = away.size() > 0 ? errors_.cwiseMax(away) : errors_;
+      summary_.error = std::max(largest(errors_), 2.0 * options_.rtol);
+    }
+    return measured;
+  }
+  state_ = verification_->better();
+  residual_ = verification_->better_residual();
+  errors_ = found->errors_better;
+  summary_.error = largest(errors_);
+  history_.clear();
+  error_.restart();
+  measured = stages_.measure(at(), history_, stop_);
+  safeguard_.jumped(iterations(), measured.residual, at());
+  next_check_ = fall_between_checks * measured.residual;
+  return measured;
+}
+
+void Run::report(const Measured& measured) {
+  summary_.errors = errors_;
   summary_.indicator = measured.indicator;
-  summary_.energy = measured.whole.strain;
+  summary_.energy = measured.strain;
   summary_.history.push_back(
-      {iterations(), error, measured.indicator, measured.residual, elapsed()});
+      {iterations(), summary_.error, measured.indicator, measured.residual, elapsed()});
   if (!callback_) {
     return;
   }
@@ -138,15 +235,16 @@ void Run::report(double error, const Measured& measured) {
   });
 }
 
-double Run::estimate(const Measured& measured) {
+Matrix Run::estimate(const Measured& measured) {
+  const auto& sizes = measured.whole.sizes.strain;
   if (measured.residual == 0.0) {
-    return 0.0;
+    return Matrix::Zero(sizes.rows(), sizes.cols());
   }
   if (const auto left = newton_.left(measured.residual, measured.data)) {
     return error_.by_step(newton_.step(), *left, measured);
   }
   if (!error_.ready() || safeguard_.plain()) {
-    return unknown;
+    return Matrix::Constant(sizes.rows(), sizes.cols(), unknown);
   }
   return error_.by_history(history_, state_, measured);
 }
@@ -194,16 +292,18 @@ bool Run::follow(const Measured& measured) {
   return true;
 }
 
-void Run::finish(Status status, const Measured& measured) {
-  if (status == Status::converged && newton_.whole() && follow(measured)) {
-    // the estimate was of the iterate before; errors fall less than residuals do
-    summary_.error *=
-        std::min(residual_over_error * newton_.residual_norm() / measured.residual, 1.0);
-  }
+void Run::finish(Status status) {
   stages_.agree();
   if (!stages_.exact()) {
     stages_.refresh(state_);
   }
+  // what the bodies' factors leave is no part of the iteration, but of the error
+  for (Index b = 0; b < summary_.errors.cols(); ++b) {
+    const double rounding = structure_.bodies()[static_cast<std::size_t>(b)].rounding();
+    summary_.errors.col(b) =
+        summary_.errors.col(b).cwiseMax(std::min(rounding, options_.rtol));
+  }
+  summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
   summary_.status = status;
   summary_.iterations = iterations();
   summary_.restarts = safeguard_.restarts();

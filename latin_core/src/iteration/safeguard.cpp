@@ -37,6 +37,15 @@ bool Safeguard::guard(Index iteration, double norm, double rounding, Iterate at)
   return true;
 }
 
+bool Safeguard::restore(Iterate at) const {
+  if (best_.data.size() == 0) {
+    return false;
+  }
+  at.state = best_;
+  at.residual = best_residual_;
+  return true;
+}
+
 void Safeguard::jumped(Index iteration, double norm, Iterate at) {
   pause_ = 0;
   forget();

@@ -18,18 +18,20 @@ Metric metric_of(const Structure& structure) {
                 [&structure](std::span<double> values) { structure.communicator().sum(values); });
 }
 
-Gauge gauge_of(const Structure& structure) {
-  return {[&structure](ConstMatrixRef data, ConstMatrixRef traces) {
-            return substructure::difference_size(structure, data, traces);
+Gauge gauge_of(const Structure& structure, const substructure::ColumnGroups& groups) {
+  return {[&structure, groups](ConstMatrixRef data, ConstMatrixRef traces) {
+            return substructure::sizes_of_difference(structure, groups, data, traces);
           },
-          [&structure](const State& a, const State& b) {
-            return substructure::share_of_distance(structure, a.data, a.traces, b.data, b.traces);
+          [&structure, groups](const State& a, const State& b) {
+            return substructure::sizes_of_distance(structure, groups, a.data, a.traces, b.data,
+                                                   b.traces);
           }};
 }
 
 Stages::Stages(const substructure::Laws& laws, const Matrix& amplitudes, bool single_precision)
     : global_(laws),
       local_(laws, amplitudes.cols()),
+      yardstick_(substructure::yardstick(laws.structure(), laws.groups())),
       amplitudes_(amplitudes),
       single_precision_(single_precision) {}
 
@@ -77,33 +79,40 @@ void Stages::local(const Matrix& data, const Matrix& traces, Matrix& residual) {
 
 void Stages::refresh(State& state) { global_.apply(state.data, amplitudes_, state.traces); }
 
-Measured Stages::measure(Iterate at, Anderson& history, const ErrorEstimate& error, bool& stop) {
-  const substructure::Size size =
-      global_.share_of_size(at.state.data, at.state.traces, amplitudes_);
+Whole Stages::whole(const State& state) {
+  Whole whole{global_.sizes(state.data, state.traces, amplitudes_), yardstick_};
+  whole.yardstick.reach =
+      structure().communicator().sum(whole.yardstick.share_of_reach(whole.sizes));
+  return whole;
+}
+
+double Stages::strain(const State& state) {
+  return structure().communicator().sum(
+      global_.sizes(state.data, state.traces, amplitudes_).strain.sum());
+}
+
+Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
+  Measured measured;
+  measured.whole = {global_.sizes(at.state.data, at.state.traces, amplitudes_), yardstick_};
   const auto [distance, extent] =
       stage_shares(structure().weights(), structure().directions(), at.state, at.residual);
-  constexpr std::size_t own = 8;
-  std::array<double, own + 2 * Hindsight::most> sums{
-      size.strain,
-      size.trace,
-      size.work,
-      distance,
-      extent,
-      history.metric().share_of_square(at.state.data),
-      failure_ ? 1.0 : 0.0,
-      stop ? 1.0 : 0.0};
-  std::ranges::copy(error.shares(at.state), sums.begin() + own);
+  std::array<double, 7> sums{measured.whole.sizes.strain.sum(),
+                             yardstick_.share_of_reach(measured.whole.sizes),
+                             distance,
+                             extent,
+                             history.metric().share_of_square(at.state.data),
+                             failure_ ? 1.0 : 0.0,
+                             stop ? 1.0 : 0.0};
   history.fit(at.residual, sums);
-  if (sums[6] > 0.0) {
+  if (sums[5] > 0.0) {
     agree();
   }
-  stop = sums[7] > 0.0;
-  Measured measured{history.residual_norm(),
-                    std::sqrt(sums[5]),
-                    stage_distance({sums[3], sums[4]}),
-                    substructure::Size{sums[0], sums[1], sums[2]}.positive(),
-                    {}};
-  std::copy(sums.begin() + own, sums.end(), measured.distances.begin());
+  stop = sums[6] > 0.0;
+  measured.residual = history.residual_norm();
+  measured.data = std::sqrt(sums[4]);
+  measured.indicator = stage_distance({sums[2], sums[3]});
+  measured.strain = sums[0];
+  measured.whole.yardstick.reach = sums[1];
   return measured;
 }
 

@@ -1,7 +1,10 @@
 #include "latin/substructure/body.hpp"
 
 #include <Eigen/Dense>
+#include <Eigen/Cholesky>
 #include <algorithm>
+#include <limits>
+#include <numeric>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -625,6 +628,28 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   multiply_sparse(active_traces_, unknowns, traces);
 }
 
+double Body::rounding() const {
+  return std::numeric_limits<double>::epsilon() / factor_->least_pivot();
+}
+
+const Matrix& Body::schur() const {
+  return schur_.get([this] {
+    if (condensed()) {
+      const Matrix lower = condensed_.triangularView<Eigen::Lower>();
+      Matrix product = Matrix::Zero(active_, active_);
+      product.selfadjointView<Eigen::Lower>().rankUpdate(lower);
+      return product;
+    }
+    std::vector<Index> all(static_cast<std::size_t>(active_));
+    std::iota(all.begin(), all.end(), Index{0});
+    const Eigen::LLT<Matrix> inverse(inverse_block(all));
+    if (inverse.info() != Eigen::Success) {
+      throw NumericalError("body '" + name_ + "': its condensed stiffness is not definite");
+    }
+    return Matrix(inverse.solve(Matrix::Identity(active_, active_)));
+  });
+}
+
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   const auto count = static_cast<Index>(unknowns.size());
   const Index first = condensed() ? 0 : size_ - active_;
@@ -687,9 +712,9 @@ std::vector<Matrix> Body::response_to(const std::vector<Matrix>& forces) const {
   return fields;
 }
 
-double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
-                    ConstMatrixRef amplitudes, const LoadResponse& loads, BodyWork& work) const {
-  double energy = 0.0;
+Vector Body::energies(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
+                      ConstMatrixRef amplitudes, const LoadResponse& loads, BodyWork& work) const {
+  Vector energies = Vector::Zero(traces.cols());
   const bool loaded = this->loads() > 0;  // BLAS does not take empty blocks
   Eigen::Map<Matrix> relative = work.relative.shaped(rows(), 1);
   Eigen::Map<Matrix> of_loads = work.of_loads.shaped(this->loads(), 1);
@@ -699,17 +724,17 @@ double Body::energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef f
       if (loaded) {
         relative.col(0).noalias() -= offset_traces_ * amplitudes.col(column);
       }
-      energy += relative.col(0).cwiseProduct(forces.col(column)).dot(weights_);
+      energies(column) += relative.col(0).cwiseProduct(forces.col(column)).dot(weights_);
     }
     if (loaded) {
       of_loads.col(0).noalias() = loads.work_loads * amplitudes.col(column);
       if (rows() > 0) {
         of_loads.col(0).noalias() += loads.work_traces.transpose() * data.col(column);
       }
-      energy += of_loads.col(0).dot(amplitudes.col(column));
+      energies(column) += of_loads.col(0).dot(amplitudes.col(column));
     }
   }
-  return energy;
+  return energies;
 }
 
 }  // namespace latin::substructure

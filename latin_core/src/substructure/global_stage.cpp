@@ -1,7 +1,5 @@
 #include "latin/substructure/global_stage.hpp"
 
-#include <array>
-
 namespace latin::substructure {
 
 void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) {
@@ -38,30 +36,31 @@ Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces)
   return structure.macro().correct(forces, data, traces);
 }
 
-Size GlobalStage::share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
-                                ConstMatrixRef amplitudes) {
+Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
   const Structure& structure = laws_.structure();
-  Size size;
+  const ColumnGroups groups = laws_.groups();
+  Sizes sizes =
+      Sizes::zero(groups.count(data.cols()), static_cast<Index>(structure.bodies().size()));
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Body& body = structure.bodies()[b];
-    const auto s = data.middleRows(structure.body_rows()[b], body.rows());
-    const auto w = traces.middleRows(structure.body_rows()[b], body.rows());
+    const Index first = structure.body_rows()[b];
+    const auto s = data.middleRows(first, body.rows());
+    const auto w = traces.middleRows(first, body.rows());
+    const auto metric = structure.trace_metric().segment(first, body.rows());
     Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
     f = s - body.directions().asDiagonal() * w;
-    size.strain += body.energy(s, w, f, amplitudes, laws_.response(b), work_);
+    const Vector energies = body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+    const auto at = static_cast<Index>(b);
     for (Index column = 0; column < w.cols(); ++column) {
-      size.work += w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
+      const Index group = groups.of(column);
+      sizes.strain(group, at) += energies(column);
+      sizes.trace(group, at) += w.col(column).cwiseAbs2().dot(metric);
+      sizes.work(group, at) +=
+          w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
     }
   }
-  size.trace = squared_traces(structure, traces);
-  return size;
-}
-
-Size GlobalStage::size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
-  const Size share = share_of_size(data, traces, amplitudes);
-  std::array<double, 3> sums{share.strain, share.trace, share.work};
-  laws_.structure().communicator().sum(sums);
-  return Size{sums[0], sums[1], sums[2]}.positive();
+  sizes.strain = sizes.strain.cwiseAbs();
+  return sizes;
 }
 
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,

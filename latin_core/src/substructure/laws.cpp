@@ -203,6 +203,10 @@ bool Laws::linear() const {
   return std::ranges::all_of(*active_, [](const ActiveLaw& each) { return each.law->linear(); });
 }
 
+bool Laws::remembers() const {
+  return std::ranges::any_of(*active_, [](const ActiveLaw& each) { return each.law->history(); });
+}
+
 bool Laws::transformed() const { return std::ranges::any_of(*active_, &ActiveLaw::transformed); }
 
 void Laws::check_columns(Index columns) const {
@@ -292,6 +296,15 @@ Laws Laws::with_steps(Index steps) const {
   }
   Laws changed = *this;
   changed.steps_ = steps;
+  return changed;
+}
+
+Laws Laws::with_modes(Index modes) const {
+  if (modes < 1) {
+    throw InputError("a solution has " + std::to_string(modes) + " modes: give at least one");
+  }
+  Laws changed = *this;
+  changed.modes_ = modes;
   return changed;
 }
 

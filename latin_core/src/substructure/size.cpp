@@ -1,60 +1,130 @@
 #include "latin/substructure/size.hpp"
 
 #include <algorithm>
-#include <array>
-#include <limits>
+#include <cmath>
 
 namespace latin::substructure {
 namespace {
 
-/// Below this share of the work of the interface forces a strain energy is rounding of a rigid motion.
+/// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
+/// Rounding of a displacement, relative to the largest ones.
+constexpr double rounding = 1e-14;
+/// Displacements this many times larger than rounding are answers.
+constexpr double above_rounding = 30.0;
+/// A step is measured with this fraction of the largest step at least, a fluctuation with this one of the mean.
+constexpr double quiet = 1e-9;
+constexpr double still = 1e-6;
+/// Faces that move less than this, relative to what strains the body, are held: they have no size of their own.
+constexpr double held = 1e-3;
+
+constexpr double square(double x) { return x * x; }
+
+/// Add what `column_sizes(column, rows of a body, sizes, group, body)` says.
+template <class F>
+Sizes sum_over(const Structure& structure, const ColumnGroups& groups, Index columns,
+               const F& add) {
+  const auto& bodies = structure.bodies();
+  Sizes sizes = Sizes::zero(groups.count(columns), static_cast<Index>(bodies.size()));
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const auto rows = Eigen::seqN(structure.body_rows()[b], bodies[b].rows());
+    for (Index column = 0; column < columns; ++column) {
+      const Index group = groups.of(column);
+      const auto [strain, trace] = add(rows, column);
+      sizes.strain(group, static_cast<Index>(b)) += strain;
+      sizes.trace(group, static_cast<Index>(b)) += trace;
+    }
+  }
+  sizes.strain = sizes.strain.cwiseAbs();  // rounding may leave the energy of a rigid motion negative
+  return sizes;
+}
 
 }  // namespace
 
-double Size::relative_to(const Size& whole) const {
-  const double total = whole.strain + whole.trace;
-  if (!(total > 0.0)) {
-    return strain + trace > 0.0 ? std::numeric_limits<double>::infinity() : 0.0;
-  }
-  const double of_trace = std::sqrt(trace / total);
-  // a solution without strain (rigid motion) has no strain error to speak of
-  const bool strained = whole.strain > strain_free * whole.work;
-  return strained ? std::max(of_trace, std::sqrt(strain / whole.strain)) : of_trace;
+Sizes Sizes::zero(Index groups, Index bodies) {
+  return {Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies)};
 }
 
-Size share_of_distance(const Structure& structure, ConstMatrixRef data, ConstMatrixRef traces,
-                       ConstMatrixRef other_data, ConstMatrixRef other_traces) {
-  Size share;
-  const auto weights = structure.weights().array();
-  const auto directions = structure.directions().array();
-  for (Index column = 0; column < data.cols(); ++column) {
-    const auto s = data.col(column).array() - other_data.col(column).array();
-    const auto w = traces.col(column).array() - other_traces.col(column).array();
-    share.strain += (w * weights * (s - directions * w)).sum();
-    share.trace += (w.square() * structure.trace_metric().array()).sum();
-  }
-  return share;
-}
-
-Size difference_size(const Structure& structure, ConstMatrixRef data, ConstMatrixRef traces) {
-  std::array<double, 2> sums{0.0, squared_traces(structure, traces)};
-  const auto weights = structure.weights().array();
-  const auto directions = structure.directions().array();
-  for (Index column = 0; column < data.cols(); ++column) {
-    const auto w = traces.col(column).array();
-    sums[0] += (w * weights * (data.col(column).array() - directions * w)).sum();
-  }
-  structure.communicator().sum(sums);
-  return Size{sums[0], sums[1], 0.0}.positive();
-}
-
-double squared_traces(const Structure& structure, ConstMatrixRef traces) {
+double Yardstick::share_of_reach(const Sizes& whole) const {
   double sum = 0.0;
-  for (Index column = 0; column < traces.cols(); ++column) {
-    sum += (traces.col(column).array().square() * structure.trace_metric().array()).sum();
+  for (Index b = 0; b < metric.size(); ++b) {
+    if (metric(b) > 0.0) {
+      sum += whole.trace.col(b).maxCoeff() / metric(b);
+    }
   }
   return sum;
+}
+
+Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
+  Matrix result = Matrix::Zero(error.strain.rows(), error.strain.cols());
+  const Index kinds = groups.kinds();
+  const Index block = groups.steps * kinds;
+  for (Index b = 0; b < result.cols(); ++b) {
+    const double noise = square(rounding) * reach * metric(b);
+    for (Index g = 0; g < result.rows(); ++g) {
+      // of the same kind in the steps of the same history
+      const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
+      const auto least = [&](const Matrix& sizes) {
+        double size = std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
+        if (g % kinds > 0) {
+          size = std::max(size, square(still) * sizes(g - 1, b));
+        }
+        return size;
+      };
+      const double strain = least(whole.strain);
+      const bool strained = strain > strain_free * least(whole.work);
+      double moved = least(whole.trace);
+      if (strained) {
+        moved = std::max(moved, square(held) * strain);
+      }
+      if (moved <= square(above_rounding) * noise) {
+        moved = reach * metric(b);
+      }
+      double of_both = 0.0;
+      if (error.trace(g, b) > noise && moved > 0.0) {
+        of_both = error.trace(g, b) / moved;
+      }
+      if (strained) {
+        of_both = std::max(of_both, error.strain(g, b) / strain);
+      }
+      result(g, b) = std::sqrt(of_both);
+    }
+  }
+  return result;
+}
+
+Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
+  Vector metric(static_cast<Index>(structure.bodies().size()));
+  for (Index b = 0; b < metric.size(); ++b) {
+    const auto at = static_cast<std::size_t>(b);
+    metric(b) = structure.trace_metric()
+                    .segment(structure.body_rows()[at], structure.bodies()[at].rows())
+                    .sum();
+  }
+  return {groups, std::move(metric)};
+}
+
+Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
+                          ConstMatrixRef data, ConstMatrixRef traces) {
+  return sum_over(structure, groups, data.cols(), [&](const auto& rows, Index column) {
+    const auto w = traces.col(column)(rows).array();
+    const auto force =
+        data.col(column)(rows).array() - structure.directions()(rows).array() * w;
+    return std::pair{(w * structure.weights()(rows).array() * force).sum(),
+                     (w.square() * structure.trace_metric()(rows).array()).sum()};
+  });
+}
+
+Sizes sizes_of_distance(const Structure& structure, const ColumnGroups& groups, ConstMatrixRef data,
+                        ConstMatrixRef traces, ConstMatrixRef other_data,
+                        ConstMatrixRef other_traces) {
+  return sum_over(structure, groups, data.cols(), [&](const auto& rows, Index column) {
+    const auto w = traces.col(column)(rows).array() - other_traces.col(column)(rows).array();
+    const auto s = data.col(column)(rows).array() - other_data.col(column)(rows).array();
+    const auto force = s - structure.directions()(rows).array() * w;
+    return std::pair{(w * structure.weights()(rows).array() * force).sum(),
+                     (w.square() * structure.trace_metric()(rows).array()).sum()};
+  });
 }
 
 }  // namespace latin::substructure

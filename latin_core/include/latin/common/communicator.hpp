@@ -38,6 +38,8 @@ class Communicator {
   void sum(std::span<double> values) const;
   [[nodiscard]] double sum(double value) const;
   [[nodiscard]] Index maximum(Index value) const;
+  /// NaN counts as infinity.
+  [[nodiscard]] double largest(double value) const;
   /// What every rank gives, in the order of ranks. No text may contain a NUL.
   [[nodiscard]] std::vector<std::vector<std::string>> gather(
       const std::vector<std::string>& texts) const;

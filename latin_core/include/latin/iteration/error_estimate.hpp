@@ -3,7 +3,6 @@
 #include <array>
 #include <cstddef>
 #include <functional>
-#include <span>
 
 #include "latin/common/types.hpp"
 #include "latin/iteration/anderson.hpp"
@@ -29,16 +28,30 @@ inline constexpr double rounding_share = 2e-13;
 
 /// How large solutions are, in a measure that does not depend on the search direction.
 struct Gauge {
-  /// Size of a difference of two solutions. Collective.
-  std::function<substructure::Size(ConstMatrixRef data, ConstMatrixRef traces)> of_difference;
-  /// This rank's share of the size of the difference of two states.
-  std::function<substructure::Size(const State&, const State&)> share_of_distance;
+  /// Sizes of a difference of two solutions.
+  std::function<substructure::Sizes(ConstMatrixRef data, ConstMatrixRef traces)> of_difference;
+  /// Sizes of the difference of two states.
+  std::function<substructure::Sizes(const State&, const State&)> of_distance;
 };
 
-/// The error of an iterate as its history predicts it, relative to the size of the iterate. What the history
-/// cannot explain is taken to be amplified as much as what it can. Collective.
-[[nodiscard]] double predicted_error(const Gauge& gauge, ConstMatrixRef data, ConstMatrixRef traces,
-                                     double explained, const substructure::Size& whole);
+/// The size of an iterate, for errors relative to it.
+struct Whole {
+  substructure::Sizes sizes;
+  substructure::Yardstick yardstick;
+
+  /// Relative errors (groups, bodies) of which these are the sizes.
+  [[nodiscard]] Matrix relative(const substructure::Sizes& error) const {
+    return yardstick.relative(error, sizes);
+  }
+};
+
+/// The largest of a table of errors, 0 of none. NaN where one of them is.
+[[nodiscard]] double largest(const Matrix& errors);
+
+/// The errors (groups, bodies) of an iterate as its history predicts them, relative to the size of the iterate.
+/// What the history cannot explain is taken to be amplified as much as what it can.
+[[nodiscard]] Matrix predicted_errors(const Gauge& gauge, ConstMatrixRef data,
+                                      ConstMatrixRef traces, double explained, const Whole& whole);
 
 /// What earlier iterates turned out to be wrong by, and what follows for the present one.
 ///
@@ -50,17 +63,15 @@ struct Gauge {
 class Hindsight {
  public:
   static constexpr std::size_t most = 2;  ///< iterates kept
-  using Shares = std::array<double, 2 * most>;
 
   /// @param rows, columns of the states
   Hindsight(Index rows, Index columns);
 
-  /// This rank's shares of the sizes (strain, trace) of the distances to the iterates kept.
-  [[nodiscard]] Shares shares(const Gauge& gauge, const State& state) const;
-  /// The estimate of the present iterate of that residual and size, raised to what the iterates kept say.
-  /// @param sums of the shares over all ranks
-  [[nodiscard]] double raised(double estimate, double residual, const substructure::Size& whole,
-                              std::span<const double> sums) const;
+  /// The estimates of the present iterate of that residual and size, raised to what the iterates kept say.
+  /// @param estimates  (groups, bodies)
+  /// @param estimate   the largest of them on all ranks
+  [[nodiscard]] Matrix raised(const Gauge& gauge, const State& state, const Matrix& estimates,
+                              double estimate, double residual, const Whole& whole) const;
   /// Keep an iterate, if its residual is well below that of the last one kept.
   void keep(const State& state, double estimate, double residual);
 
@@ -77,11 +88,11 @@ class Hindsight {
 
 /// What was measured of an iterate, summed over the ranks.
 struct Measured {
-  double residual = 0.0;     ///< |r| in sqrt(W/k)
-  double data = 0.0;         ///< |s| in sqrt(W/k)
-  double indicator = 0.0;    ///< the paper's error indicator
-  substructure::Size whole;  ///< of the solution
-  Hindsight::Shares distances{};
+  double residual = 0.0;   ///< |r| in sqrt(W/k)
+  double data = 0.0;       ///< |s| in sqrt(W/k)
+  double indicator = 0.0;  ///< the paper's error indicator
+  double strain = 0.0;     ///< u^T K u of all bodies
+  Whole whole;             ///< of the solution on this rank
 
   [[nodiscard]] double rounding() const { return rounding_share * data; }
 };
@@ -89,35 +100,39 @@ struct Measured {
 /// The estimated relative error of the iterates of a run, in a measure that does not depend on k.
 class ErrorEstimate {
  public:
+  /// Largest of a number over all ranks.
+  using Maximum = std::function<double(double)>;
+
   /// @param rows, columns of the states
   /// @param own_needed steps of its own that a run needs before its history is believed
-  ErrorEstimate(Gauge gauge, Index rows, Index columns, Index own_needed);
+  /// @param maximum empty: there is one rank
+  ErrorEstimate(Gauge gauge, Index rows, Index columns, Index own_needed, Maximum maximum = {});
 
-  /// This rank's shares for `Measured::distances`.
-  [[nodiscard]] Hindsight::Shares shares(const State& state) const {
-    return hindsight_.shares(gauge_, state);
-  }
   /// A step was taken.
   void count_step() { ++own_; }
-  /// The iterate jumped: its history begins anew.
+  /// The iterate jumped: its history begins again.
   void restart() { own_ = 0; }
   /// Whether the history has enough steps of this run.
   [[nodiscard]] bool ready() const { return own_ >= own_needed_; }
+  /// The largest error on all ranks. Collective.
+  [[nodiscard]] double largest(const Matrix& errors) const;
 
-  /// By the history, and by what it said of earlier iterates; infinity if it says nothing. Collective.
-  [[nodiscard]] double by_history(const Anderson& history, const State& state,
+  /// Errors (groups, bodies) by the history, and by what it said of earlier iterates; infinity if it says nothing.
+  /// Collective.
+  [[nodiscard]] Matrix by_history(const Anderson& history, const State& state,
                                   const Measured& measured);
   /// By a step that Newton's method proposes: it is the error as far as the linearisation holds, of which the
-  /// share `left` of the residual says how far that is. Collective.
-  [[nodiscard]] double by_step(const State& step, double left, const Measured& measured) const;
+  /// fraction `left` of the residual says how far that is.
+  [[nodiscard]] Matrix by_step(const State& step, double left, const Measured& measured) const;
 
  private:
-  [[nodiscard]] double of_fit(const Anderson& history, const Measured& measured) const;
-  [[nodiscard]] double amplification(const Anderson& history, const Measured& measured) const;
+  [[nodiscard]] Matrix of_fit(const Anderson& history, const Measured& measured) const;
+  [[nodiscard]] Matrix amplifications(const Anderson& history, const Measured& measured) const;
 
   Gauge gauge_;
   Hindsight hindsight_;
   Index own_needed_;
+  Maximum maximum_;
   Index own_ = 0;
 };
 

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "latin/common/types.hpp"
@@ -15,6 +16,7 @@
 #include "latin/iteration/step.hpp"
 #include "latin/iteration/stopping_rule.hpp"
 #include "latin/iteration/summary.hpp"
+#include "latin/iteration/verification.hpp"
 #include "latin/substructure/laws.hpp"
 
 namespace latin::iteration {
@@ -27,8 +29,10 @@ class Run {
  public:
   /// @param state     where it starts, and where the answer is left
   /// @param snapshots number of those that start_from() will be given
+  /// @param known     see solve()
   Run(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
-      State& state, std::size_t snapshots, const Callback& callback);
+      State& state, std::size_t snapshots, const Callback& callback,
+      std::shared_ptr<Linearisation> known = {});
   Run(const Run&) = delete;
   Run(Run&&) = delete;
   Run& operator=(const Run&) = delete;
@@ -46,12 +50,15 @@ class Run {
   [[nodiscard]] double elapsed() const;
   void begin(bool traces_known);
   Measured observe();
-  void report(double error, const Measured& measured);
-  [[nodiscard]] double estimate(const Measured& measured);
+  void report(const Measured& measured);
+  [[nodiscard]] Matrix estimate(const Measured& measured);
+  Measured rescue(Measured measured);
+  Measured verify(Measured measured, bool believed);
+  [[nodiscard]] bool verifies() const;
   void advance(const Measured& measured);
   void propose();
   bool follow(const Measured& measured);
-  void finish(Status status, const Measured& measured);
+  void finish(Status status);
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const substructure::Structure& structure_;
@@ -66,6 +73,10 @@ class Run {
   NewtonProposal newton_;
   StoppingRule stopping_;
   Safeguard safeguard_;
+  std::shared_ptr<Linearisation> known_;
+  std::optional<Verification> verification_;
+  Matrix errors_;                ///< of the iterate
+  double next_check_ = 0.0;      ///< residual below which the next check is worth its price
   Summary summary_;
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
   double callback_s_ = 0.0;

@@ -17,7 +17,8 @@ namespace latin::iteration {
 /// W/k of the rows of a structure, summed over its ranks. It refers to the structure.
 [[nodiscard]] Metric metric_of(const substructure::Structure& structure);
 /// The sizes of its solutions. It refers to the structure.
-[[nodiscard]] Gauge gauge_of(const substructure::Structure& structure);
+[[nodiscard]] Gauge gauge_of(const substructure::Structure& structure,
+                             const substructure::ColumnGroups& groups);
 
 /// Adds the seconds of a scope to a sum.
 class Timed {
@@ -87,12 +88,11 @@ class Stages {
   /// Fit the history to the residual of an iterate, and measure it: all numbers that decide anything go through
   /// this one reduction and that of the error estimate. Collective. @throws as agree()
   /// @param stop whether this rank wants to end the run; afterwards: whether any does
-  [[nodiscard]] Measured measure(Iterate at, Anderson& history, const ErrorEstimate& error,
-                                 bool& stop);
-  /// Size of a solution. Collective.
-  [[nodiscard]] substructure::Size size(const State& state) {
-    return global_.size(state.data, state.traces, amplitudes_);
-  }
+  [[nodiscard]] Measured measure(Iterate at, Anderson& history, bool& stop);
+  /// Sizes of a solution on this rank, and what they are relative to. Collective.
+  [[nodiscard]] Whole whole(const State& state);
+  /// Twice the strain energy of a solution. Collective.
+  [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.
   /// @param limit     most interface unknowns for which it is possible
   /// @param tolerance on the forces, relative to the largest column of them
@@ -110,6 +110,7 @@ class Stages {
 
   substructure::GlobalStage global_;
   substructure::LocalStage local_;
+  substructure::Yardstick yardstick_;
   const Matrix& amplitudes_;
   bool single_precision_;
   bool exact_ = true;

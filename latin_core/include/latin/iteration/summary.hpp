@@ -23,7 +23,7 @@ std::string to_string(Status status);
 struct Iteration {
   Index number;  ///< from 0, of this solve
   double
-      error;  ///< estimated relative error (k-free, see Size::relative_to), infinity while unknown
+      error;  ///< estimated relative error (k-free, see Yardstick::relative), infinity while unknown
   double indicator;  ///< the paper's error indicator (depends on k)
   double residual;   ///< |r| in sqrt(W/k), absolute
   double seconds;    ///< since the solve began
@@ -43,6 +43,9 @@ struct Summary {
   Status status = Status::max_iterations;
   Index iterations = 0;  ///< global stages, and the work of Newton steps in such
   double error = 0.0;    ///< last estimate
+  /// The estimates it is the largest of, of the bodies on this rank: (groups, bodies), see
+  /// substructure::ColumnGroups.
+  Matrix errors;
   double indicator = 0.0;
   double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
   double global_s = 0.0;

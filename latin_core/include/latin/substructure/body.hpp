@@ -73,7 +73,7 @@ struct BodyCost {
 struct LoadResponse {
   Matrix extra;   ///< (n_body, l) forces beside those of the body itself; empty: none
   Matrix traces;  ///< (rows, l) at s = 0
-  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energy()
+  // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energies()
   Matrix work_loads;
   Matrix work_traces;
   Matrix unknowns;  ///< (n_body, l): the solution itself where nothing is active; else empty
@@ -112,6 +112,8 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
+  /// Relative error that rounding may leave in its displacements.
+  [[nodiscard]] double rounding() const;
 
   /// Response of the traces to the interface data alone: w = T A^-1 T^T W s.
   /// @param data s (rows, c)  @param traces w (rows, c), overwritten
@@ -119,6 +121,9 @@ class Body {
   /// As apply(), with the condensed factor in single precision where there is one: what it is fast for are
   /// changes of the data, whose own error shrinks with them. The copy is made when first asked for.
   void apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const;
+  /// Schur complement of the operator on the active unknowns, with the springs k: (active, active), lower triangle.
+  /// Made when first asked for; a body that is not condensed solves for every active unknown.
+  [[nodiscard]] const Matrix& schur() const;
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
 
@@ -138,11 +143,11 @@ class Body {
   /// @throws InputError on a shape that does not fit
   [[nodiscard]] std::vector<Matrix> response_to(const std::vector<Matrix>& forces) const;
 
-  /// Twice the strain energy u^T K u of the global-stage solution, summed over columns.
+  /// Twice the strain energies u^T K u of the global-stage solution, (c).
   /// @param data s, traces w, forces f (rows, c)  @param amplitudes (l, c)
-  [[nodiscard]] double energy(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
-                              ConstMatrixRef amplitudes, const LoadResponse& loads,
-                              BodyWork& work) const;
+  [[nodiscard]] Vector energies(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef forces,
+                                ConstMatrixRef amplitudes, const LoadResponse& loads,
+                                BodyWork& work) const;
 
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }
@@ -186,6 +191,7 @@ class Body {
   Lazy<Matrix> compliance_;
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
+  Lazy<Matrix> schur_;
   Matrix load_;           ///< right-hand side of the load patterns, with offsets
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
   Matrix offset_energy_;  ///< u0^T K u0

@@ -31,11 +31,8 @@ class GlobalStage {
   /// @param local  of the same laws: what the boundary interfaces have to carry
   /// @return what was added to the data, (rows, c)
   [[nodiscard]] Matrix balance(LocalStage& local, MatrixRef data, MatrixRef traces) const;
-  /// This rank's share of size(): to be summed, then positive().
-  [[nodiscard]] Size share_of_size(ConstMatrixRef data, ConstMatrixRef traces,
-                                   ConstMatrixRef amplitudes);
-  /// Size of the global-stage solution with the given data and traces. Collective.
-  [[nodiscard]] Size size(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes);
+  /// Sizes of this rank's part of the global-stage solution with the given data and traces.
+  [[nodiscard]] Sizes sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes);
 
  private:
   Laws laws_;

@@ -10,6 +10,7 @@
 #include "latin/interface/law.hpp"
 #include "latin/stochastic/transform.hpp"
 #include "latin/substructure/pair.hpp"
+#include "latin/substructure/size.hpp"
 #include "latin/substructure/structure.hpp"
 
 namespace latin::substructure {
@@ -58,7 +59,7 @@ struct LawParameter {
 };
 
 /// Everything that may change between two runs on one structure: parameters of the laws of its interfaces,
-/// transforms of their columns, the number of time steps, and loads beside those of the load patterns.
+/// transforms of their columns, the numbers of time steps and of modes, and loads beside those of the load patterns.
 ///
 /// A value: it never changes, and a copy costs a few pointers. The `with_` functions return a changed copy,
 /// which shares what they leave as it was. Several threads may use one.
@@ -71,6 +72,10 @@ class Laws {
   /// Columns that are the time steps of one history, in order; laws with history follow them. With chaos
   /// modes beside them the time steps run fastest.
   [[nodiscard]] Index steps() const { return steps_; }
+  /// Chaos modes that a solution has at every time step; 1: every column is a solution of its own.
+  [[nodiscard]] Index modes() const { return modes_; }
+  /// Which columns make up one.
+  [[nodiscard]] ColumnGroups groups() const { return {steps_, modes_}; }
   [[nodiscard]] const ActiveLaw& of(std::size_t interface) const { return active_->at(interface); }
   /// A parameter without transforms. @throws InputError on an unknown name
   [[nodiscard]] const Matrix& parameter(const std::string& interface,
@@ -85,6 +90,8 @@ class Laws {
 
   /// Whether all laws on this rank are linear.
   [[nodiscard]] bool linear() const;
+  /// Whether some law looks back on earlier time steps.
+  [[nodiscard]] bool remembers() const;
   /// Whether some columns are transformed.
   [[nodiscard]] bool transformed() const;
   /// Whether laws and transforms fit a run of this many columns. @throws InputError naming the interface
@@ -101,6 +108,8 @@ class Laws {
                                   std::vector<LawColumns> groups) const;
   /// @throws InputError below one
   [[nodiscard]] Laws with_steps(Index steps) const;
+  /// @throws InputError below one
+  [[nodiscard]] Laws with_modes(Index modes) const;
   /// Forces on substructures added to the load patterns, instead of all extra loads before.
   /// @param loads (n, l), force, by substructure of this rank
   /// @throws InputError naming a substructure that is not on this rank, or whose load does not fit
@@ -122,6 +131,7 @@ class Laws {
   std::shared_ptr<const Structure> structure_;
   std::shared_ptr<const std::vector<ActiveLaw>> active_;
   Index steps_ = 1;
+  Index modes_ = 1;
   std::shared_ptr<const std::vector<LoadResponse>> extra_;  ///< by body; null: no extra loads
 };
 

@@ -1,33 +1,64 @@
 #pragma once
 
-#include <cmath>
-
 #include "latin/substructure/structure.hpp"
 
 namespace latin::substructure {
 
-/// Size of a global-stage solution, or of the difference of two.
-struct Size {
-  double strain = 0.0;  ///< u^T K u, summed over columns
-  double trace = 0.0;   ///< sum of scale * W * w^2: sees the rigid motions that strain does not
-  double work = 0.0;    ///< sum of |w| W |f|: what the strain energy is the balance of
+/// Which columns of a block are measured together: each time step by itself, and of a chaos its mean apart from
+/// its fluctuation (all other modes). Time steps run fastest, then modes, then parameter sets side by side.
+struct ColumnGroups {
+  Index steps = 1;
+  Index modes = 1;
 
-  /// Error of which this is the size, relative to a solution of size `whole`: the larger of its shares in
-  /// strain energy and in displacement of the interfaces. It does not depend on the search direction.
-  [[nodiscard]] double relative_to(const Size& whole) const;
-  /// Rounding may leave the energy of a rigid motion negative.
-  [[nodiscard]] Size positive() const { return {std::abs(strain), trace, work}; }
+  /// Groups of a step: the mean, and the fluctuation where there is one.
+  [[nodiscard]] Index kinds() const { return modes > 1 ? 2 : 1; }
+  [[nodiscard]] Index count(Index columns) const {
+    const Index whole = modes * steps;
+    return (columns + whole - 1) / whole * steps * kinds();
+  }
+  [[nodiscard]] Index of(Index column) const {
+    const Index set = column / (modes * steps);
+    const Index within = column % (modes * steps);
+    return (set * steps + within % steps) * kinds() + (within >= steps ? 1 : 0);
+  }
 };
 
-/// This rank's share of the size of the difference of two global-stage solutions under the same loads, which
-/// cancel: to be summed over the ranks, then positive().
-[[nodiscard]] Size share_of_distance(const Structure& structure, ConstMatrixRef data,
-                                     ConstMatrixRef traces, ConstMatrixRef other_data,
-                                     ConstMatrixRef other_traces);
-/// Size of such a difference. Collective.
-[[nodiscard]] Size difference_size(const Structure& structure, ConstMatrixRef data,
-                                   ConstMatrixRef traces);
-/// This rank's share of `Size::trace`.
-[[nodiscard]] double squared_traces(const Structure& structure, ConstMatrixRef traces);
+/// Sizes of the global-stage solutions of this rank's bodies, or of the difference of two: (groups, bodies) each.
+struct Sizes {
+  Matrix strain;  ///< u^T K u
+  Matrix trace;   ///< sum of scale * W * w^2: sees the rigid motions that strain does not
+  Matrix work;    ///< sum of |w| W |f|: what the strain energy is the balance of
+
+  static Sizes zero(Index groups, Index bodies);
+};
+
+/// What errors are relative to.
+struct Yardstick {
+  ColumnGroups groups;
+  Vector metric;  ///< (bodies) sum of scale * W
+  /// Mean square displacement (length^2) of the bodies that move most, over all ranks: what rounding is a
+  /// fraction of.
+  double reach = 0.0;
+
+  /// This rank's share of the reach of a solution: to be summed.
+  [[nodiscard]] double share_of_reach(const Sizes& whole) const;
+  /// Relative errors (groups, bodies) of a solution of size `whole`: the larger of those in strain energy and in
+  /// displacement of the interfaces, each relative to the body's own in that step. They do not depend on the
+  /// search direction.
+  ///
+  /// A step is measured with no less than 1e-9 of the largest step, a fluctuation with no less than 1e-6 of the
+  /// mean; what double precision leaves is no error, and a body that does not move is measured with those that do.
+  [[nodiscard]] Matrix relative(const Sizes& error, const Sizes& whole) const;
+};
+
+/// The yardstick of a structure, its reach not known.
+[[nodiscard]] Yardstick yardstick(const Structure& structure, const ColumnGroups& groups);
+/// Sizes of the difference of two global-stage solutions under the same loads, which cancel.
+[[nodiscard]] Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
+                                        ConstMatrixRef data, ConstMatrixRef traces);
+/// The same of two states, without a block for their difference.
+[[nodiscard]] Sizes sizes_of_distance(const Structure& structure, const ColumnGroups& groups,
+                                      ConstMatrixRef data, ConstMatrixRef traces,
+                                      ConstMatrixRef other_data, ConstMatrixRef other_traces);
 
 }  // namespace latin::substructure

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+
+#include "latin/iteration/anderson.hpp"
+#include "latin/iteration/error_estimate.hpp"
+#include "latin/iteration/stages.hpp"
+#include "latin/iteration/linearisation.hpp"
+
+namespace latin::iteration {
+
+/// How wrong an iterate is, by a few steps of Newton's method on the assembled structure from a copy of it.
+///
+/// An iteration only knows what it has seen move. Here the residual is divided by the stiffness of the whole
+/// structure with the tangents of its laws (`Tangent`), in which no soft or light part can hide. The distance to
+/// where these steps lead is the error, once they have become short beside it.
+class Verification {
+ public:
+  /// Whether there is one for these laws: not on several ranks, nor for long histories of laws with memory.
+  [[nodiscard]] static bool possible(const substructure::Laws& laws);
+
+  /// @param stages of the run; they must outlive this object
+  /// @param known  of a near parameter set, to begin with and to be replaced; null: nothing is known
+  explicit Verification(Stages& stages, std::shared_ptr<Linearisation> known = {});
+
+  struct Found {
+    Matrix errors;         ///< (groups, bodies) of the iterate
+    Matrix errors_better;  ///< of the better one, at most
+  };
+  /// @param residual of the iterate
+  /// @param whole    what errors are relative to
+  /// @param rtol     errors far below this need not be known
+  /// @return nothing where the steps do not become short: the error is not known
+  [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
+                                           const Whole& whole, double rtol);
+  /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
+  /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
+  /// iteration got stuck.
+  /// @param least residual norm at which to stop
+  /// @return whether the residual has fallen; better() is then where it is least
+  bool search(const State& state, const Matrix& residual, double least);
+  /// Where the last check or search has led to.
+  [[nodiscard]] const State& better() const { return better_; }
+  [[nodiscard]] const Matrix& better_residual() const { return residual_; }
+  /// Its distance from the iterate: what the error is at least like, if nothing was found.
+  [[nodiscard]] const Matrix& distance() const { return distance_; }
+
+ private:
+  bool evaluate(State& state, Matrix& residual);
+  [[nodiscard]] bool held_step(double hold, double& norm);
+  struct Best {
+    State state;
+    Matrix residual;
+    double norm;
+  };
+  void search_once(double patience, double least, Best& best);
+  [[nodiscard]] Matrix carried(Matrix errors) const;
+  void plain_steps(Index count, double& norm);
+  [[nodiscard]] Matrix rounding_errors(const Whole& whole);
+
+  Stages& stages_;
+  Gauge gauge_;
+  std::shared_ptr<Linearisation> linear_;
+  Anderson history_;
+  State better_;
+  Matrix residual_;
+  Matrix distance_;
+  Matrix moved_;
+};
+
+}  // namespace latin::iteration

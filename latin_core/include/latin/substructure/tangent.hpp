@@ -1,0 +1,85 @@
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <Eigen/SparseLU>
+#include <memory>
+#include <vector>
+
+#include "latin/algebra/factor.hpp"
+#include "latin/common/types.hpp"
+#include "latin/substructure/laws.hpp"
+
+namespace latin::substructure {
+
+/// The assembled structure, linearised: condensed bodies joined by the tangent stiffnesses of their interfaces.
+///
+/// With S the stiffness of the bodies on their active unknowns, J the jump of these at the interface points, W the
+/// areas and K the tangents of the laws (force / length^3), a residual r = 2 (f^ - f) of the two stages asks for
+///
+///     (S + J^T W K J) du = T^T W r / 2 + J^T W K q,     q = J' r / (2 k),
+///
+/// J' the difference of the sides: a step of Newton's method on the whole structure. It sees what the two
+/// stages hardly see, soft and rigid motions of single bodies. Where a law is rigid, or a body hangs on
+/// nothing, K and S are replaced by something very stiff or very soft: what a step misses shows in the residual
+/// after it. Friction makes it unsymmetric, softening indefinite.
+class Tangent {
+ public:
+  /// Whether it can be made (on one rank) at a price that fits that of the bodies.
+  [[nodiscard]] static bool possible(const Structure& structure);
+
+  explicit Tangent(const Structure& structure);
+
+  /// Derivatives of the forces of one column with respect to the free jumps, at the flexibilities of the local
+  /// stage: block-diagonal by point, (unknowns, most components).
+  /// @param jumps  free jumps (unknowns, columns) of the steps of a history; the laws are those without transforms
+  [[nodiscard]] static Matrix slopes(const Laws& laws, const Matrix& jumps, Index column);
+  /// The component of its point that an unknown is.
+  [[nodiscard]] static Index component(const Structure& structure, Index unknown);
+  /// Free jumps (unknowns, c) of a state.
+  [[nodiscard]] static Matrix free_jumps(const Structure& structure, ConstMatrixRef data,
+                                         ConstMatrixRef traces);
+
+  /// Flexibility (unknowns) at which the laws are asked.
+  [[nodiscard]] const Vector& flexibility() const { return flexibility_; }
+  /// Take other tangents, unless they are the same.
+  /// @param slopes as slopes() gives them
+  /// @throws NumericalError if the structure is not stable with them
+  /// @param hold springs on all bodies, relative to the search direction
+  void factorise(const Matrix& slopes, double hold);
+  /// Residual (rows, c) into the step on the data, in place.
+  /// @param moved what the step does to the traces, (rows, c)
+  void correct(MatrixRef residual, MatrixRef moved) const;
+
+ private:
+  void add_stiffness(const Body& body);
+  void set_tangents(const Matrix& slopes);
+  [[nodiscard]] SparseRows joined_springs() const;
+  [[nodiscard]] SparseColumns assemble() const;
+  [[nodiscard]] Matrix assemble_dense() const;
+  void factorise_dense();
+  void factorise_sparse();
+  [[nodiscard]] Matrix solve(const Matrix& load) const;
+
+  const Structure& structure_;
+  Index active_ = 0;
+  std::vector<Matrix> stiffness_;                       ///< S of the bodies, lower triangles
+  SparseRows springs_;                                  ///< T^T W k T, (active, active)
+  double hold_ = 0.0;
+  SparseRows traces_;                                   ///< T, (rows, active)
+  SparseRows jumps_;                                    ///< J, (unknowns, active)
+  SparseRows sides_;                                    ///< J', (unknowns, rows)
+  Vector areas_;                                        ///< (unknowns)
+  Vector flexibility_;                                  ///< (unknowns)
+  Matrix slopes_;                                       ///< of the last factorisation
+  SparseRows tangent_;                                  ///< W K, (unknowns, unknowns)
+  bool dense_ = false;
+  bool symmetric_ = true;
+  // one of these, as it is dense and symmetric or not
+  Eigen::LLT<Matrix> cholesky_;
+  Eigen::PartialPivLU<Matrix> lu_;
+  std::unique_ptr<algebra::Factor> factor_;
+  std::unique_ptr<Eigen::SparseLU<SparseColumns>> sparse_lu_;
+};
+
+}  // namespace latin::substructure

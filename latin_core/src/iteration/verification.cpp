@@ -1,0 +1,230 @@
+#include "latin/iteration/verification.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "latin/common/error.hpp"
+
+namespace latin::iteration {
+namespace {
+
+using substructure::Tangent;
+
+/// Steps at most, and how many of them the next is combined with.
+constexpr Index most_steps = 12;
+constexpr Index depth = 8;
+/// A step below this fraction of the way so far leaves the error known, if it is that much shorter than the last.
+constexpr double shorter = 0.25;
+constexpr double contraction = 0.5;
+/// A step that is no shorter than the last may be this fraction of what is left.
+constexpr double most_left = 20.0;
+/// Errors below this fraction of the tolerance need not be known any better.
+constexpr double negligible = 0.05;
+/// Steps with the tangents of another parameter set before those here are taken.
+constexpr Index most_borrowed = 4;
+/// Time steps of a history with memory, each of which has tangents of its own.
+constexpr Index most_steps_of_history = 16;
+/// Steps of a search, and plain steps where those do not help.
+constexpr Index most_of_search = 200;
+constexpr Index first_pause = 4;
+/// A residual of a search may grow by this: it does where a part begins to move.
+constexpr double bearable_growth = 1.2;
+/// Springs that hold the bodies, relative to the search direction.
+constexpr double largest_hold = 25.0;
+constexpr double least_hold = Linearisation::least_hold;
+/// Rounding of a force, relative to the terms that it is the balance of: of many inside the bodies.
+constexpr double rounding = 1e-15;
+
+}  // namespace
+
+bool Verification::possible(const substructure::Laws& laws) {
+  if (!Tangent::possible(laws.structure())) {
+    return false;
+  }
+  return laws.steps() <= most_steps_of_history || !laws.remembers();
+}
+
+Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
+    : stages_(stages),
+      gauge_(gauge_of(stages.structure(), stages.laws().groups())),
+      linear_(known ? std::move(known) : std::make_shared<Linearisation>()),
+      history_(metric_of(stages.structure()), stages.amplitudes().cols(), depth) {}
+
+/// Both stages. @return whether the laws have an answer there: too far off they may have none
+bool Verification::evaluate(State& state, Matrix& residual) {
+  try {
+    stages_.evaluate({state, residual});
+  } catch (const NumericalError&) {
+    return false;
+  }
+  return residual.allFinite();
+}
+
+/// Errors of steps with those that laws with memory carry over from the steps before.
+Matrix Verification::carried(Matrix errors) const {
+  const substructure::ColumnGroups groups = stages_.laws().groups();
+  if (!stages_.laws().remembers()) {
+    return errors;
+  }
+  const Index block = groups.steps * groups.kinds();
+  for (Index group = groups.kinds(); group < errors.rows(); ++group) {
+    if (group % block >= groups.kinds()) {
+      errors.row(group) += errors.row(group - groups.kinds());
+    }
+  }
+  return errors;
+}
+
+/// What rounding of forces and displacements may do to the answer, by the same tangents.
+Matrix Verification::rounding_errors(const Whole& whole) {
+  const Vector& directions = stages_.structure().directions();
+  Matrix noise = better_.data.cwiseAbs() + directions.asDiagonal() * better_.traces.cwiseAbs();
+  for (Index column = 0; column < noise.cols(); ++column) {
+    for (Index row = 0; row < noise.rows(); ++row) {
+      // any fixed signs without a pattern
+      noise(row, column) *= rounding * std::copysign(1.0, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+    }
+  }
+  linear_->correct(noise, moved_);
+  return whole.relative(gauge_.of_difference(noise, moved_));
+}
+
+std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
+                                                       const Whole& whole, double rtol) {
+  better_ = state;
+  residual_ = residual;
+  history_.clear();
+  distance_.resize(0, 0);
+  Matrix step(residual.rows(), residual.cols());
+  Matrix before;
+  const double least = negligible * rtol;
+  double first = 0.0;
+  const double noise = 10.0 * rounding_share * history_.metric().norm(state.data);
+  bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
+  for (Index count = 0; count <= most_steps; ++count) {
+    borrowed = borrowed && count <= most_borrowed;
+    try {
+      if (!borrowed && linear_->take(stages_.laws(), better_)) {
+        history_.clear();
+      }
+    } catch (const NumericalError&) {
+      return std::nullopt;  // not stable: its error is anything
+    }
+    history_.fit(residual_);
+    history_.step(residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
+    if (count == 0) {
+      first = history_.residual_norm();
+    }
+    if (!step.allFinite()) {
+      return std::nullopt;
+    }
+    if (history_.size() > 0) {
+      moved_ -= history_.predicted_error().traces;
+    }
+    const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+    if (count > 0) {
+      distance_ = whole.relative(gauge_.of_distance(better_, state));
+      // how much of an error a step leaves, as far as the last two of them say
+      const Matrix left = (before.array() > 0.0)
+                              .select(ahead.cwiseQuotient(before), 0.0)
+                              .cwiseMin(1.0 - 1.0 / most_left);
+      const Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
+      const auto enough =
+          (rest.array() <= least) ||
+          ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
+      if (enough.all() && history_.residual_norm() <= std::max(first, noise)) {
+        return Found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole))};
+      }
+    }
+    before = ahead;
+    const State from = better_;
+    const Matrix residual_before = residual_;
+    better_.data += step;
+    if (!evaluate(better_, residual_)) {
+      return std::nullopt;
+    }
+    history_.push(better_.data - from.data, residual_ - residual_before,
+                  better_.traces - from.traces);
+  }
+  return std::nullopt;
+}
+
+/// A step with bodies held by springs of that fraction of k. @return whether it is one to go on from
+bool Verification::held_step(double hold, double& norm) {
+  Matrix step = residual_;
+  try {
+    linear_->take(stages_.laws(), better_, hold);
+    linear_->correct(step, moved_);
+  } catch (const NumericalError&) {
+    return false;
+  }
+  if (!step.allFinite()) {
+    return false;
+  }
+  State trial{better_.data + step, Matrix(step.rows(), step.cols())};
+  Matrix residual(step.rows(), step.cols());
+  if (!evaluate(trial, residual)) {
+    return false;
+  }
+  const double now = history_.metric().norm(residual);
+  if (!(now <= bearable_growth * norm)) {
+    return false;
+  }
+  better_ = std::move(trial);
+  residual_ = std::move(residual);
+  norm = now;
+  return true;
+}
+
+/// Averaged steps, which come nearer to the answer of every monotone law.
+void Verification::plain_steps(Index count, double& norm) {
+  for (Index i = 0; i < count; ++i) {
+    better_.data += averaged_share * residual_;
+    if (!evaluate(better_, residual_)) {
+      norm = std::numeric_limits<double>::infinity();
+      return;
+    }
+  }
+  norm = history_.metric().norm(residual_);
+}
+
+bool Verification::search(const State& state, const Matrix& residual, double least) {
+  const double first = history_.metric().norm(residual);
+  Best best{state, residual, first};
+  for (const double patience : {0.3, 0.5}) {
+    if (best.norm > least) {
+      better_ = state;
+      residual_ = residual;
+      search_once(patience, least, best);
+    }
+  }
+  better_ = std::move(best.state);
+  residual_ = std::move(best.residual);
+  return best.norm < first;
+}
+
+/// @param patience how much less the bodies are held after a step that did not make the residual fall
+void Verification::search_once(double patience, double least, Best& best) {
+  double norm = history_.metric().norm(residual_);
+  double hold = 1.0;
+  for (Index count = 0; count < most_of_search && norm > least && std::isfinite(norm); ++count) {
+    const double before = norm;
+    if (held_step(hold, norm)) {
+      const double fall = norm / before;
+      hold *= fall < 0.5 ? 0.05 : fall < 0.95 ? 0.3 : fall <= 1.0 + 1e-3 ? patience : 3.0 * patience;
+      hold = std::clamp(hold, least_hold, largest_hold);
+    } else if (hold < largest_hold) {
+      hold = std::min(5.0 * hold, largest_hold);
+    } else {
+      plain_steps(first_pause, norm);
+      hold = 1.0;
+    }
+    if (norm < best.norm) {
+      best = {better_, residual_, norm};
+    }
+  }
+}
+
+}  // namespace latin::iteration

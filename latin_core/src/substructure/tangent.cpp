@@ -1,0 +1,325 @@
+#include "latin/substructure/tangent.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include "latin/common/error.hpp"
+#include "latin/substructure/local_stage.hpp"
+
+namespace latin::substructure {
+namespace {
+
+using Triplets = std::vector<Eigen::Triplet<double, int>>;
+
+/// Slopes (times the flexibility) are reduced by this: a rigid connection is very stiff.
+constexpr double rigid = 1.0 - 1e-7;
+/// Slopes closer than this are the same: they may come from differences.
+constexpr double same = 1e-6;
+/// Where more of the matrix is filled than this, it is dense.
+constexpr double filled = 0.3;
+/// Operations of the check that nobody notices, and those beside the factorisations of the bodies, of which a factor
+/// of n numbers takes about n^1.4 (grids, in three dimensions).
+constexpr double negligible = 2e8;
+constexpr double affordable = 0.1;
+constexpr double operations_of_numbers = 1.4;
+/// Steps of difference quotients, relative to the largest free jump.
+constexpr double difference = 1e-7;
+
+/// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
+Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
+  const Matrix bounded = rigid * slope;
+  if (slope.rows() == 1) {
+    return bounded / (1.0 - bounded(0, 0) * flexibility(0));
+  }
+  const Matrix open = Matrix::Identity(slope.rows(), slope.cols()) -
+                      bounded * flexibility.asDiagonal();
+  return open.partialPivLu().solve(bounded);
+}
+
+SparseRows from(const Triplets& entries, Index rows, Index columns) {
+  SparseRows matrix(rows, columns);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+}  // namespace
+
+bool Tangent::possible(const Structure& structure) {
+  if (structure.rows() == 0 || !structure.communicator().alone()) {
+    return false;
+  }
+  double price = 0.0;
+  double factors = 0.0;
+  for (const Body& body : structure.bodies()) {
+    const auto active = static_cast<double>(body.active());
+    const double numbers = body.cost().factor_numbers;
+    price += active * active * active;
+    price += body.condensed() ? 0.0 : 2.0 * active * numbers;
+    factors += std::pow(numbers, operations_of_numbers);
+  }
+  return price <= std::max(negligible, affordable * factors);
+}
+
+Tangent::Tangent(const Structure& structure) : structure_(structure) {
+  Triplets traces;
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Body& body = structure.bodies()[b];
+    if (body.rows() == 0) {
+      continue;
+    }
+    const Index row = structure.body_rows()[b];
+    const SparseRows& own = body.active_traces();
+    for (Index i = 0; i < own.rows(); ++i) {
+      for (SparseRows::InnerIterator it(own, i); it; ++it) {
+        traces.emplace_back(static_cast<int>(row + i), static_cast<int>(active_ + it.col()),
+                            it.value());
+      }
+    }
+    add_stiffness(body);
+    active_ += body.active();
+  }
+  double entries = 0.0;
+  for (const Matrix& each : stiffness_) {
+    entries += static_cast<double>(each.size());
+  }
+  dense_ = entries > filled * static_cast<double>(active_ * active_);
+  traces_ = from(traces, structure.rows(), active_);
+  const Index unknowns = structure.interface_unknowns();
+  areas_.resize(unknowns);
+  flexibility_.resize(unknowns);
+  Triplets sides;
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    areas_.segment(interface.first_unknown, interface.size()) = interface.geometry.weights;
+    flexibility_.segment(interface.first_unknown, interface.size()) = interface.flexibility;
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      for (Index i = 0; i < interface.size(); ++i) {
+        sides.emplace_back(static_cast<int>(interface.first_unknown + i),
+                           static_cast<int>(interface.rows[s] + i), s == 0 ? -1.0 : 1.0);
+      }
+    }
+  }
+  sides_ = from(sides, unknowns, structure.rows());
+  jumps_ = sides_ * traces_;
+  const Vector robin = structure.weights().cwiseProduct(structure.directions());
+  springs_ = traces_.transpose() * SparseRows(robin.asDiagonal() * traces_);
+}
+
+/// S of a body.
+void Tangent::add_stiffness(const Body& body) {
+  Matrix stiffness = body.schur();
+  const SparseRows& trace = body.active_traces();
+  const Vector robin = body.weights().cwiseProduct(body.directions());
+  const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
+  for (Index row = 0; row < springs.rows(); ++row) {
+    for (SparseRows::InnerIterator it(springs, row); it; ++it) {
+      stiffness(row, it.col()) -= it.value();
+    }
+  }
+  stiffness_.push_back(std::move(stiffness));
+}
+
+Index Tangent::component(const Structure& structure, Index unknown) {
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    if (unknown < interface.first_unknown + interface.size()) {
+      return (unknown - interface.first_unknown) % interface.geometry.components;
+    }
+  }
+  return 0;
+}
+
+Matrix Tangent::free_jumps(const Structure& structure, ConstMatrixRef data,
+                           ConstMatrixRef traces) {
+  Matrix jumps(structure.interface_unknowns(), data.cols());
+  Matrix share;
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    auto jump = jumps.middleRows(interface.first_unknown, interface.size());
+    share_of_jump(structure, interface, 0, data, traces, jump);
+    if (interface.rows.size() > 1) {
+      share.resize(interface.size(), data.cols());
+      share_of_jump(structure, interface, 1, data, traces, share);
+      jump -= share;
+    }
+  }
+  return jumps;
+}
+
+Matrix Tangent::slopes(const Laws& laws, const Matrix& jumps, Index column) {
+  const auto& interfaces = laws.structure().interfaces();
+  Index most = 0;
+  for (const ActiveInterface& interface : interfaces) {
+    most = std::max(most, interface.geometry.components);
+  }
+  Matrix result = Matrix::Zero(jumps.rows(), most);
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const ActiveInterface& interface = interfaces[i];
+    const Index rows = interface.size();
+    const Index components = interface.geometry.components;
+    const interface::Law& law = *laws.of(i).law;
+    const Matrix jump = jumps.middleRows(interface.first_unknown, rows);
+    const auto problem = [&](const Matrix& at) {
+      return interface::LocalProblem{components, at, interface.flexibility, laws.steps(),
+                                     interface.name()};
+    };
+    Matrix found(rows, components);
+    if (!law.slopes(problem(jump), column, found)) {
+      Matrix here(rows, jump.cols());
+      Matrix there(rows, jump.cols());
+      law.resolve(problem(jump), here);
+      double step = jump.col(column).cwiseAbs().maxCoeff();
+      step = difference * (step > 0.0 ? step : interface.flexibility.maxCoeff());
+      for (Index a = 0; a < components; ++a) {
+        Matrix moved = jump;
+        // towards closing, so that a point that just touches counts as closed
+        moved(Eigen::seqN(a, interface.geometry.points, components), column).array() -= step;
+        law.resolve(problem(moved), there);
+        found.col(a) = (here.col(column) - there.col(column)) / step;
+      }
+    }
+    result.block(interface.first_unknown, 0, rows, components) = found;
+  }
+  return result;
+}
+
+/// J^T W K J and what holds the bodies.
+SparseRows Tangent::joined_springs() const {
+  return SparseRows(jumps_.transpose() * SparseRows(tangent_ * jumps_)) + hold_ * springs_;
+}
+
+/// W K of the points.
+void Tangent::set_tangents(const Matrix& slopes) {
+  Triplets entries;
+  symmetric_ = true;
+  for (const ActiveInterface& interface : structure_.interfaces()) {
+    const Index components = interface.geometry.components;
+    for (Index point = 0; point < interface.geometry.points; ++point) {
+      const Index first = interface.first_unknown + components * point;
+      const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
+                                        flexibility_.segment(first, components));
+      const double size = tangent.cwiseAbs().maxCoeff();
+      for (Index a = 0; a < components; ++a) {
+        symmetric_ = symmetric_ && tangent(a, a) >= 0.0;
+        for (Index b = 0; b < components; ++b) {
+          symmetric_ = symmetric_ && std::abs(tangent(a, b) - tangent(b, a)) <= same * size;
+          if (tangent(a, b) != 0.0) {
+            entries.emplace_back(static_cast<int>(first + a), static_cast<int>(first + b),
+                                 areas_(first) * tangent(a, b));
+          }
+        }
+      }
+    }
+  }
+  tangent_ = from(entries, areas_.size(), areas_.size());
+}
+
+SparseColumns Tangent::assemble() const {
+  Triplets entries;
+  Index first = 0;
+  for (const Matrix& each : stiffness_) {
+    for (Index column = 0; column < each.cols(); ++column) {
+      for (Index row = column; row < each.rows(); ++row) {
+        entries.emplace_back(static_cast<int>(first + row), static_cast<int>(first + column),
+                             each(row, column));
+      }
+    }
+    first += each.rows();
+  }
+  SparseColumns matrix(active_, active_);
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  const SparseColumns joined = joined_springs();
+  if (symmetric_) {
+    return matrix + SparseColumns(joined.triangularView<Eigen::Lower>());
+  }
+  return SparseColumns(matrix.selfadjointView<Eigen::Lower>()) + joined;
+}
+
+Matrix Tangent::assemble_dense() const {
+  Matrix matrix = Matrix::Zero(active_, active_);
+  Index first = 0;
+  for (const Matrix& each : stiffness_) {
+    matrix.block(first, first, each.rows(), each.cols()) =
+        each.selfadjointView<Eigen::Lower>();
+    first += each.rows();
+  }
+  const SparseRows joined = joined_springs();
+  for (Index row = 0; row < joined.rows(); ++row) {
+    for (SparseRows::InnerIterator it(joined, row); it; ++it) {
+      matrix(row, it.col()) += it.value();
+    }
+  }
+  return matrix;
+}
+
+void Tangent::factorise_dense() {
+  const Matrix matrix = assemble_dense();
+  if (!symmetric_) {
+    lu_.compute(matrix);
+    return;
+  }
+  cholesky_.compute(matrix);
+  if (cholesky_.info() != Eigen::Success) {
+    symmetric_ = false;  // not definite, yet there may be an answer
+    lu_.compute(matrix);
+  }
+}
+
+void Tangent::factorise_sparse() {
+  factor_ = nullptr;
+  sparse_lu_ = nullptr;
+  if (symmetric_) {
+    try {
+      factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+                                   "structure of the check");
+      return;
+    } catch (const NumericalError&) {
+      symmetric_ = false;  // not definite, yet there may be an answer
+    }
+  }
+  sparse_lu_ = std::make_unique<Eigen::SparseLU<SparseColumns>>();
+  sparse_lu_->compute(assemble());
+  if (sparse_lu_->info() != Eigen::Success) {
+    throw NumericalError("the structure is not stable with the tangents of its laws");
+  }
+}
+
+Matrix Tangent::solve(const Matrix& load) const {
+  if (dense_) {
+    return symmetric_ ? Matrix(cholesky_.solve(load)) : Matrix(lu_.solve(load));
+  }
+  return symmetric_ ? factor_->solve(load) : Matrix(sparse_lu_->solve(load));
+}
+
+void Tangent::factorise(const Matrix& slopes, double hold) {
+  if (hold == hold_ && slopes_.size() == slopes.size() &&
+      ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same) {
+    return;
+  }
+  slopes_.resize(0, 0);
+  hold_ = hold;
+  set_tangents(slopes);
+  if (dense_) {
+    factorise_dense();
+  } else {
+    factorise_sparse();
+  }
+  slopes_ = slopes;
+}
+
+void Tangent::correct(MatrixRef residual, MatrixRef moved) const {
+  const Vector& weights = structure_.weights();
+  const Vector& inverse = structure_.inverse_directions();
+  const Matrix half = 0.5 * residual;
+  const Matrix q = sides_ * (inverse.asDiagonal() * half);
+  const Matrix load = traces_.transpose() * (weights.asDiagonal() * half) +
+                      jumps_.transpose() * (tangent_ * q);
+  const Matrix answer = solve(load);
+  moved = traces_ * answer;
+  const Matrix force = areas_.cwiseInverse().asDiagonal() * (tangent_ * (jumps_ * answer - q));
+  // the springs that hold the bodies act as forces of the interfaces
+  residual = half - sides_.transpose() * force +
+             (1.0 - hold_) * (structure_.directions().asDiagonal() * moved);
+}
+
+}  // namespace latin::substructure
