@@ -101,6 +101,12 @@ class SampleResult(Value, PointResults, StochasticResult):
         return self.status == "converged"
 
     @property
+    def scatter_error(self) -> float:
+        """Largest relative error of the fluctuation of a part's displacements: that of the samples, relative to
+        what they scatter by."""
+        return float(np.nanmax(self.points.error) / self.points.scatter)
+
+    @property
     def probabilities(self) -> Array:
         """(N,) weights of the points, of sum 1."""
         self.check_complete()

@@ -224,7 +224,7 @@ def sample_on(
             plan.amplitudes,
             parameters,
             _short_steps(points),
-            plan.options,
+            plan.options.with_(scatter=True),
             checkpoint=checkpoint,
             header=header,
             progress=done,

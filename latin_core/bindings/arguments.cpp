@@ -270,6 +270,7 @@ latin::iteration::Options to_options(py::object value) {
   options.newton = count("newton");
   options.snapshots = count("snapshots");
   options.together = count("together");
+  options.scatter = py::bool_(get("scatter"));
   options.single_precision = choose("precision", "double", "single");
   return options;
 }

@@ -58,7 +58,7 @@ Iteration iteration_of(const py::tuple& parts) {
 py::tuple parts_of(const Summary& s) {
   return py::make_tuple(static_cast<int>(s.status), s.iterations, s.error, s.indicator, s.energy,
                         s.global_s, s.local_s, s.newton_s, s.other_s, s.newton_steps, s.restarts,
-                        s.history, s.errors);
+                        s.history, s.errors, s.scatter);
 }
 
 Summary summary_of(const py::tuple& parts) {
@@ -76,6 +76,7 @@ Summary summary_of(const py::tuple& parts) {
   s.restarts = parts[10].cast<Index>();
   s.history = parts[11].cast<std::vector<Iteration>>();
   s.errors = parts[12].cast<latin::Matrix>();
+  s.scatter = parts[13].cast<double>();
   return s;
 }
 
@@ -107,6 +108,9 @@ void bind_results(py::module_& m) {
                     "Estimated relative errors (groups, bodies) of the bodies on this rank, of which `error` is "
                     "the largest over all ranks: the groups are the time steps, and where there are modes, the "
                     "mean and the fluctuation of each.")
+      .def_readonly("scatter", &Summary::scatter,
+                    "Of a sample: least scatter of the displacements of a body between the samples so far, relative "
+                    "to their size; 1 where it is not asked for or not known.")
       .def_readonly("indicator", &Summary::indicator, "The paper's indicator.")
       .def_readonly("energy", &Summary::energy,
                     "u^T K u of the bodies with the springs assembled into them, all columns.")

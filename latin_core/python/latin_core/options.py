@@ -41,6 +41,8 @@ class Options:
         Points of a sweep (samples of a sampling) that are tried side by side, as columns of one global
         stage, once their first iterates are answers already; 1: one after the other. Of more than some
         8 the work no longer stays in a processor's cache.
+    scatter
+        Points of a sweep are samples: the tolerance is held by what they scatter by, too. Samplings set it.
     macro
         Coarse problem that balances the forces between the parts at every iteration: ``"linear"`` (their
         moments, too), ``"resultants"``, ``"none"``, or ``"automatic"``: linear where the accelerated
@@ -71,6 +73,7 @@ class Options:
     newton: int = 1500
     snapshots: int = 15
     together: int = 8
+    scatter: bool = False
     macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
     directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"

@@ -82,6 +82,8 @@ class SweepPoints:
         points in the order in which they were solved in this run.
     states
         (points, 2, rows, columns): s and w of every point, if asked for.
+    scatter
+        Of samples: least scatter of the displacements of a body, relative to their size.
     """
 
     iterations: npt.NDArray[np.int64]
@@ -96,6 +98,7 @@ class SweepPoints:
     outputs: dict[str, Array] = field(default_factory=dict)
     worst: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     largest: Array = field(default_factory=lambda: np.zeros(0))
+    scatter: float = 1.0
 
     def __repr__(self) -> str:
         reached = self.iterations >= 0
@@ -275,6 +278,7 @@ def sweep(
             for name, function in outputs.items():
                 arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
             keeper.keep(point, arrays)
+            result.scatter = summary.scatter
             if result.states is not None:
                 result.states[point] = state.data, state.traces
             log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)

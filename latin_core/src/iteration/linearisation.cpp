@@ -39,8 +39,7 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, c
   const Matrix jumps = Tangent::free_jumps(laws.structure(), state.data.leftCols(own),
                                            state.traces.leftCols(own));
   Slopes slopes;
-  for (Index column = 0; column < own; ++column) {
-    Matrix now = Tangent::slopes(laws, jumps, column);
+  for (Matrix& now : Tangent::slopes(laws, jumps)) {
     std::size_t at = 0;
     while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now)) {
       ++at;
@@ -88,7 +87,7 @@ bool Linearisation::near(const substructure::Laws& laws, const State& state) con
     const Matrix& b = slopes_[of_column_[column % own]];
     for (Index row = 0; row < a.rows(); ++row) {
       // the stiffness of a point in its own direction
-      const Index component = substructure::Tangent::component(laws.structure(), row);
+      const Index component = tangents_.front()->component(row);
       const double c = flexibility(row);
       if (!comparable(c * a(row, component), c * b(row, component))) {
         return false;

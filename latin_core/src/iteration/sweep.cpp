@@ -50,6 +50,56 @@ constexpr Index fewest_snapshots = 4;
 /// Points in a row that the first iterate answered, before several are tried together.
 constexpr Index streak_before_batch = 3;
 
+/// Tolerance, relative to the one asked for, of the first samples: nothing is known of their scatter.
+constexpr double of_first_samples = 1e-3;
+constexpr Index first_samples = 4;
+/// Scatter below this, relative to the samples, is not worth being right about.
+constexpr double least_scatter = 1e-6;
+/// Tolerances below this are rounding.
+constexpr double least_tolerance = 1e-12;
+
+/// How much the displacements of the bodies scatter between samples.
+class Scatter {
+ public:
+  explicit Scatter(const substructure::Structure& structure) : structure_(structure) {}
+
+  void add(const State& state) {
+    ++count_;
+    if (count_ == 1) {
+      mean_ = Matrix::Zero(state.traces.rows(), state.traces.cols());
+      squares_ = mean_;
+    }
+    const Matrix away = state.traces - mean_;
+    mean_ += away / static_cast<double>(count_);
+    squares_ += away.cwiseProduct(state.traces - mean_);
+  }
+  [[nodiscard]] Index count() const { return count_; }
+  /// The least of a body that scatters at all, relative to the size of its mean; at most 1.
+  [[nodiscard]] double least() const {
+    double least = 1.0;
+    for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
+      const auto rows = Eigen::seqN(structure_.body_rows()[b], structure_.bodies()[b].rows());
+      const Vector metric = structure_.trace_metric()(rows);
+      for (Index column = 0; column < mean_.cols(); ++column) {
+        const double size = mean_.col(column)(rows).cwiseAbs2().dot(metric);
+        const double variance =
+            squares_.col(column)(rows).cwiseAbs().dot(metric) / static_cast<double>(count_);
+        const double scatter = size > 0.0 ? std::sqrt(variance / size) : 1.0;
+        if (scatter > 0.0) {
+          least = std::min(least, std::max(scatter, least_scatter));
+        }
+      }
+    }
+    return least;
+  }
+
+ private:
+  const substructure::Structure& structure_;
+  Index count_ = 0;
+  Matrix mean_;
+  Matrix squares_;
+};
+
 class Sweep {
  public:
   Sweep(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
@@ -59,6 +109,8 @@ class Sweep {
       : laws_(laws),
         structure_(laws.structure()),
         options_(options),
+        scatter_(laws.structure()),
+        wanted_(options.rtol),
         amplitudes_(amplitudes),
         known_(std::move(known)),
         known_points_(std::move(known_points)),
@@ -123,8 +175,19 @@ class Sweep {
   }
 
  private:
+  /// The tolerance of the next samples.
+  void set_tolerance() {
+    if (!options_.scatter || options_.stop_on_indicator || !structure_.communicator().alone()) {
+      return;
+    }
+    const double fraction =
+        scatter_.count() < first_samples ? of_first_samples : 0.5 * scatter_.least();
+    options_.rtol = std::max(wanted_ * fraction, std::min(wanted_, least_tolerance));
+  }
+
   void walk(const std::vector<Index>& order) {
     for (std::size_t next = 0; next < order.size();) {
+      set_tolerance();
       const auto left = static_cast<Index>(order.size() - next);
       const Index together =
           streak_ < streak_before_batch ? 1 : std::min({left, most_together_, 2 * (streak_ - 1)});
@@ -205,8 +268,16 @@ class Sweep {
   }
 
   /// @throws Interrupted on all ranks if a callback of any of them did
-  void hand_out(Index point, const substructure::Laws& laws, const Summary& summary,
+  void hand_out(Index point, const substructure::Laws& laws, Summary summary,
                 const State& state) {
+    if (options_.scatter && structure_.rows() > 0) {
+      scatter_.add(state);
+      summary.scatter = scatter_.least();
+      if (summary.status != Status::converged && summary.status != Status::interrupted &&
+          summary.error <= wanted_) {
+        summary.status = Status::converged;  // of itself it is: what it scatters by is said beside it
+      }
+    }
     structure_.communicator().together([&] {
       try {
         point_callback_(point, laws, summary, state);
@@ -303,7 +374,9 @@ class Sweep {
 
   const substructure::Laws& laws_;
   const substructure::Structure& structure_;
-  const Options& options_;
+  Options options_;
+  Scatter scatter_;
+  double wanted_;  ///< tolerance asked for: that of the options follows the scatter
   const Matrix& amplitudes_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;

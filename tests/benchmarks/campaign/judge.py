@@ -382,7 +382,7 @@ def compare(
                 largest = measure.whole(model.norms, found.fields[k], nearest)
         all_errors += mine
     if case.kind == "samples" and all(s == "converged" for s in found.status):
-        said = max(found.said)
+        said = found.result.scatter_error
         single = [fields[0] for fields in found.fields]
         exact = [answers[0] for answers in every]
         all_errors += measure.spread(

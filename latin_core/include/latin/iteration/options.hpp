@@ -15,6 +15,8 @@ struct Options {
   Index newton;             ///< most interface unknowns for which Newton steps are taken; 0: never
   Index snapshots;  ///< earlier states combined for the start of a new point; 0: the nearest alone
   Index together = 1;  ///< points of a sweep that may be tried side by side
+  /// Points of a sweep are samples: what they scatter by is to be as right as they are.
+  bool scatter = false;
   /// Global stages on the steps alone, in single precision; an iterate is only accepted with its traces in
   /// double precision.
   bool single_precision = false;

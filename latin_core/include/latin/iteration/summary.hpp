@@ -46,6 +46,9 @@ struct Summary {
   /// The estimates it is the largest of, of the bodies on this rank: (groups, bodies), see
   /// substructure::ColumnGroups.
   Matrix errors;
+  /// Of a sample: least scatter of the displacements of a body between the samples so far, relative to their size;
+  /// 1 where it is not asked for or not known.
+  double scatter = 1.0;
   double indicator = 0.0;
   double energy = 0.0;  ///< u^T K u of the bodies with the springs assembled into them, all columns
   double global_s = 0.0;
