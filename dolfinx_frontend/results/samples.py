@@ -102,8 +102,8 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     @property
     def scatter_error(self) -> float:
-        """Largest relative error of the fluctuation of a part's displacements: that of the samples, relative to
-        what they scatter by."""
+        """Largest relative error of the fluctuation of a part's displacements: that of the samples, relative
+        to what they scatter by."""
         return float(np.nanmax(self.points.error) / self.points.scatter)
 
     @property
