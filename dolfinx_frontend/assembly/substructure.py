@@ -113,6 +113,29 @@ class Substructure:
         """K as a SciPy matrix."""
         return locked_matrix(csr(self.stiffness))
 
+    @cached_property
+    def diagonal(self) -> Array:
+        """Diagonal of K, (n,)."""
+        return np.asarray(self.matrix.diagonal(), dtype=np.float64)
+
+    @cached_property
+    def strainless(self) -> tuple[Array, Array]:
+        """Rigid motions (n, r) that K does not resist, and the inverse (r, r) of their inner products."""
+        modes, matrix = self.rigid_modes, self.matrix
+
+        def free(motions: Array) -> Any:
+            resisted = np.abs(matrix @ motions).max(axis=0)
+            return resisted <= _STRAINLESS * (self.diagonal[:, None] * np.abs(motions)).max(axis=0)
+
+        together = modes @ np.sqrt(1.0 + np.arange(modes.shape[1]))
+        if not free(together[:, None])[0]:  # a material with a foundation, say
+            modes = modes[:, free(modes)]
+        return modes, np.asarray(np.linalg.inv(modes.T @ modes), dtype=np.float64)
+
+
+_STRAINLESS = 1e-10
+"""A motion that K resists less than so, relative to its diagonal, is one that strains nothing."""
+
 
 def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
     """Volume and centre of gravity of a mesh; rejects cells that are inside out."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["columns", "record", "short"]
+__all__ = ["columns", "record", "short", "shown_error"]
 
 FEW = 6
 """Numbers that are shown one by one."""
@@ -40,6 +40,11 @@ def short(value: Any) -> str:
     if repr(value) == object.__repr__(value):  # an address
         return f"<{type(value).__name__}>"
     return repr(value)
+
+
+def shown_error(error: float) -> str:
+    """An estimated error; one that is not known is not a number."""
+    return f"{error:.1e}" if np.isfinite(error) else "not known"
 
 
 def record(self: Any) -> str:

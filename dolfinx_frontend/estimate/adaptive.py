@@ -15,6 +15,7 @@ import numpy.typing as npt
 from latin_core import Options
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -31,6 +32,7 @@ from dolfinx_frontend.estimate.errors import (
     errors,
     errors_of_samples,
     next_halving,
+    of_direct,
     not_known,
     sizes_of,
     whole_of,
@@ -38,6 +40,7 @@ from dolfinx_frontend.estimate.errors import (
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
@@ -143,7 +146,8 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
         of_meshes = error_of_meshes(result, quantity) if meshes else None
         target = _visible(accuracy, of_meshes, quantity, result)
         made = _settled(result, quantity)
-        while made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
+        iterated = bool(result.plan.active)
+        while iterated and made.relative("algebraic") > target and result.plan.options.rtol > FINEST:
             fall = min(0.5 * target / made.relative("algebraic"), DIGIT)
             result = result.tightened(max(result.plan.options.rtol * fall, FINEST))
             made = not_known(result, quantity)
@@ -168,13 +172,13 @@ def _visible(
 
 def _settled(result: Result, quantity: Resultant | None) -> Errors:
     """Algebraic error of a deterministic run."""
-    if quantity is None or not result.plan.active:
-        found = ErrorShare(result.error if result.plan.active else FINEST, how="its estimate")
-        if quantity is None:
-            return Errors(found, None, None, None, None)
+    if quantity is None:
+        estimate = ErrorShare(result.error, how="its estimate")
+        found = estimate if result.plan.active else of_direct(result, None)
+        return Errors(found, None, None, None, None)
+    if not result.plan.active:
         value = result.mean_std(quantity)
-        found = replace(found, quantity=FINEST * abs(value.mean), how="direct solve")
-        return Errors(found, None, None, quantity, value)
+        return Errors(of_direct(result, value), None, None, quantity, value)
     value = result.mean_std(quantity)
     tight = result.tightened(max(DIGIT * result.plan.options.rtol, FINEST))
     complete(tight)
@@ -199,11 +203,11 @@ def _with_errors(
     made = replace(made, asked=accuracy, discretisation=of_meshes)
     if made.relative("discretisation") > accuracy:
         notes += (
-            f"the meshes leave {made.relative('discretisation'):.1e}, more than asked: "
+            f"the meshes leave {shown_error(made.relative('discretisation'))}, more than asked: "
             "refine them",
         )
     if made.total > accuracy:
-        notes += (f"the accuracy was not reached: {made.total:.1e} is left",)
+        notes += (f"the accuracy was not reached: {shown_error(made.total)} is left",)
     if halving is not None and INTERRUPTED not in notes:
         made = replace(made, next_halving=halving(made))
     for note in notes:
@@ -417,7 +421,7 @@ def _by_rules(
             left = change * fall / (1.0 - fall)
             if len(changes) > 1 and left <= 0.5 * target:
                 whole = whole_of(value, rtol)
-                error = float(np.nanmax(samples.error))
+                error = largest_of(samples.error)
                 how = f"the change by the last of {points} points per germ, carried on"
                 made = Errors(
                     ErrorShare(error, error * abs(value.mean), error * abs(value.mean), "its estimate"),

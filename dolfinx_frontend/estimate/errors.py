@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.cost import shown
+from dolfinx_frontend.results.accuracy import largest_of, remedy
 from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.answer import AnswerKind
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, Source, share_of
@@ -44,6 +46,7 @@ __all__ = [
     "errors_of_samples",
     "by_solves",
     "next_halving",
+    "of_direct",
     "not_known",
     "sizes_of",
     "whole_of",
@@ -87,6 +90,12 @@ def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     return change
 
 
+def _over_ranks(result: ChaosResult, value: Any) -> Any:
+    """The sum of what the ranks have of something."""
+    comm = result.problem.comm
+    return value if comm is None else comm.allreduce(value)
+
+
 def distance(one: ChaosResult, other: ChaosResult) -> float:
     """Relative difference of two chaoses with the same kernel in the energy norm, over all columns.
 
@@ -99,7 +108,7 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
     data[:, places] -= other.state.data
     traces[:, places] -= other.state.traces
     forces = data - solver.directions[:, None] * traces
-    square = float(np.sum(traces * solver.weights[:, None] * forces))
+    square = float(_over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
     return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
 
 
@@ -124,6 +133,7 @@ def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Ar
     steps = result.steps
     metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
+    square = _over_ranks(result, square)
     of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
     if quantity is None or quantity.interface in result.collocations:
         return of_field, of_field
@@ -210,14 +220,17 @@ def _errors_of_run(
             if truncation is not None:
                 made = replace(made, truncation=truncation(tight, quantity))
         else:
-            value = made.moments
-            of_quantity = None if value is None else FINEST * abs(value.mean)
-            exact = ErrorShare(FINEST, of_quantity, how="direct solve")
-            made = replace(made, algebraic=exact, whole=None)
+            made = replace(made, algebraic=of_direct(result, made.moments), whole=None)
         made = replace(made, discretisation=error_of_meshes(result, quantity))
     except Interrupted:
         return replace(made, notes=(INTERRUPTED,))
     return replace(made, next_halving=next_halving(result, made))
+
+
+def of_direct(result: Result, value: MeanStd | None) -> ErrorShare:
+    """The algebraic error of a direct solution: what its corrections have left."""
+    error = max(result.error, FINEST)
+    return ErrorShare(error, None if value is None else error * abs(value.mean), how="direct solve")
 
 
 def complete(result: Result | SampleResult) -> None:
@@ -288,7 +301,11 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     truth = result.sample(result.space.sample(count, 1))
     complete(truth)
     names = result.plan.active if quantity is None else (quantity.interface,)
-    error = max(result.compared(name, [truth]).error for name in names)
+    problem = result.problem
+    here = [name for name in names if problem.speaks_for(name)]
+    with agreement(problem.comm):
+        compared = {name: result.compared(name, [truth]).error for name in here}
+    error = max(problem.gather(compared).values())
     how = f"{count} deterministic solves"
     if quantity is None:
         return ErrorShare(error, how=how)
@@ -307,7 +324,7 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
 
 def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
     """Errors of samples, from the differences between consecutive parts of the sample."""
-    error = float(np.nanmax(result.error))
+    error = largest_of(result.error)
     if quantity is None:
         raise SceneError("errors of samples: name a quantity, e.g. the interface of a Resultant")
     if result.weights is not None:
@@ -356,6 +373,9 @@ def _iteration_cost(result: Result) -> tuple[float, float]:
 def _smaller_tolerance(result: Result, made: Errors) -> str:
     flops, seconds = _iteration_cost(result)
     count = _iterations_for(result, 0.5)
+    if count is None:
+        advice = remedy(result.status) or "nothing of its run says how many iterations it would take"
+        return f"the error does not fall any more ({result.status}): {advice}"
     return (
         f"rtol = {0.5 * result.plan.options.rtol:.1e}: about {count} more iterations, "
         f"{shown(count * flops, 'Flop')}, {count * seconds:.2g} s"
@@ -386,20 +406,25 @@ def _smaller_cells(result: Result, made: Errors) -> str:
     )
 
 
+def _iterations_for(result: Result, fall: float) -> int | None:
+    """Iterations until the error has fallen by a factor, at the rate of the last half of the run; None: it
+    does not fall, or what is known of it says nothing."""
+    if result.status not in ("converged", "max_iterations"):
+        return None
+    record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
+    if len(record) < 2:
+        return 1 if result.converged else None
+    (first, before), (last, now) = record[len(record) // 2 - 1], record[-1]
+    if now >= before:
+        return None
+    return max(1, ceil(-log(fall) * (last - first) / log(before / now)))
+
+
 _HALVINGS: Mapping[Source, Callable[[Any, Errors], str]] = {
     "algebraic": _smaller_tolerance,
     "truncation": _more_modes,  # which only a chaos has among the runs
     "discretisation": _smaller_cells,
 }
-
-
-def _iterations_for(result: Result, fall: float) -> int:
-    """Iterations until the error has fallen by a factor, at the mean rate of the run."""
-    record = [(i.number, i.error) for i in result.summary.history if isfinite(i.error) and i.error > 0.0]
-    if len(record) < 2 or record[-1][1] >= record[0][1]:
-        return 1
-    rate = log(record[0][1] / record[-1][1]) / max(record[-1][0] - record[0][0], 1)
-    return max(1, ceil(-log(fall) / rate))
 
 
 _BY_KIND: Mapping[AnswerKind, Callable[[Any, Resultant | None], Errors]] = {

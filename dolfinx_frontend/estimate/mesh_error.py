@@ -25,6 +25,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
@@ -382,8 +383,8 @@ class _Dual:
                 raise Interrupted
         raise SceneError(
             f"the dual problem ended as {summary.status} after {summary.iterations} iterations (estimated "
-            f"error {summary.error:.1e}); without a quantity discretisation_error(result) needs none, and "
-            "the same scene "
+            f"error {shown_error(summary.error)}); without a quantity discretisation_error(result) needs "
+            "none, and the same scene "
             "on a finer mesh tells the error of a quantity as well"
         )
 

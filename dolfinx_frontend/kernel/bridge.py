@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 from latin_core import Laws, NumericalError, Structure, _core
@@ -23,11 +24,13 @@ from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.plan.reduction import Body, reduce
+from dolfinx_frontend.plan.reduction import Body, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
 
 __all__ = [
+    "Acting",
+    "Built",
     "active_fields",
     "build",
     "definite",
@@ -147,8 +150,12 @@ def _body(
     problem: Problem,
     patterns: Mapping[Amplitude | None, Body],
     floors: Mapping[tuple[str, str], Array] | None = None,
+    corrected: bool = False,
 ) -> _core.Body:
-    """A body in the kernel's terms; `patterns` are the body under each load pattern."""
+    """A body in the kernel's terms; `patterns` are the body under each load pattern.
+
+    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected.
+    """
     body = next(iter(patterns.values()))
     members = []
     for name in body.members:
@@ -167,6 +174,8 @@ def _body(
         interface = problem.interfaces[name]
         fields, *others = (interface.law.pattern(a).fields(interface) for a in patterns)
         stiffness = _spring_stiffness(interface, fields.components, floors or {})
+        if corrected:
+            stiffness = factorised_stiffness(problem, interface, stiffness)
         springs.append(
             _core.Spring(
                 name=name,
@@ -200,9 +209,42 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     return True
 
 
+@dataclass(frozen=True)
+class Acting:
+    """What acts on a part, one column a load pattern.
+
+    Attributes
+    ----------
+    load, offset
+        (n, l): forces, and displacements that supports and glue prescribe.
+    """
+
+    load: Array
+    offset: Array
+
+
+class Built(NamedTuple):
+    """A structure, and what is known of its parts.
+
+    Attributes
+    ----------
+    structure
+        The kernel's.
+    bodies
+        Names of the parts of every body on this rank.
+    acting
+        Part on this rank -> what acts on it; of a plan without active interfaces only.
+    """
+
+    structure: Structure
+    bodies: tuple[tuple[str, ...], ...]
+    acting: dict[str, Acting]
+
+
 @alone
-def build(problem: Problem, plan: Plan) -> Structure:
+def build(problem: Problem, plan: Plan) -> Built:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
+
 
     Raises
     ------
@@ -216,7 +258,8 @@ def build(problem: Problem, plan: Plan) -> Structure:
     found = {}
     with agreement(comm):
         reduced = _reduced(own, plan)
-        bodies = [_body(own, patterns) for patterns in reduced]
+        corrected = plan.method == "direct"
+        bodies = [_body(own, patterns, corrected=corrected) for patterns in reduced]
         for name in plan.active:
             if name not in own.interfaces:
                 continue
@@ -269,7 +312,16 @@ def build(problem: Problem, plan: Plan) -> Structure:
         len(interfaces),
         perf_counter() - began,
     )
-    return core
+    together = [list(patterns.values()) for patterns in reduced]
+    acting = {
+        name: Acting(
+            _side_by_side(each.load[name] for each in patterns),
+            _side_by_side(each.offset[name] for each in patterns),
+        )
+        for patterns in (together if corrected else [])
+        for name in patterns[0].members
+    }
+    return Built(core, tuple(patterns[0].members for patterns in together), acting)
 
 
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:

@@ -12,6 +12,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 from latin_core import (
     Iteration,
@@ -27,6 +28,7 @@ from latin_core import sweep as kernel_sweep
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
@@ -49,6 +51,10 @@ class Solver:
         What was built.
     laws
         The laws of the plan, what is random at its mean.
+    bodies
+        Names of the parts of every body on this rank.
+    acting
+        Part on this rank -> loads and prescribed displacements; of a direct plan only.
     weights, directions
         (rows,) areas and search directions of the active interface points on this rank.
     costs
@@ -58,7 +64,10 @@ class Solver:
     def __init__(self, problem: Problem, plan: Plan) -> None:
         self.problem = problem
         self.plan = plan
-        self._core = bridge.build(problem, plan)
+        self._core, own, self.acting = bridge.build(problem, plan)
+        every = [own] if problem.comm is None else problem.comm.allgather(own)
+        self.bodies = tuple(body for bodies in every for body in bodies)
+        self._first_body = sum(len(bodies) for bodies in every[: problem.rank])
         with agreement(problem.comm):
             self.laws = bridge.laws(self._core, problem, plan)
         self.weights = read_only(self._core.weights)
@@ -127,9 +136,10 @@ class Solver:
             began = perf_counter()
 
             def each(iteration: Iteration) -> None:
-                bar.step(error=f"{iteration.error:.1e}")
+                bar.step(error=shown_error(iteration.error))
                 if noisy:
-                    _log.debug("iteration %d: estimated error %.2e", iteration.number, iteration.error)
+                    error = shown_error(iteration.error)
+                    _log.debug("iteration %d: estimated error %s", iteration.number, error)
                 if callback is not None:
                     callback(iteration)
 
@@ -141,8 +151,8 @@ class Solver:
                 callback=interrupt.watch(each),
             )
         seconds = perf_counter() - began
-        text = "%s after %d iterations, estimated error %.1e, %.2f s"
-        _log.info(text, summary.status, summary.iterations, summary.error, seconds)
+        text = "%s after %d iterations, estimated error %s, %.2f s"
+        _log.info(text, summary.status, summary.iterations, shown_error(summary.error), seconds)
         if interrupt.pressed and summary.status != "interrupted":
             _log.warning("Ctrl-C came when the iteration had ended; press it twice to end the program")
         return summary, state
@@ -183,6 +193,7 @@ class Solver:
             outputs,
             start,
         )
+        self._over_ranks(points)
         blocks = [points.iterations, points.error, points.seconds, points.status, points.states]
         blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
         for block in blocks:
@@ -190,10 +201,25 @@ class Solver:
                 block.flags.writeable = False
         return points
 
+    def _over_ranks(self, points: SweepPoints) -> None:
+        """Of the largest errors that the ranks have seen, the place of the largest; collective."""
+        points.worst[points.worst[:, 1] >= 0, 1] += self._first_body
+        comm = self.problem.comm
+        if comm is None:
+            return
+        errors, places = zip(*comm.allgather((points.largest, points.worst)), strict=True)
+        which = np.argmax(errors, axis=0)
+        points.largest[:] = np.max(errors, axis=0)
+        points.worst[:] = np.stack(places)[which, np.arange(len(which))]
+
     def displacements(self, laws: Laws, state: State, amplitudes: Array) -> dict[str, Array]:
         """Substructure on this rank -> unknowns (n, columns) of a state."""
         fields = self._core.displacements(laws, state, amplitudes)
         return {name: read_only(u) for name, u in fields.items()}
+
+    def response_to(self, forces: Mapping[str, Array]) -> dict[str, Array]:
+        """Displacements (n, columns) of the parts on this rank under forces (n, columns) and nothing else."""
+        return self._core.response_to(forces)
 
     def local_fields(self, laws: Laws, interface: str, state: State) -> tuple[Array, Array]:
         """Force and jump (rows, columns) of an active interface; collective where it joins two ranks."""

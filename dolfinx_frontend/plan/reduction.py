@@ -26,6 +26,7 @@ __all__ = [
     "body_load",
     "body_matrix",
     "displacements",
+    "factorised_stiffness",
     "members_of_bodies",
     "reduce",
     "spring_jump",
@@ -389,6 +390,18 @@ def spring_jump(problem: Problem, name: str, u: Mapping[str, Array]) -> Array:
         jump = jump + i.local_trace(1) @ u[i.sides[1].substructure]
     out: Array = jump.reshape(i.num_points, i.dim, *jump.shape[1:])
     return out
+
+
+SOFT, STIFF = 1e-8, 1e5
+"""Range of kappa, relative to E / L of the softer part, that is factorised as it is where corrections follow:
+beyond it rounding would take more than corrections give back."""
+
+
+def factorised_stiffness(problem: Problem, interface: Interface, kappa: Array) -> Array:
+    """kappa of a spring as it is factorised where corrections follow: brought into that range."""
+    parts = [problem.substructures[side.substructure] for side in interface.sides]
+    unit = min(part.modulus / part.length for part in parts)
+    return np.where(kappa > 0.0, np.clip(kappa, SOFT * unit, STIFF * unit), kappa)
 
 
 def _law(problem: Problem, laws: Mapping[str, Law] | None, name: str) -> Law:

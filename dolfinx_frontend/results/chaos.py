@@ -14,6 +14,7 @@ from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
@@ -231,7 +232,7 @@ class ChaosResult(Result, StochasticResult):
         return None
 
     def mean_std(self, quantity: Resultant) -> MeanStd:
-        """A total force or mean jump, of a history at its end."""
+        """A total force or mean jump, of a history at its end; collective."""
         if quantity.interface in self.collocations:
             sums = Accumulator()
             for block in self.moment_blocks():
@@ -242,13 +243,17 @@ class ChaosResult(Result, StochasticResult):
         return MeanStd(float(mean), float(std))
 
     def resultant_coefficients(self, quantity: Resultant) -> Array:
-        """Chaos coefficients (P + 1,) of a total force or mean jump, of a history at its end."""
-        read = self.force_coefficients if quantity.of == "force" else self.jump_coefficients
-        values = quantity.total(
-            np.moveaxis(read(quantity.interface), -1, 0),
-            self.problem.interfaces[quantity.interface].weights,
-        )
-        return values if self.times is None else values[..., -1]
+        """Chaos coefficients (P + 1,) of a total force or mean jump, of a history at its end; collective."""
+
+        def read() -> Array:
+            block = self.force_coefficients if quantity.of == "force" else self.jump_coefficients
+            values = quantity.total(
+                np.moveaxis(block(quantity.interface), -1, 0),
+                self.problem.interfaces[quantity.interface].weights,
+            )
+            return values if self.times is None else values[..., -1]
+
+        return self.everywhere(quantity.interface, read)
 
     @property
     def kind(self) -> AnswerKind:
@@ -621,7 +626,7 @@ class ChaosResult(Result, StochasticResult):
         text = (
             f"ChaosResult({self.status}, {self.modes} modes of order {self.chaos.order} in "
             f"{self.space.dimension} germs, {self.iterations} iterations, estimated error "
-            f"{self.error:.1e}, {sum(self.seconds.values()):.2f} s"
+            f"{shown_error(self.error)}{self._where()}, {sum(self.seconds.values()):.2f} s"
         )
         if self.collocations:
             limit = percent(self.chaos.tolerance)

@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.resultant import Resultant
 
@@ -114,7 +115,7 @@ class Errors:
 
     def __repr__(self) -> str:
         of = "the energy norm" if self.quantity is None else str(self.quantity)
-        return f"Errors(of {of}: {self.total:.1e} in all, most of it {self.dominating})"
+        return f"Errors(of {of}: {shown_error(self.total)} in all, most of it {self.dominating})"
 
     def __str__(self) -> str:
         where = "energy norm" if self.quantity is None else str(self.quantity)
@@ -127,7 +128,7 @@ class Errors:
             if share is not None:
                 mark = "  <- dominates" if source == self.dominating else ""
                 relative = self.relative(source)
-                lines.append(f"  {source:<15}{relative:9.1e}  ({share.how}){mark}")
+                lines.append(f"  {source:<15}{shown_error(relative):>9}  ({share.how}){mark}")
         if self.next_halving:
             lines.append(f"  half of it: {self.next_halving}")
         return "\n".join(lines + [f"  {note}" for note in self.notes])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface
 from dolfinx_frontend.results.face import Face
@@ -37,26 +38,40 @@ class OnePoint(Face):
     ----------
     whole
         Of which it is a point.
-    status, iterations, error
-        How its iteration ended, global stages, estimated relative error.
+    status, iterations, error, place
+        How its iteration ended, global stages, estimated relative error (NaN: not known) and where it is
+        largest.
     """
 
     status: str = ""
 
     def __init__(
-        self, whole: Any, block: Callable[[], Block], status: str, iterations: int, error: float
+        self,
+        whole: Any,
+        block: Callable[[], Block],
+        status: str,
+        iterations: int,
+        error: float,
+        place: str = "",
     ) -> None:
         self.whole, self._block = whole, block
         self.problem, self.plan, self.seconds = whole.problem, whole.plan, whole.seconds
-        self.status, self.iterations, self.error = status, iterations, error
+        self.status, self.iterations, self.error, self.place = status, iterations, error, place
 
     def __repr__(self) -> str:
-        return f"OnePoint({self.status}, {self.iterations} iterations, estimated error {self.error:.1e})"
+        where = f" in {self.place}" if self.place and not self.converged else ""
+        error = shown_error(self.error)
+        return f"OnePoint({self.status}, {self.iterations} iterations, estimated error {error}{where})"
 
     @property
     def kind(self) -> AnswerKind:
         """``"deterministic"``, or ``"history"`` of a load history."""
         return "deterministic" if self.times is None else "history"
+
+    @property
+    def statuses(self) -> tuple[str, ...]:
+        """Status of every time step, of a static answer one: that of the point."""
+        return (self.status,) * (1 if self.times is None else len(self.times))
 
     @property
     def converged(self) -> bool:

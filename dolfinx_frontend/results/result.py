@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from latin_core import Laws, State, Summary
 
+from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import (
     Continuation,
@@ -55,6 +58,10 @@ class Result(Value, Face):
         The factorised structure, which other results may share, and the laws it was solved with.
     found
         Errors that ``solve(accuracy=...)`` has measured on its way.
+    accuracy
+        Estimated errors by part, step, mean and fluctuation; None: only the largest is known.
+    corrected
+        Of a direct solve: the solution after its corrections; None: it was iterated on.
     """
 
     problem: Problem
@@ -66,6 +73,8 @@ class Result(Value, Face):
     laws: Laws
     cuts: Mapping[str, tuple[Array, Array]]
     found: Errors | None = field(default=None, kw_only=True)
+    accuracy: Accuracy | None = field(default=None, kw_only=True)
+    corrected: Corrected | None = field(default=None, kw_only=True)
     estimator: Estimator = field(default=not_measured, kw_only=True)
     continuation: Continuation = field(default=not_continued, kw_only=True)
 
@@ -81,13 +90,16 @@ class Result(Value, Face):
 
     @property
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``."""
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``; of a
+        direct solve ``"converged"`` or ``"inexact"``: rounding leaves more than the tolerance."""
+        if self.corrected is not None:
+            return direct_status(self.corrected.accuracy, self.plan.options.rtol)
         return self.summary.status
 
     @property
     def converged(self) -> bool:
         """Whether the tolerance was reached."""
-        return self.summary.status == "converged"
+        return self.status == "converged"
 
     @property
     def iterations(self) -> int:
@@ -96,8 +108,39 @@ class Result(Value, Face):
 
     @property
     def error(self) -> float:
-        """Estimated relative error, in strain energy and in displacement of the interfaces."""
-        return self.summary.error
+        """Estimated relative error, in strain energy and in displacement of the interfaces: the largest of
+        all parts and steps, of mean and fluctuation; NaN: not known."""
+        if self.corrected is not None:
+            return self.corrected.accuracy.largest
+        return self.summary.error if np.isfinite(self.summary.error) else float("nan")
+
+    @property
+    def place(self) -> str:
+        """Where the largest error is: ``"part mount, step 7, fluctuation"``; empty: not known."""
+        return "" if self.accuracy is None else self.accuracy.place
+
+    @property
+    def step_errors(self) -> Array:
+        """Estimated relative error of every time step, (T,), of a static answer (1,); NaN: not known."""
+        count = 1 if self.times is None else len(self.times)
+        if self.accuracy is None:
+            return np.full(count, self.error)
+        return self.accuracy.by_step(count)
+
+    @property
+    def statuses(self) -> tuple[str, ...]:
+        """Status of every time step, of a static answer one: a step converged if those before it did, too."""
+        count = 1 if self.times is None else len(self.times)
+        if self.converged:
+            return ("converged",) * count
+        good = np.cumprod(self.step_errors <= self.plan.options.rtol) > 0
+        return tuple("converged" if each else self.status for each in good)
+
+    @property
+    def ended(self) -> str:
+        """Status, estimated error, its place and, if the run did not converge, a remedy, in a sentence."""
+        iterations = None if self.corrected is not None else self.iterations
+        return ended(self.status, self.error, self.place, self.plan.options.rtol, iterations)
 
     @property
     def kind(self) -> AnswerKind:
@@ -125,8 +168,12 @@ class Result(Value, Face):
         return more
 
     def mean_std(self, quantity: Resultant) -> MeanStd:
-        """A total force or mean jump, of a history at its end; its standard deviation if it is random."""
-        return MeanStd(float(np.ravel(quantity.value(self))[-1]), None)
+        """A total force or mean jump, of a history at its end; its standard deviation if it is random.
+
+        Collective: to be called on all ranks.
+        """
+        value = self.everywhere(quantity.interface, lambda: quantity.value(self))
+        return MeanStd(float(np.ravel(value)[-1]), None)
 
     def unknowns(self, part: str) -> Array:
         """Unknowns ([T,] n) of a part, length; interior fields are recovered when first asked for."""
@@ -135,7 +182,10 @@ class Result(Value, Face):
 
     @cached_property
     def _recovered(self) -> dict[str, Array]:
-        fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
+        if self.corrected is not None:
+            fields = dict(self.corrected.displacements)
+        else:
+            fields = self.solver.displacements(self.laws, self.state, self.plan.amplitudes)
         return {name: read_only(timed(self.plan, fields[name])) for name in self.problem.substructures}
 
     def force(self, interface: str) -> Array:
@@ -181,6 +231,8 @@ class Result(Value, Face):
     def _local(self, name: str) -> tuple[Array, Array]:
         """Force and jump ([T,] m, components) of an interface."""
         self._check_interface(name)
+        if self.corrected is not None and name in self.corrected.springs:
+            return self._spring(*self.corrected.springs[name], self.problem.interfaces[name])
         if name not in self.plan.active:
             force, jump = self._eliminated(name, self._as_sample)
             return force[0], jump[0]
@@ -191,14 +243,24 @@ class Result(Value, Face):
         )
         return force, jump
 
+    def _spring(self, force: Array, jump: Array, interface: Interface) -> tuple[Array, Array]:
+        """Force and jump ([T,] m, components) of an assembled spring, of a solution with corrections."""
+        both = (each.reshape(interface.num_points, interface.dim, -1) for each in (force, jump))
+        components = interface.law.count(interface.dim)
+        force, jump = (timed(self.plan, each[:, :components]) for each in both)
+        return force, jump
+
     def _kernel_fields(self, name: str) -> tuple[Array, Array]:
         return self.cuts[name] if name in self.cuts else self.solver.local_fields(self.laws, name, self.state)
+
+    def _where(self) -> str:
+        return f" in {self.place}" if self.place and not self.converged else ""
 
     def __repr__(self) -> str:
         steps = "" if self.plan.times is None else f"{len(self.plan.times)} time steps, "
         return (
             f"{type(self).__name__}({self.status}, {steps}{self.iterations} iterations, "
-            f"estimated error {self.error:.1e}, {sum(self.seconds.values()):.2f} s)"
+            f"estimated error {shown_error(self.error)}{self._where()}, {sum(self.seconds.values()):.2f} s)"
         )
 
 

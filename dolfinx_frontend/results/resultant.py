@@ -71,9 +71,14 @@ class Resultant:
         return np.asarray(total if self.of == "force" else total / weights.sum())
 
     def at_end(self, answer: Any, fields: Any) -> Array:
-        """The number (N,) in samples of an answer, of a history at its end."""
-        values = self.total(self.field(fields), answer.problem.interfaces[self.interface].weights)
-        return values if answer.times is None else values[..., -1]
+        """The number (N,) in samples of an answer, of a history at its end; collective."""
+
+        def read() -> Array:
+            values = self.total(self.field(fields), answer.problem.interfaces[self.interface].weights)
+            return values if answer.times is None else values[..., -1]
+
+        found: Array = answer.everywhere(self.interface, read)
+        return found
 
     def value(self, result: Any) -> Array:
         """The number in a result: (), (T,) of a history, (N,) of samples.

@@ -12,11 +12,13 @@ from latin_core import Laws, SweepPoints, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
+from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
@@ -100,8 +102,8 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     @property
     def scatter_error(self) -> float:
-        """Largest relative error of the fluctuation of a part's displacements: that of the samples, relative to
-        what they scatter by."""
+        """Largest relative error of the fluctuation of a part's displacements: that of the samples, relative
+        to what they scatter by."""
         return float(np.nanmax(self.points.error) / self.points.scatter)
 
     @property
@@ -178,7 +180,7 @@ class SampleResult(Value, PointResults, StochasticResult):
         return out
 
     def mean_std(self, quantity: Resultant) -> MeanStd:
-        """A total force or mean jump, of a history at its end."""
+        """A total force or mean jump, of a history at its end; collective."""
         sums = Accumulator()
         sums.add({"": quantity.at_end(self, self)}, self.weights)
         mean, std = sums.found()[""]
@@ -193,8 +195,11 @@ class SampleResult(Value, PointResults, StochasticResult):
         return count if self.complete else f"{int(self.finished.sum())} of {count} (INTERRUPTED)"
 
     def __repr__(self) -> str:
+        lost = int(np.sum(self.statuses[self.finished] != "converged"))
+        worst = f", {lost} not converged, the worst {self.status} in {self.place}" if lost else ""
+        error = shown_error(largest_of(self.error[self.finished]))
         return (
             f"SampleResult({self.sampling}, {self._count()} points, "
             f"{int(self.iterations[self.finished].sum())} iterations, largest estimated error "
-            f"{np.max(self.error[self.finished], initial=0.0):.1e}, {sum(self.seconds.values()):.2f} s)"
+            f"{error}{worst}, {sum(self.seconds.values()):.2f} s)"
         )

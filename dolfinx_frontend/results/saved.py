@@ -14,6 +14,7 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
@@ -191,8 +192,11 @@ class SavedResult(Face):
         Where it came from.
     kind
         ``"deterministic"``, ``"history"``, ``"chaos"``, ``"samples"`` or ``"sweep"``.
-    status, iterations, error
-        How the run ended; of samples and sweeps the worst status, the sum, the largest.
+    status, iterations, error, place
+        How the run ended and where the error is largest; of samples and sweeps the worst status, the sum, the
+        largest. NaN: the error is not known.
+    statuses
+        Status of every time step; of samples and sweeps of every point.
     plan, problem
         Printed, as they were; times, active interfaces, parts and interfaces.
     software
@@ -219,6 +223,9 @@ class SavedResult(Face):
     ) -> None:
         self.path, self.plan, self.problem, self.chaos = path, plan, problem, chaos
         self.iterations, self.error = int(tree["iterations"]), float(tree["error"])
+        self.place = str(tree.get("place", ""))
+        statuses = tree["points"]["status"] if "points" in tree else tree.get("statuses", ())
+        self.statuses = tuple(str(each) or "interrupted" for each in statuses)
         self.software = str(tree["software"])
         self.germs, self.weights = _optional(tree, "germs"), _optional(tree, "weights")
         self.axes = {name: _numbers(v, name, 1) for name, v in tree.get("axes", {}).items()}
@@ -488,9 +495,10 @@ class SavedResult(Face):
         write(path, self._tree if fields else _without_fields(self._tree))
 
     def __repr__(self) -> str:
+        where = f" in {self.place}" if self.place and not self.converged else ""
         return (
             f"<SavedResult {self.path}: {self.kind}, {self.status}, {self.iterations} iterations, "
-            f"{len(self.interfaces)} interfaces, estimated error {self.error:.1e}>"
+            f"{len(self.interfaces)} interfaces, estimated error {shown_error(self.error)}{where}>"
         )
 
 

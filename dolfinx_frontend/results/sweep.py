@@ -18,6 +18,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
@@ -29,8 +30,8 @@ from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
 
-STATUSES = ("converged", "max_iterations", "stagnated", "diverged", "interrupted")
-"""How an iteration ends, from the best to the worst."""
+STATUSES = ("converged", "inexact", "max_iterations", "stagnated", "diverged", "interrupted")
+"""How a solution ends, from the best to the worst."""
 
 
 class PointResults(Face):
@@ -58,8 +59,42 @@ class PointResults(Face):
 
     @property
     def error(self) -> Array:
-        """Estimated relative error of every point, NaN where it was not reached."""
-        return self.points.error.reshape(self.shape)
+        """Estimated relative error of every point, NaN where it was not reached or is not known."""
+        return known(self.points.error).reshape(self.shape)
+
+    @property
+    def statuses(self) -> npt.NDArray[np.str_]:
+        """Status of every point, ``"interrupted"`` where it was not reached."""
+        found = np.array([str(each) or "interrupted" for each in self.points.status])
+        return found.reshape(self.shape)
+
+    @property
+    def places(self) -> npt.NDArray[np.str_]:
+        """Where the largest error of every point is: ``"part mount, step 7"``; empty: not known."""
+        worst, bodies = self.points.worst, self.solver.bodies
+        found = [place_of(self.plan, bodies, each) for each in worst] or [""] * len(self.points.status)
+        return np.array(found).reshape(self.shape)
+
+    @property
+    def place(self) -> str:
+        """The point that ended worst, of those the one with the largest error, and where that is."""
+        ranks = [STATUSES.index(str(each)) for each in self.statuses.ravel()]
+        errors = np.where(np.isfinite(self.error), self.error, np.inf).ravel()
+        if not ranks:
+            return ""
+        number = max(range(len(ranks)), key=lambda k: (ranks[k], errors[k]))
+        words = [f"point {number}", str(self.places.ravel()[number])]
+        return ", ".join(word for word in words if word)
+
+    @property
+    def ended(self) -> str:
+        """The worst status, its estimated error and place and, if it did not converge, a remedy."""
+        error = largest_of(self.error[self.finished])
+        count = int(np.sum(self.statuses != "converged"))
+        text = ended(self.status, error, self.place, self.plan.options.rtol)
+        if not count:
+            return text
+        return f"{count} of {self.statuses.size} points did not converge, the worst as {text}"
 
     @property
     def finished(self) -> npt.NDArray[np.bool_]:
@@ -169,7 +204,8 @@ class PointResults(Face):
             partial(self._block, slice(number, number + 1)),
             str(self.points.status[number]),
             int(self.points.iterations[number]),
-            float(self.points.error[number]),
+            float(self.error.ravel()[number]),
+            str(self.places.ravel()[number]),
         )
 
     def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
@@ -278,9 +314,10 @@ class SweepResult(Value, PointResults):
     def __repr__(self) -> str:
         done = f"{int(self.finished.sum())} solved" + ("" if self.complete else " (INTERRUPTED)")
         total = int(self.iterations[self.finished].sum())
+        worst = "" if np.all(self.converged[self.finished]) else f", worst: {self.status} in {self.place}"
         return (
             f"SweepResult({' x '.join(str(n) for n in self.shape)} points, {done}, "
-            f"{int(self.converged.sum())} converged, {total} iterations, "
+            f"{int(self.converged.sum())} converged{worst}, {total} iterations, "
             f"{sum(self.seconds.values()):.2f} s)"
         )
 

@@ -12,6 +12,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
 from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
+from dolfinx_frontend.results.accuracy import largest_of
 from dolfinx_frontend.results.readings import Readings
 
 __all__ = ["FORMAT", "VERSION", "ResultFileError", "save", "write"]
@@ -70,7 +71,8 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         "kind": answer.kind,
         "status": answer.status,
         "iterations": int(np.atleast_1d(answer.iterations)[reached].sum()),
-        "error": float(np.max(np.atleast_1d(answer.error)[reached], initial=0.0)),
+        "error": largest_of(np.atleast_1d(answer.error)[reached]),
+        "place": answer.place,
         "software": chaos_file.software(),
         "plan": str(plan),
         "problem": repr(problem),
@@ -89,6 +91,8 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
     if plan.times is not None:
         tree["times"] = np.asarray(plan.times, dtype=np.float64)
     tree |= answer.extra_content(tuple(problem.substructures) if fields else (), samples, seed)
+    if "points" not in tree:
+        tree["statuses"] = [str(each) for each in np.ravel(answer.statuses)]
     why = answer.without_displacements if fields else NO_FIELDS
     if why is not None:
         tree["no_displacements"] = why

@@ -12,8 +12,10 @@ from latin_core import Iteration, State
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
+from dolfinx_frontend.solvers.refinement import corrected
 from dolfinx_frontend.solvers.support import check_support
 
 __all__ = ["solve_on", "solve_once", "start_states"]
@@ -36,12 +38,7 @@ def solve_once(
     result = _run(solver, plan, start_states(start), setup, callback, progress, estimator)
     if not result.converged:
         # logged as for the points of a sweep: the answer is there, with its estimated error
-        _log.warning(
-            "the iteration ended as %s after %d iterations (estimated error %.1e)",
-            result.status,
-            result.iterations,
-            result.error,
-        )
+        _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status != "interrupted":  # which is returned, whatever it is
         check_support(result)
     return result
@@ -67,8 +64,13 @@ def _run(
     began = perf_counter()
     laws = solver.laws
     summary, state = solver.run(laws, plan.options, plan.amplitudes, start, callback, progress)
-    seconds = {"setup": setup, "solve": perf_counter() - began}
     cuts = solver.fields_of_cuts(laws, state)
+    checked = corrected(solver) if plan.method == "direct" else None
+    if checked is not None:
+        accuracy: Accuracy | None = checked.accuracy
+    else:
+        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
+    seconds = {"setup": setup, "solve": perf_counter() - began}
     kind = Result if plan.times is None else HistoryResult
     return kind(
         solver.problem,
@@ -79,6 +81,8 @@ def _run(
         solver,
         laws,
         cuts,
+        accuracy=accuracy,
+        corrected=checked,
         estimator=estimator,
         continuation=solve_on,
     )

@@ -34,6 +34,7 @@ from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
+from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import Result
@@ -463,6 +464,7 @@ def _run(
         basis=basis,
         proven=proven,
         collocations=collocations,
+        accuracy=accuracy_of_run(summary, plan, solver.bodies, problem.comm),
         estimator=estimator,
         continuation=_tightened,
         sampler=sample_chaos,

@@ -214,7 +214,7 @@ def sample_on(
     def done(point: int, summary: Any) -> None:
         nonlocal iterations
         iterations += summary.iterations
-        warn_unconverged("sample", point, summary)
+        warn_unconverged("sample", point, summary, solver)
         bar.step(iterations=iterations)
 
     began = perf_counter()

@@ -27,6 +27,7 @@ count unless it is an interface of the scene.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -59,13 +60,23 @@ _ROUNDS = 300
 _CONVEX = 100.0
 """Weight of the condition that the fractions of bounded forces sum up to 1."""
 
+_CLIMB = 1.5
+"""A motion that opens no point by more than this, relative to friction times the largest slip, is a slip."""
+
 _JAMMED = 1e-6
 """Cosine below which a force counts as perpendicular to a motion."""
+
+_FLOATS = 10.0
+"""A part whose rigid motion is so much larger than its other displacements floats."""
+
+_TURNS = 1e-2
+"""Rotations that move the points of a part by less than this, relative to its translations, are not named."""
 
 _TOUCHING = 1e-6
 """Opening, relative to the face's size, below which two faces touch."""
 
 
+_log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 
@@ -305,7 +316,10 @@ def _without_climb(grips: Mapping[str, _Grip], motion: Array) -> Array:
     rows = []
     for grip in grips.values():
         g, v = grip.opening @ motion, np.linalg.norm(grip.slip @ motion, axis=1)
-        climbs = (v > 0.0) & (g > 0.0) & (g <= 1.01 * grip.friction * v)
+        climb = grip.friction * v
+        # a rigid motion that climbs enough where it slips most rises a little more elsewhere
+        limit = _CLIMB * climb.max(initial=0.0)
+        climbs = (g > 0.0) & (g <= (limit if g.max(initial=0.0) <= limit else 1.01 * climb))
         rows.append(grip.opening[climbs])
     G = np.concatenate(rows) if rows else np.zeros((0, len(motion)))
     if not len(G):
@@ -316,7 +330,7 @@ def _without_climb(grips: Mapping[str, _Grip], motion: Array) -> Array:
 
 def _names(motions: FreeMotions, motion: Array) -> tuple[str, str]:
     """Who moves, and how."""
-    moving = motions.describe(motion[:, None])
+    moving = motions.describe(_rounded(motion, motions)[:, None])
     who = "; ".join(quoted(names) for names, _ in moving[:4])
     how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
     return who, how
@@ -337,7 +351,7 @@ def _check_loads(
         return
     shown = _without_climb(grips, motion)
     who, how = _names(motions, shown)
-    events = "; ".join(_events(grips, motion)) or "no interface holds it"
+    events = "; ".join(_events(grips, shown)) or "no interface holds it"
     raise SceneError(
         f"no equilibrium{when}: {who} has lost its support: the loads move it by {how}, and no forces of "
         f"its interfaces balance them: {events}; {_MEND}"
@@ -452,6 +466,8 @@ def check_support(result: Result) -> None:
             checks[k] = _Check(motions, resistances, balance)
     if not checks:
         return
+    if not result.converged:
+        _tell_motion(result, checks)
 
     def loads_are_balanced() -> None:
         for k, each in sorted(checks.items()):
@@ -485,6 +501,53 @@ def check_support(result: Result) -> None:
                 return
 
     _decide(problem, parts_are_held)
+
+
+def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:
+    """Log the rigid motion in which the last iterate of a run without an answer floats, if it does."""
+    if result.problem.distribution is not None:
+        return  # a fit to the displacements of all parts
+    step, each = max(checks.items())
+    motions, parts = each.motions, result.problem.substructures
+    members = [name for names in motions.groups for name in names]
+    fields = {name: result.unknowns(name) for name in members}
+    moved = {n: (u if result.times is None else u[step]).reshape(-1, parts[n].dim) for n, u in fields.items()}
+    size = max(float(np.abs(u).max()) for u in moved.values())
+    if not (np.isfinite(size) and size > 0.0):
+        return
+    at = {name: motions.at(name, parts[name].dof_coordinates).reshape(-1, len(motions)) for name in members}
+    stacked = np.concatenate(list(at.values()))
+    field = np.concatenate([moved[name].ravel() for name in members]) / size
+    motion = np.linalg.lstsq(stacked, field, rcond=None)[0]
+    floating = float(np.abs(stacked @ motion).max())
+    left = float(np.abs(field - stacked @ motion).max())
+    if floating < _FLOATS * left:
+        return
+    who, how = _names(motions, motion)
+    when = "" if result.times is None else f" at step {step}"
+    _log.warning(
+        "the last iterate has moved %s by %s, as far as %.2g%s, and strains it by %.2g: only contact and "
+        "friction hold it; %s",
+        who,
+        how,
+        floating * size,
+        when,
+        left * size,
+        _MEND,
+    )
+
+
+def _rounded(motion: Array, motions: FreeMotions) -> Array:
+    """The motion without the rotations that move less than a percent of what its translations do."""
+    groups, r, _ = motions.basis.shape
+    d = 2 if r == 3 else 3
+    parted = (motions.basis @ motion).reshape(groups, r)
+    turned = np.abs(parted[:, d:]).max(initial=0.0)
+    if turned >= _TURNS * np.abs(parted[:, :d]).max(initial=0.0):
+        return motion
+    rotations = motions.basis[:, d:].reshape(-1, len(motions))
+    straight = motion - np.linalg.pinv(rotations, rcond=1e-6) @ (rotations @ motion)
+    return straight if np.linalg.norm(straight) > 0.9 * np.linalg.norm(motion) else motion
 
 
 def _answers(result: Result, interface: Interface, steps: list[Problem]) -> list[_Reached]:

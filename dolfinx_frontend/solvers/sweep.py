@@ -22,6 +22,7 @@ from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, report_points
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
 
@@ -170,7 +171,7 @@ def sweep(
         nonlocal first, iterations
         first = first or perf_counter() - started
         iterations += summary.iterations
-        warn_unconverged("sweep point", point, summary)
+        warn_unconverged("sweep point", point, summary, solver)
         bar.step(iterations=iterations)
 
     with Interrupt() as interrupt, Bar(len(order), "sweep", "point", shown, stays=True) as bar:
@@ -234,14 +235,11 @@ def _through_time(
     return np.kron(np.reshape(factors, (-1, 1)), pattern), len(factors)
 
 
-def warn_unconverged(what: str, point: int, summary: Summary) -> None:
-    """Log a point that did not reach the tolerance."""
+def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver) -> None:
+    """Log a point that did not reach the tolerance; collective."""
     if summary.status != "converged":
-        _log.warning(
-            "%s %d ended as %s after %d iterations (estimated error %.1e)",
-            what,
-            point,
-            summary.status,
-            summary.iterations,
-            summary.error,
-        )
+        plan = solver.plan
+        accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
+        place = "" if accuracy is None else accuracy.place
+        text = ended(summary.status, summary.error, place, plan.options.rtol, summary.iterations)
+        _log.warning("%s %d ended as %s", what, point, text)

@@ -2,6 +2,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cmath>
 #include <sstream>
 #include <string>
 
@@ -30,6 +31,9 @@ traces
 )doc";
 
 std::string shown(double value) {
+  if (!std::isfinite(value)) {
+    return "not known";
+  }
   std::ostringstream text;
   text.precision(3);
   text << value;

@@ -339,6 +339,40 @@ py::dict displacement_fields(const Structure& structure, const Laws& laws, const
   return named;
 }
 
+py::dict response_to(const Structure& structure, const py::handle forces) {
+  std::map<std::string, latin::Matrix> given;
+  Index columns = any;
+  for (const auto& [name, block] : to_entries(forces, "forces")) {
+    latin::Matrix force = to_matrix(block, "forces['" + name + "']", any, columns);
+    columns = force.cols();
+    given.emplace(name, std::move(force));
+  }
+  std::vector<std::pair<std::string, latin::Matrix>> fields;
+  {
+    const py::gil_scoped_release release;
+    for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+      const std::vector<std::string>& members = structure.members()[b];
+      std::vector<latin::Matrix> of_body;
+      for (const std::string& name : members) {
+        const auto found = given.find(name);
+        if (found == given.end()) {
+          throw latin::InputError("forces: none for substructure '" + name + "'");
+        }
+        of_body.push_back(found->second);
+      }
+      std::vector<latin::Matrix> moved = structure.bodies()[b].response_to(of_body);
+      for (std::size_t e = 0; e < members.size(); ++e) {
+        fields.emplace_back(members[e], std::move(moved[e]));
+      }
+    }
+  }
+  py::dict named;
+  for (auto& [name, values] : fields) {
+    named[py::str(name)] = std::move(values);
+  }
+  return named;
+}
+
 /// Put Python's own handler of Ctrl-C back: some extension modules (OpenTURNS) leave theirs installed, which
 /// ends the process instead of raising KeyboardInterrupt.
 void answer_interrupts() {
@@ -524,7 +558,11 @@ void bind_calls(StructureClass& cls) {
           },
           "laws"_a, "interface"_a, "free_jump"_a, "parameters"_a = py::none(), samples_doc)
       .def("displacements", &displacement_fields, "laws"_a, "state"_a, "amplitudes"_a = py::none(),
-           "Displacements (n, columns) of every substructure of this rank, by its name.");
+           "Displacements (n, columns) of every substructure of this rank, by its name.")
+      .def("response_to", &response_to, "forces"_a,
+           "Displacements (n, columns) of every substructure of this rank under forces (n, "
+           "columns) on all of "
+           "them and nothing else, by name.");
 }
 
 void bind_one_structure(py::module_& m) {

@@ -162,7 +162,7 @@ PROMISES: dict[str, dict[str, Callable[[], Case]]] = {"promise": CASES, "held ou
 # --- algebraic ------------------------------------------------------------------------------------
 def defaults(problem: Problem, plan: Plan) -> dict[str, Any]:
     """The search direction of the plan, interface by interface."""
-    core = bridge.build(problem, plan)
+    core = bridge.build(problem, plan).structure
     found = {}
     for name in plan.active:
         interface = problem.interfaces[name]

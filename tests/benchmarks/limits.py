@@ -32,17 +32,32 @@ answer; *iterated* means that the interface is kept.
 A value that is refused raises a `SceneError` (or `IndefiniteError`, a subclass of it) that names the
 interface, the value and a remedy. If an iteration does not reach its tolerance, `result.status` says so.
 
+## What "converged" promises
+
+`result.status == "converged"` means: in every part, at every time step, and of a random answer in its mean
+and in its fluctuation, each by itself, the relative error against the exact solution of the discretised scene
+is at most `rtol` (1e-6 unless set), up to a factor of 3. It is measured in the norm of the strain energy and
+in the displacement of the interfaces, relative to what that part does in that step, and of assembled springs
+in their force. `result.error` is the largest of these errors and `result.place` says where it is ("part
+mount, step 7, fluctuation"). It promises nothing about the error of the meshes, the truncation of a chaos,
+the number of samples or the model; for the first three see `result.errors()`. A part whose strain cannot be
+told from the rounding of its own displacement counts as unstrained, and its error is relative to the whole.
+Any other status is not an answer to rely on: `result.ended` says how far it came, where the error is and what
+to do, `result.statuses` which steps (or points) are right all the same.
+
 ## One row per extreme
 
 {summary}
 
 **Why digits are lost.** The entries of a part's stiffness have a relative rounding error of 1e-16. A motion
 that the exact matrix does not resist (a rigid motion, or a motion of long and thin parts) meets a false
-stiffness of that size. Its error is therefore about 1e-16 times the ratio of the part's stiffness to the
-stiffness that holds the motion: springs of 1e-12 E/L leave 4 digits, a joint between parts of contrast 1e8
-leaves 8. An assembled spring of 1e12 E/L loses as many digits by cancellation. If the same interface is
-kept (`solve(problem, active=["joint"])`), its force is an unknown and no digits are lost. A chain of n
-parts is n^2 times softer than one of its links.
+stiffness of that size. A direct solution removes the rigid part of this error by corrections, treats the
+forces of very stiff springs as unknowns and finds what only very soft springs hold from the springs alone:
+forces and jumps of springs of any stiffness are right to nearly all digits. What remains is the rounding of
+the answer itself: a part that moves 1e12 times as far as it is strained keeps 4 digits of its strains.
+`result.error` measures it, and the status is `inexact` if it exceeds `rtol`. A motion that bends long and
+thin parts loses digits in the stiffness already; this is measured, too. A chain of n parts is n^2 times
+softer than one of its links.
 
 Numbers of 32 bits in a scene are accepted as they are. `Options(precision="single")` iterates in 32 bits,
 and corrects the answer in 64 bits until the tolerance is reached.

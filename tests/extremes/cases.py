@@ -593,9 +593,11 @@ def _twice(
 def all_cases() -> Iterator[Case]:
     """Every row of the list of extremes, in its order."""
     row = "interface stiffness / (E/L)"
-    soft = ("answer", "stagnated")  # eps of the stiff parts is more than the tolerance asks for
+    # eps of the stiff parts is more than the tolerance asks for; rounding a displacement hides small strains
+    soft = ("answer", "stagnated", "inexact")
     for ratio in (1e-12, 1e-8, 1e-4, 1.0, 1e4, 1e8, 1e12):
-        how = {"expected": soft, "note": "iterated: may end as stagnated"} if ratio <= 1e-8 else {}
+        note = "strains of a part on soft springs are less exact than the forces"
+        how = {"expected": soft, "note": note} if ratio <= 1e-8 else {}
         yield from _twice(row, f"{ratio:g}", stiffness, ratio, **how)
     refused = ("SceneError",)
     yield Case(row, "0, held otherwise", lambda: free_stiffness(True))
@@ -616,12 +618,14 @@ def all_cases() -> Iterator[Case]:
     yield Case(row, "0.499, degree 1", lambda: bending(0.499, 1), ("SceneWarning",), "lock", note=locked)
 
     row = "stiffness of a part / its neighbour's"
+    seen = "rounding leaves more than the tolerance of 1e-10, and the status says so"
+    hidden = {"expected": ("answer", "inexact"), "note": seen}
     for ratio in (1e-8, 1e-4, 1e4, 1e8):
-        yield from _twice(row, f"{ratio:g}", contrast, ratio)
+        yield from _twice(row, f"{ratio:g}", contrast, ratio, **(hidden if ratio == 1e8 else {}))
 
     row = "aspect ratio"
     for ratio in (1e-4, 1e-2, 1e2, 1e4):
-        yield from _twice(row, f"{ratio:g}", aspect, ratio)
+        yield from _twice(row, f"{ratio:g}", aspect, ratio, **(hidden if abs(np.log10(ratio)) > 3 else {}))
 
     row = "units"
     for name, length, force in (("N-m", 1e-3, 1.0), ("kN-m", 1e-3, 1e-3)):

@@ -73,3 +73,9 @@ def test_an_error_that_is_not_caught_ends_all_ranks_with_its_message() -> None:
     run = launch(2, "mpi_chain.py", "crash")
     assert run.returncode != 0
     assert "rank 1 of 2:" in run.stderr and "RuntimeError: only here" in run.stderr
+
+
+def test_quantities_of_one_rank_are_known_to_all() -> None:
+    run = launch(2, "mpi_quantity.py")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("same answer on rank") == run.stdout.count("failed together on rank") == 2

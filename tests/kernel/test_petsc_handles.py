@@ -84,7 +84,7 @@ def test_references_are_given_back(problem, active):
     """Neither PETSc's nor Python's counts change, whether a problem is alive or gone."""
     owned = matrices(problem)
     before = [(m.refcount, sys.getrefcount(m)) for m in owned]
-    core = build(problem, make_plan(problem, active=active))
+    core = build(problem, make_plan(problem, active=active)).structure
     assert [(m.refcount, sys.getrefcount(m)) for m in owned] == before
     core.solve(bridge.laws(core, problem, make_plan(problem, active=active)), amplitudes=np.ones((1, 1)))
     del core
@@ -285,7 +285,7 @@ def test_interfaces_that_make_no_sense(changes, message):
 
 def test_parameters_are_checked(problem):
     plan = make_plan(problem, active="all")
-    laws = bridge.laws(build(problem, plan), problem, plan)
+    laws = bridge.laws(build(problem, plan).structure, problem, plan)
 
     def changed(interface: str, parameter: str, values: Any) -> Any:
         return laws.with_(parameters={interface: {parameter: values}})

@@ -172,7 +172,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),
         *(result.summary, result.state, result.summary.history[0], result.table()),
-        *(result.solver, result.laws, bridge.build(problem, plan)),
+        *(result.solver, result.laws, bridge.build(problem, plan).structure),
         *(chaos, chaos.random, chaos.space, chaos.basis, chaos.basis.indices, chaos.space.germs[0]),
         *(chaos.at([[0.0]]), chaos.truncation("layer"), samples, samples.points, swept, swept.points),
         *(load(tmp_path_factory.getbasetemp() / "public0" / "a.h5"), quantity, quantity.mean()),

@@ -144,7 +144,8 @@ def test_directions_are_what_was_asked_for(problem):
 # ---------------------------------------------------------------------------------------------
 def test_direct_solution_is_the_monolithic_one(problem, reference):
     result = solve(problem)
-    assert result.converged and result.iterations == 0 and result.error == 0.0
+    assert result.converged and result.iterations == 0
+    assert 0.0 < result.error < 1e-11  # rounding of some hundred unknowns
     assert energy_error(problem, result.displacements, reference.u) < 1e-12
 
 

@@ -68,6 +68,10 @@ class SweepPoints:
         not reached.
     status
         (points,) end of each iteration, "" where not reached.
+    worst
+        (points, 2) row and column of the largest error in ``Summary.errors`` of this rank; -1: there is none.
+    largest
+        (points,) that error; infinity: not known; -1: there is none.
     forces, jumps
         interface name -> (points, columns, rows): local-stage force and jump of every active interface.
     outputs
@@ -92,6 +96,8 @@ class SweepPoints:
     order: list[int] = field(default_factory=list)
     states: Array | None = None
     outputs: dict[str, Array] = field(default_factory=dict)
+    worst: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    largest: Array = field(default_factory=lambda: np.zeros(0))
     scatter: float = 1.0
 
     def __repr__(self) -> str:
@@ -100,6 +106,15 @@ class SweepPoints:
             f"SweepPoints({int(reached.sum())} of {len(reached)} points solved, "
             f"{int(self.iterations[reached].sum())} iterations)"
         )
+
+
+def _worst(errors: Array) -> tuple[npt.NDArray[np.int64], float]:
+    """Place (2,) of the largest error of a table, and that error; what is not known is larger than any."""
+    if not errors.size:
+        return np.full(2, -1, dtype=np.int64), -1.0
+    ranked = np.where(np.isfinite(errors), errors, np.inf)
+    place = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
+    return np.array(place, dtype=np.int64), float(ranked[place])
 
 
 def _check_points(name: str, numbers: Iterable[int], points: int) -> None:
@@ -127,6 +142,8 @@ class _Keeper:
         result.error[point] = float(arrays["error"])
         result.seconds[point] = float(arrays["seconds"])
         result.status[point] = str(arrays["status"])
+        result.worst[point] = arrays.get("worst", -1)
+        result.largest[point] = arrays.get("largest", -1.0)
         for name in self.interfaces:
             self._store(result.forces, name, point, arrays[f"force:{name}"])
             self._store(result.jumps, name, point, arrays[f"jump:{name}"])
@@ -217,6 +234,8 @@ def sweep(
         status=np.full(points, "", dtype="<U16"),
         forces={},
         jumps={},
+        worst=np.full((points, 2), -1, dtype=np.int64),
+        largest=np.full(points, -1.0),
         states=(
             np.full((points, 2, structure.rows, amplitudes.shape[1]), np.nan) if keep_states else None
         ),
@@ -242,11 +261,14 @@ def sweep(
         def finished(
             point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State
         ) -> None:
+            worst, largest = _worst(summary.errors)
             arrays: dict[str, Any] = {
                 "iterations": summary.iterations,
                 "error": summary.error,
                 "seconds": summary.history[-1].seconds if summary.history else 0.0,
                 "status": summary.status,
+                "worst": worst,
+                "largest": largest,
             }
             fields: Fields = {}
             for name in interfaces if keep_fields or outputs else ():

@@ -26,7 +26,9 @@ constexpr double singular = 1e-13;
 
 std::string not_definite(const std::string& name, const std::string& where) {
   return "the stiffness of '" + name + "' is not positive definite" + where +
-         ": the part can move rigidly, its material is not stable, or a stiffness is negative";
+         ": the part can move rigidly, its material is not stable, a stiffness is negative, or "
+         "moduli of parts "
+         "that are joined differ by more than rounding bears (keep the joint active: active=[...])";
 }
 
 #ifdef LATIN_HAVE_CHOLMOD

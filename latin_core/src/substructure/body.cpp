@@ -528,13 +528,16 @@ LoadResponse Body::respond(Matrix extra) const {
       work += answer.extra;
     }
   }
-  const Matrix response = factor_->solve(load);
+  Matrix response = factor_->solve(load);
   answer.traces = traces_ * response + offset_traces_;
   // u^T K u = q^T K_r q + 2 q^T Z^T K u0 + u0^T K u0, and K_r q = F_r + T^T W f
   const bool shifted = work.size() > 0;
   answer.work_loads = (shifted ? work : load).transpose() * response + offset_energy_;
   answer.work_traces =
-      weights_.asDiagonal() * (traces_ * (shifted ? factor_->solve(work) : response));
+      weights_.asDiagonal() * (traces_ * (shifted && rows() > 0 ? factor_->solve(work) : response));
+  if (rows() == 0) {
+    answer.unknowns = std::move(response);
+  }
   return answer;
 }
 
@@ -664,14 +667,19 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
 
 std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                         const LoadResponse& loads) const {
-  Matrix rhs = load_ * amplitudes;
-  if (loads.extra.size() > 0) {
-    rhs += loads.extra * amplitudes;
+  Matrix unknowns;
+  if (loads.unknowns.size() > 0) {
+    unknowns = loads.unknowns * amplitudes;
+  } else {
+    unknowns = load_ * amplitudes;
+    if (loads.extra.size() > 0) {
+      unknowns += loads.extra * amplitudes;
+    }
+    if (rows() > 0) {
+      unknowns += traces_.transpose() * (weights_.asDiagonal() * data);
+    }
+    unknowns = factor_->solve(unknowns);
   }
-  if (rows() > 0) {
-    rhs += traces_.transpose() * (weights_.asDiagonal() * data);
-  }
-  const Matrix unknowns = factor_->solve(rhs);
   std::vector<Matrix> fields;
   fields.reserve(prolongations_.size());
   for (std::size_t e = 0; e < prolongations_.size(); ++e) {
@@ -679,6 +687,27 @@ std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef ampl
     if (offsets_[e].size() > 0) {
       fields.back() += offsets_[e] * amplitudes;
     }
+  }
+  return fields;
+}
+
+std::vector<Matrix> Body::response_to(const std::vector<Matrix>& forces) const {
+  const Index columns = forces.empty() ? 0 : forces.front().cols();
+  Matrix rhs = Matrix::Zero(size_, columns);
+  for (std::size_t e = 0; e < prolongations_.size(); ++e) {
+    const SparseRows& prolongation = prolongations_[e];
+    const Matrix& force = forces.at(e);
+    if (force.rows() != prolongation.rows() || force.cols() != columns) {
+      throw InputError("body '" + name_ + "': forces " + shape_of(force.rows(), force.cols()) +
+                       ", expected " + shape_of(prolongation.rows(), columns));
+    }
+    rhs += prolongation.transpose() * force;
+  }
+  const Matrix unknowns = factor_->solve(rhs);
+  std::vector<Matrix> fields;
+  fields.reserve(prolongations_.size());
+  for (const SparseRows& prolongation : prolongations_) {
+    fields.emplace_back(prolongation * unknowns);
   }
   return fields;
 }

@@ -76,6 +76,7 @@ struct LoadResponse {
   // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energies()
   Matrix work_loads;
   Matrix work_traces;
+  Matrix unknowns;  ///< (n_body, l): the solution itself where nothing is active; else empty
 };
 
 /// Working blocks of the operators of bodies: those of one thread.
@@ -137,6 +138,10 @@ class Body {
   /// @param data s (rows, c)  @param amplitudes (l, c) of the load patterns
   [[nodiscard]] std::vector<Matrix> displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                                   const LoadResponse& loads) const;
+  /// Displacements of each member under forces on the members and nothing else: Z A^-1 sum Z^T f.
+  /// @param forces (n, c) for each member
+  /// @throws InputError on a shape that does not fit
+  [[nodiscard]] std::vector<Matrix> response_to(const std::vector<Matrix>& forces) const;
 
   /// Twice the strain energies u^T K u of the global-stage solution, (c).
   /// @param data s, traces w, forces f (rows, c)  @param amplitudes (l, c)
