@@ -8,7 +8,8 @@
 namespace latin::iteration {
 
 Summary solve(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
-              State& state, const std::vector<const State*>& snapshots, const Callback& callback) {
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback,
+              const std::shared_ptr<Linearisation>& known) {
   const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
   const auto fit = [&structure, columns](const State& each) {
@@ -39,7 +40,7 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
       fit(state);
     }
   });
-  Run run(laws, options, amplitudes, state, snapshots.size(), callback);
+  Run run(laws, options, amplitudes, state, snapshots.size(), callback, known);
   if (!snapshots.empty()) {
     run.start_from(snapshots);
     return run.run(true);

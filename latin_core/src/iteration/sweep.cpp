@@ -8,6 +8,7 @@
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/batch.hpp"
+#include "latin/iteration/verification.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -80,6 +81,10 @@ class Sweep {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
+    if (!options.stop_on_indicator && Verification::possible(laws)) {
+      linear_ = std::make_shared<Linearisation>();
+      together_from_ = std::min(together_from_, fewest_snapshots);
+    }
   }
 
   /// @throws InputError if positions or states do not fit; on every rank alike
@@ -177,7 +182,7 @@ class Sweep {
   /// @throws Interrupted if the run was interrupted
   Summary solve_or_stop(const substructure::Laws& laws, State& state,
                         const std::vector<const State*>& start) {
-    Summary summary = solve(laws, options_, amplitudes_, state, start, callback_);
+    Summary summary = solve(laws, options_, amplitudes_, state, start, callback_, linear_);
     if (summary.status == Status::interrupted) {
       throw Interrupted();
     }
@@ -256,7 +261,7 @@ class Sweep {
     const auto sets = static_cast<Index>(points.size());
     const std::vector<Advanced> answers =
         advance_together(laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
-                         nearest(centre, together_from_));
+                         nearest(centre, together_from_), linear_.get());
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
         static_cast<double>(sets);
@@ -309,6 +314,8 @@ class Sweep {
   Matrix where_;
   Index most_together_ = 1;
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
+  /// Of the point solved last, where estimates are checked.
+  std::shared_ptr<Linearisation> linear_;
   Index streak_ = 0;                          ///< points in a row that needed one iteration
 };
 

@@ -22,8 +22,8 @@ constexpr double contraction = 0.5;
 constexpr double most_left = 20.0;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
-/// Columns that may each have a linearisation of their own.
-constexpr std::size_t most_tangents = 16;
+/// Steps with the tangents of another parameter set before those here are taken.
+constexpr Index most_borrowed = 4;
 /// Time steps of a history with memory, each of which has tangents of its own.
 constexpr Index most_steps_of_history = 16;
 /// Steps of a search, and plain steps where those do not help.
@@ -33,16 +33,9 @@ constexpr Index first_pause = 4;
 constexpr double bearable_growth = 1.2;
 /// Springs that hold the bodies, relative to the search direction.
 constexpr double largest_hold = 25.0;
-constexpr double least_hold = 1e-11;
+constexpr double least_hold = Linearisation::least_hold;
 /// Rounding of a force, relative to the terms that it is the balance of: of many inside the bodies.
 constexpr double rounding = 1e-15;
-
-/// Whether slopes are the same to rounding of differences.
-bool alike(const Matrix& a, const Matrix& b) {
-  constexpr double same = 1e-6;
-  return a.size() == b.size() &&
-         (a - b).cwiseAbs().maxCoeff() <= same * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
-}
 
 }  // namespace
 
@@ -53,87 +46,11 @@ bool Verification::possible(const substructure::Laws& laws) {
   return laws.steps() <= most_steps_of_history || !laws.remembers();
 }
 
-Verification::Verification(Stages& stages)
+Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
     : stages_(stages),
       gauge_(gauge_of(stages.structure(), stages.laws().groups())),
+      linear_(known ? std::move(known) : std::make_shared<Linearisation>()),
       history_(metric_of(stages.structure()), stages.amplitudes().cols(), depth) {}
-
-/// The column whose slopes stand for those of a column: of a chaos, the mean's in the same step.
-Index Verification::column_of(Index column) const {
-  const substructure::ColumnGroups groups = stages_.laws().groups();
-  return groups.modes > 1 ? column % groups.steps : column;
-}
-
-/// Take the tangents of where we are. @return whether they have changed
-bool Verification::linearise(double hold) {
-  const substructure::Laws& laws = stages_.laws();
-  const Index columns = better_.data.cols();
-  const bool chaos = laws.modes() > 1;
-  const Index own = chaos ? laws.steps() : columns;
-  const Matrix jumps = Tangent::free_jumps(laws.structure(), better_.data.leftCols(own),
-                                           better_.traces.leftCols(own));
-  std::vector<Matrix> slopes;
-  std::vector<std::size_t> of_column;
-  for (Index column = 0; column < own; ++column) {
-    Matrix now = Tangent::slopes(laws, jumps, column);
-    std::size_t at = 0;
-    while (at < slopes.size() && !alike(slopes[at], now)) {
-      ++at;
-    }
-    if (at == slopes.size()) {
-      if (at == most_tangents) {
-        at = most_tangents - 1;
-      } else {
-        slopes.push_back(std::move(now));
-      }
-    }
-    of_column.push_back(at);
-  }
-  bool changed = slopes.size() != slopes_.size() || hold != hold_;
-  for (std::size_t i = 0; i < slopes.size() && !changed; ++i) {
-    changed = !alike(slopes[i], slopes_[i]);
-  }
-  tangent_of_.assign(static_cast<std::size_t>(columns), 0);
-  for (Index column = 0; column < columns; ++column) {
-    tangent_of_[static_cast<std::size_t>(column)] =
-        of_column[static_cast<std::size_t>(column_of(column))];
-  }
-  if (changed) {
-    slopes_.clear();  // if a factorisation fails there are none
-    tangents_.resize(slopes.size());
-    for (std::size_t i = 0; i < slopes.size(); ++i) {
-      if (!tangents_[i]) {
-        tangents_[i] = std::make_unique<Tangent>(laws.structure());
-      }
-      tangents_[i]->factorise(slopes[i], hold);
-    }
-    slopes_ = std::move(slopes);
-    hold_ = hold;
-  }
-  return changed;
-}
-
-/// Residual into step, with what that does to the traces in `moved_`.
-void Verification::correct(MatrixRef residual) {
-  moved_.resize(residual.rows(), residual.cols());
-  if (tangents_.size() == 1) {
-    tangents_.front()->correct(residual, moved_);
-    return;
-  }
-  for (std::size_t i = 0; i < tangents_.size(); ++i) {
-    std::vector<Index> columns;
-    for (std::size_t column = 0; column < tangent_of_.size(); ++column) {
-      if (tangent_of_[column] == i) {
-        columns.push_back(static_cast<Index>(column));
-      }
-    }
-    Matrix own = residual(every, columns);
-    Matrix moved(own.rows(), own.cols());
-    tangents_[i]->correct(own, moved);
-    residual(every, columns) = own;
-    moved_(every, columns) = moved;
-  }
-}
 
 /// Both stages. @return whether the laws have an answer there: too far off they may have none
 bool Verification::evaluate(State& state, Matrix& residual) {
@@ -170,7 +87,7 @@ Matrix Verification::rounding_errors(const Whole& whole) {
       noise(row, column) *= rounding * std::copysign(1.0, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
     }
   }
-  correct(noise);
+  linear_->correct(noise, moved_);
   return whole.relative(gauge_.of_difference(noise, moved_));
 }
 
@@ -185,16 +102,18 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   const double least = negligible * rtol;
   double first = 0.0;
   const double noise = 10.0 * rounding_share * history_.metric().norm(state.data);
+  bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
   for (Index count = 0; count <= most_steps; ++count) {
+    borrowed = borrowed && count <= most_borrowed;
     try {
-      if (linearise(least_hold)) {
+      if (!borrowed && linear_->take(stages_.laws(), better_)) {
         history_.clear();
       }
     } catch (const NumericalError&) {
       return std::nullopt;  // not stable: its error is anything
     }
     history_.fit(residual_);
-    history_.step(residual_, 1.0, [this](MatrixRef block) { correct(block); }, step);
+    history_.step(residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
     if (count == 0) {
       first = history_.residual_norm();
     }
@@ -236,8 +155,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
 bool Verification::held_step(double hold, double& norm) {
   Matrix step = residual_;
   try {
-    linearise(hold);
-    correct(step);
+    linear_->take(stages_.laws(), better_, hold);
+    linear_->correct(step, moved_);
   } catch (const NumericalError&) {
     return false;
   }

@@ -39,6 +39,37 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
   return open.partialPivLu().solve(bounded);
 }
 
+/// Slopes of the columns [first, last] by differences, one below the other: ((last - first + 1) rows, components).
+Matrix differences_of(const interface::Law& law, const interface::LocalProblem& problem,
+                      const Matrix& jump, Index first, Index last) {
+  const Index rows = jump.rows();
+  const Index columns = last - first + 1;
+  const Index points = rows / problem.components;
+  Matrix here(rows, jump.cols());
+  Matrix there(rows, jump.cols());
+  law.resolve(problem, here);
+  Vector steps(columns);
+  for (Index at = 0; at < columns; ++at) {
+    const double size = jump.col(first + at).cwiseAbs().maxCoeff();
+    steps(at) = difference * (size > 0.0 ? size : problem.flexibility.maxCoeff());
+  }
+  Matrix slopes(rows * columns, problem.components);
+  for (Index a = 0; a < problem.components; ++a) {
+    Matrix moved = jump;
+    for (Index at = 0; at < columns; ++at) {
+      // towards closing, so that a point that just touches counts as closed
+      moved.col(first + at)(Eigen::seqN(a, points, problem.components)).array() -= steps(at);
+    }
+    law.resolve({problem.components, moved, problem.flexibility, problem.steps, problem.interface},
+                there);
+    for (Index at = 0; at < columns; ++at) {
+      slopes.col(a).segment(at * rows, rows) =
+          (here.col(first + at) - there.col(first + at)) / steps(at);
+    }
+  }
+  return slopes;
+}
+
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
   SparseRows matrix(rows, columns);
   matrix.setFromTriplets(entries.begin(), entries.end());
@@ -92,6 +123,9 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   flexibility_.resize(unknowns);
   Triplets sides;
   for (const ActiveInterface& interface : structure.interfaces()) {
+    for (Index i = 0; i < interface.size(); ++i) {
+      component_.push_back(i % interface.geometry.components);
+    }
     areas_.segment(interface.first_unknown, interface.size()) = interface.geometry.weights;
     flexibility_.segment(interface.first_unknown, interface.size()) = interface.flexibility;
     for (std::size_t s = 0; s < interface.rows.size(); ++s) {
@@ -137,39 +171,41 @@ Matrix Tangent::free_jumps(const Structure& structure, ConstMatrixRef data,
   return jumps;
 }
 
-Matrix Tangent::slopes(const Laws& laws, const Matrix& jumps, Index column) {
+std::vector<Matrix> Tangent::slopes(const Laws& laws, const Matrix& jumps) {
   const auto& interfaces = laws.structure().interfaces();
   Index most = 0;
   for (const ActiveInterface& interface : interfaces) {
     most = std::max(most, interface.geometry.components);
   }
-  Matrix result = Matrix::Zero(jumps.rows(), most);
+  std::vector<Matrix> result(static_cast<std::size_t>(jumps.cols()),
+                             Matrix::Zero(jumps.rows(), most));
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     const ActiveInterface& interface = interfaces[i];
-    const Index rows = interface.size();
-    const Index components = interface.geometry.components;
     const interface::Law& law = *laws.of(i).law;
-    const Matrix jump = jumps.middleRows(interface.first_unknown, rows);
-    const auto problem = [&](const Matrix& at) {
-      return interface::LocalProblem{components, at, interface.flexibility, laws.steps(),
-                                     interface.name()};
+    const Matrix jump = jumps.middleRows(interface.first_unknown, interface.size());
+    const interface::LocalProblem problem{interface.geometry.components, jump,
+                                          interface.flexibility, laws.steps(), interface.name()};
+    const auto put = [&](Index column, const Matrix& found) {
+      result[static_cast<std::size_t>(column)].block(interface.first_unknown, 0, found.rows(),
+                                                     found.cols()) = found;
     };
-    Matrix found(rows, components);
-    if (!law.slopes(problem(jump), column, found)) {
-      Matrix here(rows, jump.cols());
-      Matrix there(rows, jump.cols());
-      law.resolve(problem(jump), here);
-      double step = jump.col(column).cwiseAbs().maxCoeff();
-      step = difference * (step > 0.0 ? step : interface.flexibility.maxCoeff());
-      for (Index a = 0; a < components; ++a) {
-        Matrix moved = jump;
-        // towards closing, so that a point that just touches counts as closed
-        moved(Eigen::seqN(a, interface.geometry.points, components), column).array() -= step;
-        law.resolve(problem(moved), there);
-        found.col(a) = (here.col(column) - there.col(column)) / step;
+    Matrix found(interface.size(), interface.geometry.components);
+    for (Index column = 0; column < jump.cols(); ++column) {
+      if (law.slopes(problem, column, found)) {
+        put(column, found);
+      } else if (column == 0 || law.history()) {
+        // by differences: where a column does not depend on others, of all at once
+        const Index last = law.history() ? column : jump.cols() - 1;
+        const Matrix slopes = differences_of(law, problem, jump, column, last);
+        const Index each = found.rows();
+        for (Index at = column; at <= last; ++at) {
+          put(at, slopes.middleRows((at - column) * each, each));
+        }
+        if (!law.history()) {
+          break;
+        }
       }
     }
-    result.block(interface.first_unknown, 0, rows, components) = found;
   }
   return result;
 }
@@ -275,7 +311,16 @@ void Tangent::factorise_sparse() {
   }
 }
 
-Matrix Tangent::solve(const Matrix& load) const {
+Matrix Tangent::solve(const Matrix& load) {
+  solved_ += load.cols();
+  if (dense_ && inverse_.size() == 0 && solved_ > active_) {
+    // products are several times as fast as triangular solves: by now forming it is paid for
+    const Matrix unit = Matrix::Identity(active_, active_);
+    inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
+  }
+  if (inverse_.size() > 0) {
+    return inverse_ * load;
+  }
   if (dense_) {
     return symmetric_ ? Matrix(cholesky_.solve(load)) : Matrix(lu_.solve(load));
   }
@@ -289,7 +334,10 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   }
   slopes_.resize(0, 0);
   hold_ = hold;
+  inverse_.resize(0, 0);
+  solved_ = 0;
   set_tangents(slopes);
+  combine();
   if (dense_) {
     factorise_dense();
   } else {
@@ -298,19 +346,27 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   slopes_ = slopes;
 }
 
-void Tangent::correct(MatrixRef residual, MatrixRef moved) const {
+/// What correct() multiplies with: all of it but the factor, in three matrices.
+void Tangent::combine() {
   const Vector& weights = structure_.weights();
-  const Vector& inverse = structure_.inverse_directions();
-  const Matrix half = 0.5 * residual;
-  const Matrix q = sides_ * (inverse.asDiagonal() * half);
-  const Matrix load = traces_.transpose() * (weights.asDiagonal() * half) +
-                      jumps_.transpose() * (tangent_ * q);
-  const Matrix answer = solve(load);
-  moved = traces_ * answer;
-  const Matrix force = areas_.cwiseInverse().asDiagonal() * (tangent_ * (jumps_ * answer - q));
+  const SparseRows jump_of_residual =
+      sides_ * SparseRows(structure_.inverse_directions().asDiagonal());
+  const SparseRows per_area = sides_.transpose() * SparseRows(areas_.cwiseInverse().asDiagonal() * tangent_);
+  load_ = SparseRows(traces_.transpose() * SparseRows(weights.asDiagonal())) +
+          SparseRows(jumps_.transpose() * SparseRows(tangent_ * jump_of_residual));
   // the springs that hold the bodies act as forces of the interfaces
-  residual = half - sides_.transpose() * force +
-             (1.0 - hold_) * (structure_.directions().asDiagonal() * moved);
+  of_answer_ = (1.0 - hold_) * SparseRows(structure_.directions().asDiagonal() * traces_) -
+               SparseRows(per_area * jumps_);
+  of_residual_ = per_area * jump_of_residual;
+}
+
+void Tangent::correct(MatrixRef residual, MatrixRef moved) {
+  const Matrix half = 0.5 * residual;
+  const Matrix answer = solve(load_ * half);
+  moved.noalias() = traces_ * answer;
+  residual = half;
+  residual.noalias() += of_answer_ * answer;
+  residual.noalias() += of_residual_ * half;
 }
 
 }  // namespace latin::substructure

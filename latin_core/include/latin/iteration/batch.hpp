@@ -24,9 +24,12 @@ struct Advanced {
 /// @param sets       parameter sets
 /// @param snapshots  two states or more, (rows, c) each
 /// @param amplitudes (loads, c), the same for all sets
+/// @param known      the structure linearised at a near set: the iteration is a step of Newton's method then, and its
+///                   error what the next one would change; null: one step of the two stages
 /// @throws InputError naming an interface whose columns are transformed
 std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
                                        const Matrix& amplitudes, Index sets,
-                                       const std::vector<const State*>& snapshots);
+                                       const std::vector<const State*>& snapshots,
+                                       const Linearisation* known = nullptr);
 
 }  // namespace latin::iteration

@@ -29,8 +29,10 @@ class Run {
  public:
   /// @param state     where it starts, and where the answer is left
   /// @param snapshots number of those that start_from() will be given
+  /// @param known     see solve()
   Run(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
-      State& state, std::size_t snapshots, const Callback& callback);
+      State& state, std::size_t snapshots, const Callback& callback,
+      std::shared_ptr<Linearisation> known = {});
   Run(const Run&) = delete;
   Run(Run&&) = delete;
   Run& operator=(const Run&) = delete;
@@ -71,6 +73,7 @@ class Run {
   NewtonProposal newton_;
   StoppingRule stopping_;
   Safeguard safeguard_;
+  std::shared_ptr<Linearisation> known_;
   std::optional<Verification> verification_;
   Matrix errors_;                ///< of the iterate
   double next_check_ = 0.0;      ///< residual below which the next check is worth its price

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <memory>
 #include <vector>
 
+#include "latin/iteration/linearisation.hpp"
 #include "latin/iteration/options.hpp"
 #include "latin/iteration/state.hpp"
 #include "latin/iteration/summary.hpp"
@@ -14,8 +16,10 @@ namespace latin::iteration {
 /// @param amplitudes (l, c) of the load patterns
 /// @param snapshots  states of other parameter sets with the same loads; the start is the affine
 ///                   combination of them that leaves the smallest residual, at the cost of local stages only
+/// @param known      the structure linearised at a near parameter set, and then at this one; null: nothing is known
 /// @throws InputError on options out of range
 Summary solve(const substructure::Laws& laws, const Options& options, const Matrix& amplitudes,
-              State& state, const std::vector<const State*>& snapshots, const Callback& callback);
+              State& state, const std::vector<const State*>& snapshots, const Callback& callback,
+              const std::shared_ptr<Linearisation>& known = {});
 
 }  // namespace latin::iteration

@@ -2,12 +2,11 @@
 
 #include <memory>
 #include <optional>
-#include <vector>
 
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/stages.hpp"
-#include "latin/substructure/tangent.hpp"
+#include "latin/iteration/linearisation.hpp"
 
 namespace latin::iteration {
 
@@ -22,7 +21,8 @@ class Verification {
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
 
   /// @param stages of the run; they must outlive this object
-  explicit Verification(Stages& stages);
+  /// @param known  of a near parameter set, to begin with and to be replaced; null: nothing is known
+  explicit Verification(Stages& stages, std::shared_ptr<Linearisation> known = {});
 
   struct Found {
     Matrix errors;         ///< (groups, bodies) of the iterate
@@ -47,8 +47,6 @@ class Verification {
   [[nodiscard]] const Matrix& distance() const { return distance_; }
 
  private:
-  [[nodiscard]] Index column_of(Index column) const;
-  bool linearise(double hold);
   bool evaluate(State& state, Matrix& residual);
   [[nodiscard]] bool held_step(double hold, double& norm);
   struct Best {
@@ -59,16 +57,12 @@ class Verification {
   void search_once(double patience, double least, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
   void plain_steps(Index count, double& norm);
-  void correct(MatrixRef residual);
   [[nodiscard]] Matrix rounding_errors(const Whole& whole);
 
   Stages& stages_;
   Gauge gauge_;
-  std::vector<std::unique_ptr<substructure::Tangent>> tangents_;  ///< of each distinct linearisation
-  std::vector<Matrix> slopes_;                                    ///< of each of these
-  std::vector<std::size_t> tangent_of_;                           ///< column -> tangent
+  std::shared_ptr<Linearisation> linear_;
   Anderson history_;
-  double hold_ = 0.0;  ///< of the last linearisation
   State better_;
   Matrix residual_;
   Matrix distance_;

@@ -30,14 +30,20 @@ class Tangent {
 
   explicit Tangent(const Structure& structure);
 
-  /// Derivatives of the forces of one column with respect to the free jumps, at the flexibilities of the local
+  /// Derivatives of the forces of every column with respect to its own free jumps, at the flexibilities of the local
   /// stage: block-diagonal by point, (unknowns, most components).
-  /// @param jumps  free jumps (unknowns, columns) of the steps of a history; the laws are those without transforms
-  [[nodiscard]] static Matrix slopes(const Laws& laws, const Matrix& jumps, Index column);
+  /// @param jumps free jumps (unknowns, columns); the laws are those without transforms
+  [[nodiscard]] static std::vector<Matrix> slopes(const Laws& laws, const Matrix& jumps);
+  /// The component of its point that an unknown is.
+  [[nodiscard]] Index component(Index unknown) const {
+    return component_[static_cast<std::size_t>(unknown)];
+  }
   /// Free jumps (unknowns, c) of a state.
   [[nodiscard]] static Matrix free_jumps(const Structure& structure, ConstMatrixRef data,
                                          ConstMatrixRef traces);
 
+  /// Flexibility (unknowns) at which the laws are asked.
+  [[nodiscard]] const Vector& flexibility() const { return flexibility_; }
   /// Take other tangents, unless they are the same.
   /// @param slopes as slopes() gives them
   /// @throws NumericalError if the structure is not stable with them
@@ -45,17 +51,18 @@ class Tangent {
   void factorise(const Matrix& slopes, double hold);
   /// Residual (rows, c) into the step on the data, in place.
   /// @param moved what the step does to the traces, (rows, c)
-  void correct(MatrixRef residual, MatrixRef moved) const;
+  void correct(MatrixRef residual, MatrixRef moved);
 
  private:
   void add_stiffness(const Body& body);
   void set_tangents(const Matrix& slopes);
+  void combine();
   [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
   [[nodiscard]] Matrix assemble_dense() const;
   void factorise_dense();
   void factorise_sparse();
-  [[nodiscard]] Matrix solve(const Matrix& load) const;
+  [[nodiscard]] Matrix solve(const Matrix& load);
 
   const Structure& structure_;
   Index active_ = 0;
@@ -65,16 +72,23 @@ class Tangent {
   SparseRows traces_;                                   ///< T, (rows, active)
   SparseRows jumps_;                                    ///< J, (unknowns, active)
   SparseRows sides_;                                    ///< J', (unknowns, rows)
+  std::vector<Index> component_;                        ///< (unknowns)
   Vector areas_;                                        ///< (unknowns)
   Vector flexibility_;                                  ///< (unknowns)
   Matrix slopes_;                                       ///< of the last factorisation
   SparseRows tangent_;                                  ///< W K, (unknowns, unknowns)
+  // what a correction takes beside the factor: (active, rows), (rows, active), (rows, rows)
+  SparseRows load_;
+  SparseRows of_answer_;
+  SparseRows of_residual_;
   bool dense_ = false;
   bool symmetric_ = true;
   // one of these, as it is dense and symmetric or not
   Eigen::LLT<Matrix> cholesky_;
   Eigen::PartialPivLU<Matrix> lu_;
   std::unique_ptr<algebra::Factor> factor_;
+  Matrix inverse_;     ///< where it is dense, after many columns
+  Index solved_ = 0;   ///< columns with this factorisation
   std::unique_ptr<Eigen::SparseLU<SparseColumns>> sparse_lu_;
 };
 

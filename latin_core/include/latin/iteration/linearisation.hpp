@@ -1,0 +1,46 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/iteration/state.hpp"
+#include "latin/substructure/tangent.hpp"
+
+namespace latin::iteration {
+
+/// The structure linearised at the columns of a state: those with the same tangents share a factorisation.
+///
+/// It may be kept from one parameter set to the next: steps with tangents of a near set are nearly as good.
+class Linearisation {
+ public:
+  /// Springs that hold what hangs on nothing, relative to the search direction.
+  static constexpr double least_hold = 1e-11;
+
+  [[nodiscard]] bool made() const { return !slopes_.empty(); }
+  /// Take the tangents of a state.
+  /// @param hold springs on all bodies, relative to the search direction
+  /// @return whether they have changed
+  /// @throws NumericalError if the structure is not stable with them
+  bool take(const substructure::Laws& laws, const State& state, double hold = least_hold);
+  /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion
+  /// is soft in one and stiff in the other.
+  [[nodiscard]] bool near(const substructure::Laws& laws, const State& state) const;
+  /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
+  /// @param moved what the step does to the traces, (rows, c)
+  void correct(MatrixRef residual, Matrix& moved) const;
+
+ private:
+  struct Slopes {
+    std::vector<Matrix> distinct;
+    std::vector<std::size_t> of_column;
+  };
+  [[nodiscard]] static Slopes slopes_of(const substructure::Laws& laws, const State& state);
+
+  std::vector<std::unique_ptr<substructure::Tangent>> tangents_;  ///< of each distinct linearisation
+  std::vector<Matrix> slopes_;                                    ///< of each of these
+  std::vector<std::size_t> of_column_;
+  double hold_ = 0.0;
+};
+
+}  // namespace latin::iteration
