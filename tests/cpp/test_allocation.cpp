@@ -34,6 +34,7 @@ int requests(const latin::substructure::Laws& laws, latin::Index acceleration,
   options.max_iterations = 25;
   options.newton = 0;
   options.single_precision = single;
+  options.stop_on_indicator = true;  // the iteration alone, without checks and searches
   latin::Matrix amplitudes(1, columns);
   for (latin::Index column = 0; column < columns; ++column) {
     amplitudes(0, column) = 1.0 + 0.01 * static_cast<double>(column);

@@ -43,8 +43,9 @@ Laws random_joint() {
   }
   const auto transform = latin::stochastic::galerkin_transform(galerkin);
   const Matrix values = transform.values.transpose();
-  return scene.build().with_columns(
-      "joint1", {{0, 1, {transform}, {{"normal", latin::interface::ParameterField(values)}}}});
+  return with_stiffness(scene.build().with_modes(3), "joint1", Matrix::Constant(1, 1, 2.0))
+      .with_columns("joint1",
+                    {{0, 1, {transform}, {{"normal", latin::interface::ParameterField(values)}}}});
 }
 
 const Matrix modes = (Matrix(1, 3) << 1.0, 0.0, 0.0).finished();

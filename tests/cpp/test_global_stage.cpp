@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "chain.hpp"
 
 namespace latin::substructure {
@@ -32,16 +34,41 @@ TEST(GlobalStage, AChangeInSinglePrecisionIsThatOfTheData) {
   EXPECT_LT((traces - exact).norm(), 1e-9);
 }
 
-TEST(GlobalStage, SizeIsTheEnergyOfTheBars) {
+TEST(GlobalStage, SizesAreThoseOfEveryBar) {
   // two bars in series under the force 2: the answer has u^T K u = 2 (2^2)
   const chain::Scene scene;
   const Laws laws = scene.build();
   iteration::State state;
   const auto options = chain::options();
   iteration::solve(laws, options, Matrix::Ones(1, 1), state, {}, {});
-  const Size size = GlobalStage(laws).size(state.data, state.traces, Matrix::Ones(1, 1));
-  EXPECT_NEAR(size.strain, 8.0, 1e-8);
-  EXPECT_GT(size.trace, 0.0);
+  const Sizes sizes = GlobalStage(laws).sizes(state.data, state.traces, Matrix::Ones(1, 1));
+  ASSERT_EQ(sizes.strain.rows(), 1);
+  ASSERT_EQ(sizes.strain.cols(), 2);
+  EXPECT_NEAR(sizes.strain(0, 0), 4.0, 1e-8);
+  EXPECT_NEAR(sizes.strain(0, 1), 4.0, 1e-8);
+  // faces: the first bar from 0 to 2, the second at 2 and the joint's 2/3
+  EXPECT_NEAR(sizes.trace(0, 0), 4.0, 1e-8);
+  EXPECT_NEAR(sizes.trace(0, 1), std::pow(8.0 / 3.0, 2), 1e-8);
+  // |w f|: 0 at the wall, 2 * 2 at the joint, and 8/3 * 2
+  EXPECT_NEAR(sizes.work(0, 0), 4.0, 1e-8);
+  EXPECT_NEAR(sizes.work(0, 1), 16.0 / 3.0, 1e-8);
+}
+
+TEST(GlobalStage, SizesOfStepsAreApartAndThoseOfModesAreMeanAndFluctuation) {
+  const chain::Scene scene;
+  const Laws laws = scene.build();
+  iteration::State state;
+  // two steps of three modes: 1, 2 | 3, 0 | 4, 1
+  const Matrix amplitudes = (Matrix(1, 6) << 1.0, 2.0, 3.0, 0.0, 4.0, 1.0).finished();
+  const auto options = chain::options();
+  iteration::solve(laws, options, amplitudes, state, {}, {});
+  const Sizes sizes =
+      GlobalStage(laws.with_steps(2).with_modes(3)).sizes(state.data, state.traces, amplitudes);
+  ASSERT_EQ(sizes.strain.rows(), 4);
+  const Vector squares = (Vector(4) << 1.0, 9.0 + 16.0, 4.0, 1.0).finished();
+  for (Index body = 0; body < 2; ++body) {
+    EXPECT_LT((sizes.strain.col(body) - 4.0 * squares).norm(), 1e-7);
+  }
 }
 
 TEST(Displacements, AreThoseOfEverySubstructure) {

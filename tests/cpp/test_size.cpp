@@ -1,22 +1,155 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
+
 #include <limits>
 
 #include "chain.hpp"
 
 namespace latin::substructure {
+namespace {
 
-TEST(Size, AnErrorIsTheLargerOfItsShares) {
-  const Size whole{4.0, 1.0, 10.0};
-  EXPECT_DOUBLE_EQ((Size{0.04, 0.0, 0.0}).relative_to(whole), 0.1);
-  EXPECT_DOUBLE_EQ((Size{0.0, 0.2, 0.0}).relative_to(whole), 0.2);
-  EXPECT_EQ((Size{}).relative_to({}), 0.0);
-  EXPECT_EQ((Size{1.0, 0.0, 0.0}).relative_to({}), std::numeric_limits<double>::infinity());
-  // the strain of a rigid motion is rounding
-  EXPECT_NEAR((Size{1e-14, 0.01, 0.0}).relative_to({1e-14, 1.0, 1.0}), 0.1, 1e-12);
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+/// Strain and trace of every body (columns) in every group.
+Sizes sizes(const Matrix& strain, const Matrix& trace) {
+  return {strain, trace, Matrix::Zero(strain.rows(), strain.cols())};
 }
 
-TEST(Size, DistanceAndDifferenceAgree) {
+Sizes strains(const Matrix& strain) {
+  return sizes(strain, Matrix::Zero(strain.rows(), strain.cols()));
+}
+
+Yardstick of(const ColumnGroups& groups, Index bodies, double reach = 0.0) {
+  return {groups, Vector::Ones(bodies), reach};
+}
+
+void expect(const Matrix& found, const Matrix& expected) {
+  ASSERT_EQ(found.rows(), expected.rows());
+  ASSERT_EQ(found.cols(), expected.cols());
+  for (Index i = 0; i < found.size(); ++i) {
+    EXPECT_NEAR(found(i), expected(i), 1e-12) << i;
+  }
+}
+
+}  // namespace
+
+TEST(ColumnGroups, StepsRunFastestThenModesThenSets) {
+  const ColumnGroups single;
+  EXPECT_EQ(single.kinds(), 1);
+  EXPECT_EQ(single.count(3), 3);  // three sets, each by itself
+  EXPECT_EQ(single.of(2), 2);
+  const ColumnGroups history{3, 1};
+  EXPECT_EQ(history.count(6), 6);
+  EXPECT_EQ(history.of(4), 4);
+  const ColumnGroups chaos{1, 4};
+  EXPECT_EQ(chaos.kinds(), 2);
+  EXPECT_EQ(chaos.count(4), 2);
+  EXPECT_EQ(chaos.of(0), 0);
+  for (const Index mode : {1, 2, 3}) {
+    EXPECT_EQ(chaos.of(mode), 1);
+  }
+  const ColumnGroups both{2, 3};  // two steps of three modes, in two sets
+  EXPECT_EQ(both.count(12), 8);
+  const std::vector<Index> expected{0, 2, 1, 3, 1, 3, 4, 6, 5, 7, 5, 7};
+  for (Index column = 0; column < 12; ++column) {
+    EXPECT_EQ(both.of(column), expected[static_cast<std::size_t>(column)]) << column;
+  }
+  EXPECT_EQ(both.count(0), 0);  // a rank without columns
+}
+
+TEST(Yardstick, AnErrorIsTheLargerOfThoseInStrainAndInDisplacement) {
+  const Yardstick yardstick = of({}, 1, 1.0);
+  const Sizes whole = sizes(Matrix{{4.0}}, Matrix{{1.0}});
+  expect(yardstick.relative(sizes(Matrix{{0.04}}, Matrix{{0.0}}), whole), Matrix{{0.1}});
+  expect(yardstick.relative(sizes(Matrix{{0.0}}, Matrix{{0.04}}), whole), Matrix{{0.2}});
+  expect(yardstick.relative(sizes(Matrix{{0.04}}, Matrix{{0.04}}), whole), Matrix{{0.2}});
+  expect(yardstick.relative(sizes(Matrix{{0.16}}, Matrix{{0.01}}), whole), Matrix{{0.2}});
+}
+
+TEST(Yardstick, EveryBodyIsMeasuredByItself) {
+  // the second carries 1e-8 of the energy of the first
+  const Sizes whole = sizes(Matrix{{1.0, 1e-8}}, Matrix{{1.0, 1e-8}});
+  const Sizes error = sizes(Matrix{{1e-6, 0.25e-8}}, Matrix{{0.0, 0.0}});
+  expect(of({}, 2, 1.0).relative(error, whole), Matrix{{1e-3, 0.5}});
+}
+
+TEST(Yardstick, EveryStepIsMeasuredByItselfUnlessItIsQuiet) {
+  // of four steps the third hardly moves, and the last not at all: both are measured with 1e-9 of the largest
+  const Sizes whole = strains((Matrix(4, 1) << 1.0, 1e-8, 1e-20, 0.0).finished());
+  const Sizes error = strains((Matrix(4, 1) << 1e-6, 1e-10, 1e-20, 4e-20).finished());
+  expect(of({4, 1}, 1).relative(error, whole),
+         (Matrix(4, 1) << 1e-3, 0.1, 0.1, 0.2).finished());
+  // sets side by side are histories of their own: here the second is small as a whole
+  const Sizes two = strains((Matrix(4, 1) << 1.0, 1.0, 1e-20, 1e-20).finished());
+  const Sizes wrong = strains((Matrix(4, 1) << 1e-4, 1e-6, 1e-22, 1e-24).finished());
+  expect(of({2, 1}, 1).relative(wrong, two),
+         (Matrix(4, 1) << 1e-2, 1e-3, 1e-1, 1e-2).finished());
+}
+
+TEST(Yardstick, AFluctuationIsMeasuredApartFromItsMean) {
+  // mean and fluctuation of a covariance of 1e-4
+  const Sizes whole = strains((Matrix(2, 1) << 1.0, 1e-8).finished());
+  const Sizes error = strains((Matrix(2, 1) << 1e-10, 1e-10).finished());
+  expect(of({1, 5}, 1).relative(error, whole), (Matrix(2, 1) << 1e-5, 0.1).finished());
+  // one that is below 1e-6 of the mean is measured with that: here there is none at all
+  const Sizes certain = strains((Matrix(2, 1) << 1.0, 0.0).finished());
+  expect(of({1, 5}, 1).relative(strains((Matrix(2, 1) << 0.0, 1e-14).finished()), certain),
+         (Matrix(2, 1) << 0.0, 0.1).finished());
+  // a mean is not measured with its fluctuation, nor one step's with another's
+  const Sizes steps = strains((Matrix(4, 1) << 1e-4, 1.0, 1.0, 1e-4).finished());
+  expect(of({2, 5}, 1).relative(strains(Matrix::Constant(4, 1, 1e-6)), steps),
+         (Matrix(4, 1) << 0.1, 1e-3, 1e-3, 0.1).finished());
+}
+
+TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
+  const Sizes whole = sizes(Matrix{{1.0, 0.0}}, Matrix{{4.0, 0.0}});
+  Yardstick yardstick{{}, (Vector(2) << 1.0, 0.25).finished()};
+  // mean squares of displacement: 4 and 0
+  EXPECT_DOUBLE_EQ(yardstick.share_of_reach(whole), 4.0);
+  yardstick.reach = 4.0;
+  expect(yardstick.relative(sizes(Matrix{{0.0, 0.0}}, Matrix{{0.0, 0.01}}), whole),
+         Matrix{{0.0, 0.1}});
+  // double precision knows no better than 1e-14 of the reach
+  expect(yardstick.relative(sizes(Matrix{{0.0, 0.0}}, Matrix{{0.0, 0.9e-28}}), whole),
+         Matrix{{0.0, 0.0}});
+}
+
+TEST(Yardstick, TheStrainOfARigidMotionIsNoSize) {
+  // forces that balance each other do work of 1, and rounding leaves 1e-14 of it as strain
+  Sizes whole = sizes(Matrix{{1e-14}}, Matrix{{1.0}});
+  whole.work(0, 0) = 1.0;
+  const Sizes error = sizes(Matrix{{1e-14}}, Matrix{{0.01}});
+  expect(of({}, 1, 1.0).relative(error, whole), Matrix{{0.1}});
+  whole.strain(0, 0) = 1e-10;  // this is one
+  expect(of({}, 1, 1.0).relative(sizes(Matrix{{1e-10}}, Matrix{{0.01}}), whole), Matrix{{1.0}});
+}
+
+TEST(Yardstick, FacesThatAreHeldAreMeasuredWithTheStrain) {
+  const Sizes whole = sizes(Matrix{{1.0}}, Matrix{{1e-16}});
+  expect(of({}, 1, 1.0).relative(sizes(Matrix{{0.0}}, Matrix{{1e-8}}), whole), Matrix{{0.1}});
+}
+
+TEST(Yardstick, WhereNothingMovesEveryErrorIsInfiniteAndWhatIsNanStaysNan) {
+  const Sizes nothing = Sizes::zero(1, 1);
+  expect(of({}, 1).relative(nothing, nothing), Matrix{{0.0}});
+  EXPECT_EQ(of({}, 1).relative(sizes(Matrix{{0.0}}, Matrix{{1.0}}), nothing)(0, 0), infinity);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const Sizes whole = sizes(Matrix{{1.0}}, Matrix{{1.0}});
+  const Yardstick yardstick = of({}, 1, 1.0);
+  EXPECT_TRUE(std::isnan(yardstick.relative(sizes(Matrix{{nan}}, Matrix{{0.5}}), whole)(0, 0)));
+  EXPECT_TRUE(std::isnan(yardstick.relative(sizes(Matrix{{0.5}}, Matrix{{nan}}), whole)(0, 0)));
+  EXPECT_TRUE(std::isnan(
+      yardstick.relative(sizes(Matrix{{0.5}}, Matrix{{0.5}}), sizes(Matrix{{nan}}, Matrix{{nan}}))(0, 0)));
+}
+
+TEST(Yardstick, MetricsAreThoseOfTheFacesOfABody) {
+  const Laws laws = chain::Scene{.parts = 3}.build();
+  // wall and joint, two joints, one joint; scale and area are 1
+  EXPECT_EQ(yardstick(laws.structure(), {}).metric, (Vector(3) << 2.0, 2.0, 1.0).finished());
+}
+
+TEST(Sizes, DistanceAndDifferenceAgree) {
   const Laws laws = chain::Scene{.parts = 3}.build();
   const Structure& structure = laws.structure();
   GlobalStage global(laws);
@@ -26,12 +159,40 @@ TEST(Size, DistanceAndDifferenceAgree) {
   Matrix w2(5, 2);
   global.apply(one, Matrix::Ones(1, 2), w1);
   global.apply(two, Matrix::Ones(1, 2), w2);
-  const Size share = share_of_distance(structure, one, w1, two, w2);
-  const Size whole = difference_size(structure, one - two, w1 - w2);
-  EXPECT_NEAR(share.strain, whole.strain, 1e-13);
-  EXPECT_NEAR(share.trace, whole.trace, 1e-13);
-  EXPECT_GT(whole.strain, 0.0);
-  EXPECT_NEAR(squared_traces(structure, w1 - w2), whole.trace, 1e-13);
+  const Sizes distance = sizes_of_distance(structure, {}, one, w1, two, w2);
+  const Sizes difference = sizes_of_difference(structure, {}, one - two, w1 - w2);
+  ASSERT_EQ(distance.strain.rows(), 2);
+  ASSERT_EQ(distance.strain.cols(), 3);
+  expect(distance.strain, difference.strain);
+  expect(distance.trace, difference.trace);
+  EXPECT_GT(difference.strain.minCoeff(), 0.0);
+  // both columns are one where they are the fluctuations of a chaos
+  const Sizes steps = sizes_of_difference(structure, {2, 1}, one - two, w1 - w2);
+  expect(steps.trace, difference.trace);
+  Matrix modes(5, 3);
+  modes << Matrix::Zero(5, 1), one - two;
+  Matrix moved(5, 3);
+  moved << Matrix::Zero(5, 1), w1 - w2;
+  const Sizes chaos = sizes_of_difference(structure, {1, 3}, modes, moved);
+  expect(chaos.trace.row(0), Matrix::Zero(1, 3));
+  expect(chaos.trace.row(1), difference.trace.colwise().sum());
+}
+
+TEST(Sizes, ADifferenceIsSeenInTheBodyWhereItIs) {
+  const Laws laws = chain::Scene{.parts = 3}.build();
+  const Structure& structure = laws.structure();
+  Matrix data = Matrix::Zero(5, 1);
+  data(1) = 1.0;  // the first bar's end at the first joint
+  Matrix traces(5, 1);
+  GlobalStage(laws).apply(data, Matrix::Zero(1, 1), traces);
+  const Sizes sizes = sizes_of_difference(structure, {}, data, traces);
+  // springs of 1.3 at both ends of a bar of stiffness 1: K u = s
+  const Matrix stiffness{{2.3, -1.0}, {-1.0, 2.3}};
+  const Vector u = stiffness.inverse() * Vector{{0.0, 1.0}};
+  EXPECT_NEAR(sizes.strain(0, 0), (u(1) - u(0)) * (u(1) - u(0)), 1e-14);
+  EXPECT_NEAR(sizes.trace(0, 0), u.squaredNorm(), 1e-14);
+  expect(sizes.strain.rightCols(2), Matrix::Zero(1, 2));
+  expect(sizes.trace.rightCols(2), Matrix::Zero(1, 2));
 }
 
 }  // namespace latin::substructure

@@ -14,6 +14,17 @@ constexpr double well_below = 0.2;
 /// Distances of iterates that are better than this are rounding, rather than what was wrong with them.
 constexpr double noise = 1e-10;
 
+/// Errors of which the largest is at least so large: where the error is that is not seen is not known.
+Matrix at_least(Matrix errors, double least) {
+  if (errors.size() > 0) {
+    Index row = 0;
+    Index column = 0;
+    errors.maxCoeff(&row, &column);
+    errors(row, column) = std::max(errors(row, column), least);
+  }
+  return errors;
+}
+
 }  // namespace
 
 std::array<double, 2> stage_shares(const Vector& weights, const Vector& directions,
@@ -102,18 +113,13 @@ Matrix ErrorEstimate::by_history(const Anderson& history, const State& state,
   Matrix raised =
       hindsight_.raised(gauge_, state, own, estimate, measured.residual, measured.whole);
   hindsight_.keep(state, estimate, measured.residual);
-  if (raised.size() > 0) {
-    // where is not known
-    Index row = 0;
-    Index column = 0;
-    raised.maxCoeff(&row, &column);
-    raised(row, column) = std::max(raised(row, column), least_of_indicator * measured.indicator);
-  }
-  return raised;
+  return at_least(std::move(raised), least_of_indicator * measured.indicator);
 }
 
 Matrix ErrorEstimate::by_step(const State& step, double left, const Measured& measured) const {
-  return measured.whole.relative(gauge_.of_difference(step.data, step.traces)) / (1.0 - left);
+  return at_least(
+      measured.whole.relative(gauge_.of_difference(step.data, step.traces)) / (1.0 - left),
+      least_of_indicator * measured.indicator);
 }
 
 Matrix ErrorEstimate::of_fit(const Anderson& history, const Measured& measured) const {

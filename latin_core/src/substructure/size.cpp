@@ -80,14 +80,11 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
       if (moved <= square(above_rounding) * noise) {
         moved = reach * metric(b);
       }
-      double of_both = 0.0;
-      if (error.trace(g, b) > noise && moved > 0.0) {
-        of_both = error.trace(g, b) / moved;
-      }
-      if (strained) {
-        of_both = std::max(of_both, error.strain(g, b) / strain);
-      }
-      result(g, b) = std::sqrt(of_both);
+      // infinite where nothing moves; what is NaN stays NaN
+      const double of_trace = error.trace(g, b) <= noise ? 0.0 : error.trace(g, b) / moved;
+      const double of_strain = strained ? error.strain(g, b) / strain : 0.0;
+      const bool by_trace = of_trace >= of_strain || std::isnan(of_trace);
+      result(g, b) = std::sqrt(by_trace ? of_trace : of_strain);
     }
   }
   return result;

@@ -1,0 +1,161 @@
+#include <gtest/gtest.h>
+
+#include "bars.hpp"
+#include "latin/substructure/tangent.hpp"
+#include "pushed.hpp"
+
+namespace latin::substructure {
+namespace {
+
+/// One step with the tangents of where we are. @return what it is said to do to the traces
+Matrix step(chain::Evaluated& at, double hold = 0.0) {
+  const Laws& laws = at.stages.laws();
+  const Matrix jumps = Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces);
+  Tangent tangent(laws.structure());
+  tangent.factorise(Tangent::slopes(laws, jumps, 0), hold);
+  Matrix moved(at.residual.rows(), at.residual.cols());
+  tangent.correct(at.residual, moved);
+  at.state.data += at.residual;
+  at.evaluate();
+  return moved;
+}
+
+}  // namespace
+
+class TangentOfChains : public testing::TestWithParam<std::tuple<Index, double>> {};
+
+/// Rigid laws are taken to be 1e-7 softer than they are: a step leaves as much, and the second nothing.
+TEST_P(TangentOfChains, TwoStepsSolveThemToRounding) {
+  const auto [parts, direction] = GetParam();
+  const chain::Scene scene{.parts = parts, .jump = 0.1, .direction = direction};
+  const Laws laws = scene.build();
+  const Matrix one = Matrix::Ones(1, 1);
+  ASSERT_TRUE(Tangent::possible(laws.structure()));
+  chain::Evaluated at(laws, one);
+  const double first = at.norm();
+  step(at);
+  // k is up to 100 times off the stiffness of the bars
+  EXPECT_LT(at.norm(), 1e-7 * 1e3 * first);
+  step(at);
+  EXPECT_NEAR(chain::end_displacement(laws, at.state), scene.exact(), 1e-11 * scene.exact());
+}
+
+// two bars make a dense matrix, ten a sparse one
+INSTANTIATE_TEST_SUITE_P(Sizes, TangentOfChains,
+                         testing::Combine(testing::Values(2, 10), testing::Values(1e-2, 1.0, 1e2)));
+
+TEST(Tangent, KnowsWhatItsStepDoesToTheTraces) {
+  const Laws laws = chain::Scene{.parts = 4}.build();
+  chain::Evaluated at(laws, Matrix::Ones(1, 3), Matrix::Random(7, 3));
+  for (const double hold : {0.0, 0.3, 1.0, 5.0}) {
+    const Matrix before = at.state.traces;
+    const Matrix moved = step(at, hold);
+    // a wall that is 1e-7 softer than rigid loses seven digits of its displacement
+    EXPECT_LT((at.state.traces - before - moved).norm(), 1e-8 * moved.norm()) << hold;
+  }
+}
+
+TEST(Tangent, ReachesTheSameAnswerWithBodiesHeldOnlyLater) {
+  const chain::Scene scene{.parts = 3};
+  const Laws laws = scene.build();
+  chain::Evaluated at(laws, Matrix::Ones(1, 1));
+  double before = at.norm();
+  const double first = before;
+  Index steps = 0;
+  for (; at.norm() > 1e-10 * first && steps < 500; ++steps) {
+    step(at, 1.0);
+    EXPECT_LT(at.norm(), before);
+    before = at.norm();
+  }
+  EXPECT_GT(steps, 2);
+  EXPECT_NEAR(chain::end_displacement(laws, at.state), scene.exact(), 1e-7 * scene.exact());
+}
+
+TEST(Tangent, WithoutInterfacesAndHeldByTheDirectionItIsTheAveragedStep) {
+  const Laws laws = chain::Scene{.parts = 3}.build();
+  chain::Evaluated at(laws, Matrix::Ones(1, 1));
+  Tangent tangent(laws.structure());
+  tangent.factorise(Matrix::Zero(3, 1), 1.0);
+  Matrix correction = at.residual;
+  Matrix moved(5, 1);
+  tangent.correct(correction, moved);
+  EXPECT_LT((correction - 0.5 * at.residual).norm(), 1e-14 * at.residual.norm());
+}
+
+TEST(Tangent, ABodyInFlightMovesAsFarAsItsSpringsLetIt) {
+  const chain::Pushed scene{.gap = 1e9};
+  const Laws laws = scene.build();
+  for (const double hold : {1.0, 1e-3, 1e-6}) {
+    chain::Evaluated at(laws, Matrix::Ones(1, 1));
+    const double before = at.state.traces(2);
+    EXPECT_NEAR(before, scene.force / scene.direction, 1e-12);  // on the springs of the global stage
+    const Matrix moved = step(at, hold);
+    const double exact = scene.force / (hold * scene.direction);
+    EXPECT_NEAR(moved(2), exact, 1e-9 * std::abs(exact)) << hold;
+  }
+}
+
+TEST(Tangent, ContactThatClosesIsStiff) {
+  const chain::Pushed scene;
+  const Laws laws = scene.build();
+  chain::Evaluated at(laws, Matrix::Ones(1, 1));
+  const Matrix jumps = Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces);
+  ASSERT_LT(jumps(1), 0.0);
+  const Matrix slopes = Tangent::slopes(laws, jumps, 0);
+  EXPECT_NEAR(slopes(1, 0), scene.direction / 2.0, 1e-12);
+  step(at);
+  step(at);
+  EXPECT_LT((at.state.traces - scene.exact()).norm(), 1e-11 * scene.exact().norm());
+}
+
+/// Slip pulls by the friction of a pressure that the same step has to find.
+TEST(Tangent, FrictionCouplesOneWay) {
+  // one block makes a dense matrix, six a sparse one
+  for (const Index count : {1, 6}) {
+    const chain::Sliding scene{.count = count};
+    const Laws laws = scene.build();
+    const Matrix loads = (Matrix(2, 1) << 1.0, 0.8).finished();
+    chain::Evaluated at(laws, loads);
+    step(at);
+    step(at);
+    for (Index i = 0; i < count; ++i) {
+      const auto block = at.state.traces.middleRows(4 * i, 4);
+      const double slipped = (0.8 - 0.3) * scene.compliance();
+      EXPECT_LT((block - Matrix(Vector{{0.0, slipped, 0.0, 0.5 / scene.spring}})).norm(), 1e-10);
+    }
+  }
+}
+
+TEST(Tangent, IsMadeAnewOnlyForOtherTangents) {
+  const chain::Pushed scene;
+  const Laws laws = scene.build();
+  chain::Evaluated at(laws, Matrix::Ones(1, 1));
+  const Matrix closed = Tangent::slopes(
+      laws, Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces), 0);
+  Matrix open = closed;
+  open(1, 0) = 0.0;
+  Tangent tangent(laws.structure());
+  const auto correction = [&](const Matrix& slopes) {
+    tangent.factorise(slopes, 0.1);
+    Matrix residual = at.residual;
+    Matrix moved(residual.rows(), 1);
+    tangent.correct(residual, moved);
+    return residual;
+  };
+  const Matrix first = correction(closed);
+  EXPECT_GT((correction(open) - first).norm(), 1e-3 * first.norm());
+  EXPECT_EQ(correction(closed), first);
+  EXPECT_EQ(correction(closed * (1.0 + 1e-9)), first);  // differences know no better
+}
+
+TEST(Tangent, IsNotPossibleWithoutInterfaces) {
+  EXPECT_TRUE(Tangent::possible(chain::Bars{}.build().structure()));
+  const Structure alone({{"bar",
+                          4,
+                          {{"bar", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}},
+                          {{"spring", {0}, {chain::at(0, 4)}, Vector::Ones(1), Matrix::Zero(1, 1)}}}},
+                        {}, {});
+  EXPECT_FALSE(Tangent::possible(alone));
+}
+
+}  // namespace latin::substructure
