@@ -397,6 +397,7 @@ void Body::order_active_last(const std::vector<BodySide>& sides) {
     where = where == 0 ? interior++ : trailing++;
   }
   traces_ = stack_rows(on_body, size_);
+  active_traces_.resize(traces_.rows(), 0);  // faces that are held entirely touch no unknown
   if (active_ > 0) {
     for (SparseRows& z : prolongations_) {
       z = renumber_columns(z, position);
@@ -642,6 +643,9 @@ const Matrix& Body::schur() const {
     }
     std::vector<Index> all(static_cast<std::size_t>(active_));
     std::iota(all.begin(), all.end(), Index{0});
+    if (active_ == 0) {
+      return Matrix(0, 0);
+    }
     const Eigen::LLT<Matrix> inverse(inverse_block(all));
     if (inverse.info() != Eigen::Success) {
       throw NumericalError("body '" + name_ + "': its condensed stiffness is not definite");
@@ -652,6 +656,9 @@ const Matrix& Body::schur() const {
 
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   const auto count = static_cast<Index>(unknowns.size());
+  if (count == 0) {
+    return Matrix(0, 0);
+  }
   const Index first = condensed() ? 0 : size_ - active_;
   Matrix unit = Matrix::Zero(condensed() ? active_ : size_, count);
   for (Index column = 0; column < count; ++column) {
