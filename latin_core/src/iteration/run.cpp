@@ -20,6 +20,8 @@ constexpr Index own_steps = 1;
 /// A search ends when the residual has fallen to this, times the tolerance.
 constexpr double search_until = 1e-3;
 constexpr Index most_checks = 5;
+/// Limits below this are not to be exceeded by a search.
+constexpr Index least_room = 50;
 /// A check that refuted an estimate is repeated when the residual has fallen by this.
 constexpr double fall_between_checks = 0.3;
 /// Accelerated steps so much longer than the residual are not taken where a body may fly off.
@@ -88,7 +90,8 @@ Summary Run::run(bool traces_known) {
     Measured measured = observe();
     std::optional<Status> status = stopping_.judge(
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
-    if (status && gave_up(*status) && verifies()) {
+    // as many iterations again, where there is room for any
+    if (status && gave_up(*status) && verifies() && options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
       if (summary_.error <= options_.rtol) {
         report(measured);
@@ -163,7 +166,7 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const double least = search_until * options_.rtol * measured.residual;
-  if (verification_->search(state_, residual_, least)) {
+  if (verification_->search(state_, residual_, least, options_.max_iterations)) {
     state_ = verification_->better();
     residual_ = verification_->better_residual();
     history_.clear();

@@ -34,6 +34,9 @@ constexpr double bearable_growth = 1.2;
 /// Springs that hold the bodies, relative to the search direction.
 constexpr double largest_hold = 25.0;
 constexpr double least_hold = Linearisation::least_hold;
+/// After so many steps those that are within so many times rounding are short enough.
+constexpr Index first_of_rounding = 3;
+constexpr double within_rounding = 10.0;
 /// Rounding of a force, relative to the terms that it is the balance of: of many inside the bodies.
 constexpr double rounding = 1e-15;
 
@@ -100,6 +103,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix step(residual.rows(), residual.cols());
   Matrix before;
   const double least = negligible * rtol;
+  Matrix least_known = Matrix::Constant(whole.sizes.strain.rows(), whole.sizes.strain.cols(), least);
   double first = 0.0;
   const double noise = 10.0 * rounding_share * history_.metric().norm(state.data);
   bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
@@ -131,8 +135,12 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                               .select(ahead.cwiseQuotient(before), 0.0)
                               .cwiseMin(1.0 - 1.0 / most_left);
       const Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
+      if (count == first_of_rounding) {
+        least_known = (within_rounding * rounding_errors(whole)).cwiseMax(least);
+      }
       const auto enough =
-          (rest.array() <= least) ||
+          (rest.array() <= least_known.array()) ||
+          (ahead.array() <= (count < first_of_rounding ? 0.0 : 1.0) * least_known.array()) ||
           ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
       if (enough.all() && history_.residual_norm() <= std::max(first, noise)) {
         return Found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole))};
@@ -190,14 +198,14 @@ void Verification::plain_steps(Index count, double& norm) {
   norm = history_.metric().norm(residual_);
 }
 
-bool Verification::search(const State& state, const Matrix& residual, double least) {
+bool Verification::search(const State& state, const Matrix& residual, double least, Index most) {
   const double first = history_.metric().norm(residual);
   Best best{state, residual, first};
   for (const double patience : {0.3, 0.5}) {
     if (best.norm > least) {
       better_ = state;
       residual_ = residual;
-      search_once(patience, least, best);
+      search_once(patience, least, stages_.count() + most / 2, best);
     }
   }
   better_ = std::move(best.state);
@@ -205,11 +213,14 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
   return best.norm < first;
 }
 
+/// @param until    number of global stages at which to stop
 /// @param patience how much less the bodies are held after a step that did not make the residual fall
-void Verification::search_once(double patience, double least, Best& best) {
+void Verification::search_once(double patience, double least, Index until, Best& best) {
   double norm = history_.metric().norm(residual_);
   double hold = 1.0;
-  for (Index count = 0; count < most_of_search && norm > least && std::isfinite(norm); ++count) {
+  for (Index count = 0; count < most_of_search && stages_.count() < until && norm > least &&
+                        std::isfinite(norm);
+       ++count) {
     const double before = norm;
     if (held_step(hold, norm)) {
       const double fall = norm / before;

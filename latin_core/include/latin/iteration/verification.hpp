@@ -38,8 +38,9 @@ class Verification {
   /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
   /// iteration got stuck.
   /// @param least residual norm at which to stop
+  /// @param most  global stages
   /// @return whether the residual has fallen; better() is then where it is least
-  bool search(const State& state, const Matrix& residual, double least);
+  bool search(const State& state, const Matrix& residual, double least, Index most);
   /// Where the last check or search has led to.
   [[nodiscard]] const State& better() const { return better_; }
   [[nodiscard]] const Matrix& better_residual() const { return residual_; }
@@ -54,7 +55,7 @@ class Verification {
     Matrix residual;
     double norm;
   };
-  void search_once(double patience, double least, Best& best);
+  void search_once(double patience, double least, Index until, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
   void plain_steps(Index count, double& norm);
   [[nodiscard]] Matrix rounding_errors(const Whole& whole);
