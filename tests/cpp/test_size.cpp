@@ -124,6 +124,13 @@ TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
          Matrix{{0.0, 0.0}});
 }
 
+TEST(Yardstick, RoundingOfOtherBodiesDoesNotStrainABody) {
+  // a body that is hardly touched, beside one that moves by 1
+  const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
+  const Sizes error = sizes(Matrix{{0.0, 0.9e-28}}, Matrix{{0.0, 0.9e-28}});
+  expect(of({}, 2, 1.0).relative(error, whole), Matrix{{0.0, 0.0}});
+}
+
 TEST(Yardstick, TheStrainOfARigidMotionIsNoSize) {
   // forces that balance each other do work of 1, and rounding leaves 1e-14 of it as strain
   Sizes whole = sizes(Matrix{{1e-14}}, Matrix{{1.0}});

@@ -62,11 +62,11 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   for (Index b = 0; b < result.cols(); ++b) {
     const double noise = square(rounding) * reach * metric(b);
     for (Index g = 0; g < result.rows(); ++g) {
-      // what double precision leaves of the largest step
+      // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
       const double strain_noise =
-          square(rounding) *
-          std::max(whole.strain(history, b).maxCoeff(), whole.work(history, b).maxCoeff());
+          std::max(noise, square(rounding) * std::max(whole.strain(history, b).maxCoeff(),
+                                                      whole.work(history, b).maxCoeff()));
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
       const auto least = [&](const Matrix& sizes) {
