@@ -87,6 +87,15 @@ TEST(Yardstick, EveryStepIsMeasuredByItselfUnlessItIsQuiet) {
          (Matrix(4, 1) << 1e-2, 1e-3, 1e-1, 1e-2).finished());
 }
 
+TEST(Yardstick, WhatDoublePrecisionLeavesOfALargeStepIsNoErrorOfAQuietOne) {
+  const Sizes whole = strains((Matrix(2, 1) << 0.0, 1.0).finished());
+  const Yardstick yardstick = of({2, 1}, 1);
+  expect(yardstick.relative(strains((Matrix(2, 1) << 0.9e-28, 0.0).finished()), whole),
+         Matrix::Zero(2, 1));
+  expect(yardstick.relative(strains((Matrix(2, 1) << 4e-28, 0.0).finished()), whole),
+         (Matrix(2, 1) << 2e-5, 0.0).finished());
+}
+
 TEST(Yardstick, AFluctuationIsMeasuredApartFromItsMean) {
   // mean and fluctuation of a covariance of 1e-4
   const Sizes whole = strains((Matrix(2, 1) << 1.0, 1e-8).finished());
@@ -113,6 +122,13 @@ TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
   // double precision knows no better than 1e-14 of the reach
   expect(yardstick.relative(sizes(Matrix{{0.0, 0.0}}, Matrix{{0.0, 0.9e-28}}), whole),
          Matrix{{0.0, 0.0}});
+}
+
+TEST(Yardstick, RoundingOfOtherBodiesDoesNotStrainABody) {
+  // a body that is hardly touched, beside one that moves by 1
+  const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
+  const Sizes error = sizes(Matrix{{0.0, 0.9e-28}}, Matrix{{0.0, 0.9e-28}});
+  expect(of({}, 2, 1.0).relative(error, whole), Matrix{{0.0, 0.0}});
 }
 
 TEST(Yardstick, TheStrainOfARigidMotionIsNoSize) {

@@ -37,7 +37,8 @@ TEST_P(Chain, MatchesTheSeriesOfSpringsForEveryDirection) {
     scene.direction = GetParam();
     const latin::substructure::Laws laws = scene.build();
     State state;
-    const auto summary = run(laws, state, chain::options());
+    // rounding of the forces, in front of the softest joints: 1e-15 k / 1e-3
+    const auto summary = run(laws, state, chain::options(10, GetParam() > 1.0 ? 1e-9 : 1e-10));
     EXPECT_EQ(summary.status, Status::converged)
         << "joints " << stiffness << ", error " << summary.error;
     EXPECT_NEAR(chain::end_displacement(laws, state), scene.exact(), 1e-8 * scene.exact());

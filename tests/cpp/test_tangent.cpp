@@ -12,7 +12,7 @@ Matrix step(chain::Evaluated& at, double hold = 0.0) {
   const Laws& laws = at.stages.laws();
   const Matrix jumps = Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces);
   Tangent tangent(laws.structure());
-  tangent.factorise(Tangent::slopes(laws, jumps, 0), hold);
+  tangent.factorise(Tangent::slopes(laws, jumps).front(), hold);
   Matrix moved(at.residual.rows(), at.residual.cols());
   tangent.correct(at.residual, moved);
   at.state.data += at.residual;
@@ -51,7 +51,7 @@ TEST(Tangent, KnowsWhatItsStepDoesToTheTraces) {
     const Matrix before = at.state.traces;
     const Matrix moved = step(at, hold);
     // a wall that is 1e-7 softer than rigid loses seven digits of its displacement
-    EXPECT_LT((at.state.traces - before - moved).norm(), 1e-8 * moved.norm()) << hold;
+    EXPECT_LT((at.state.traces - before - moved).norm(), 1e-8 * moved.norm() + 1e-13) << hold;
   }
 }
 
@@ -101,7 +101,7 @@ TEST(Tangent, ContactThatClosesIsStiff) {
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
   const Matrix jumps = Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces);
   ASSERT_LT(jumps(1), 0.0);
-  const Matrix slopes = Tangent::slopes(laws, jumps, 0);
+  const Matrix slopes = Tangent::slopes(laws, jumps).front();
   EXPECT_NEAR(slopes(1, 0), scene.direction / 2.0, 1e-12);
   step(at);
   step(at);
@@ -130,8 +130,10 @@ TEST(Tangent, IsMadeAnewOnlyForOtherTangents) {
   const chain::Pushed scene;
   const Laws laws = scene.build();
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
-  const Matrix closed = Tangent::slopes(
-      laws, Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces), 0);
+  const Matrix closed =
+      Tangent::slopes(laws,
+                      Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces))
+          .front();
   Matrix open = closed;
   open(1, 0) = 0.0;
   Tangent tangent(laws.structure());

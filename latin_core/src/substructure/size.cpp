@@ -8,7 +8,7 @@ namespace {
 
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
-/// Rounding of a displacement, relative to the largest ones.
+/// Rounding of displacements and forces, relative to the largest ones.
 constexpr double rounding = 1e-14;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
@@ -62,6 +62,11 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   for (Index b = 0; b < result.cols(); ++b) {
     const double noise = square(rounding) * reach * metric(b);
     for (Index g = 0; g < result.rows(); ++g) {
+      // what double precision leaves of the largest step, and of the displacements of other bodies
+      const auto history = Eigen::seqN(g / block * block, block);
+      const double strain_noise =
+          std::max(noise, square(rounding) * std::max(whole.strain(history, b).maxCoeff(),
+                                                      whole.work(history, b).maxCoeff()));
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
       const auto least = [&](const Matrix& sizes) {
@@ -82,7 +87,8 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
       }
       // infinite where nothing moves; what is NaN stays NaN
       const double of_trace = error.trace(g, b) <= noise ? 0.0 : error.trace(g, b) / moved;
-      const double of_strain = strained ? error.strain(g, b) / strain : 0.0;
+      const double of_strain =
+          !strained || error.strain(g, b) <= strain_noise ? 0.0 : error.strain(g, b) / strain;
       const bool by_trace = of_trace >= of_strain || std::isnan(of_trace);
       result(g, b) = std::sqrt(by_trace ? of_trace : of_strain);
     }
