@@ -171,7 +171,7 @@ def accuracy_of_run(
 
 
 def group_name(plan: Plan, row: int, kinds: int) -> str:
-    """What a row of the kernel's errors is: a step or load pattern; of two kinds its mean, then its fluctuation."""
+    """What a row of the kernel's errors is: a step or load pattern; of two kinds first the mean."""
     step, kind = divmod(row, kinds)
     label = ""
     if plan.history == "steps":

@@ -105,11 +105,14 @@ void bind_results(py::module_& m) {
                     "Global stages, and the work of Newton steps in such.")
       .def_readonly("error", &Summary::error, "Last estimate of the relative error.")
       .def_readonly("errors", &Summary::errors,
-                    "Estimated relative errors (groups, bodies) of the bodies on this rank, of which `error` is "
-                    "the largest over all ranks: the groups are the time steps, and where there are modes, the "
+                    "Estimated relative errors (groups, bodies) of the bodies on this rank, of "
+                    "which `error` is "
+                    "the largest over all ranks: the groups are the time steps, and where there "
+                    "are modes, the "
                     "mean and the fluctuation of each.")
       .def_readonly("scatter", &Summary::scatter,
-                    "Of a sample: least scatter of the displacements of a body between the samples so far, relative "
+                    "Of a sample: least scatter of the displacements of a body between the samples "
+                    "so far, relative "
                     "to their size; 1 where it is not asked for or not known.")
       .def_readonly("indicator", &Summary::indicator, "The paper's indicator.")
       .def_readonly("energy", &Summary::energy,

@@ -217,8 +217,8 @@ py::dict cost_of(const Body& body) {
 }
 
 /// Changes of laws as Python gives them; None: as it is.
-Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameters, py::handle columns,
-             py::handle extra_loads) {
+Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameters,
+             py::handle columns, py::handle extra_loads) {
   const Structure& structure = laws.structure();
   std::vector<std::pair<std::string, std::vector<LawColumns>>> groups;
   if (!columns.is_none()) {
@@ -591,8 +591,9 @@ void bind_laws_value(py::module_& m) {
       .def("__copy__", [](const Laws& laws) { return laws; })
       .def("__deepcopy__", [](const Laws& laws, const py::object&) { return laws; })
       .def_property_readonly("steps", &Laws::steps, "Columns that are the steps of one history.")
-      .def_property_readonly("modes", &Laws::modes,
-                             "Chaos modes that a solution has at every time step; 1: every column is a solution.")
+      .def_property_readonly(
+          "modes", &Laws::modes,
+          "Chaos modes that a solution has at every time step; 1: every column is a solution.")
       .def_property_readonly(
           "interfaces",
           [](const Laws& laws) {

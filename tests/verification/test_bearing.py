@@ -52,10 +52,13 @@ def bracket(push: float, history: bool, stop: bool = True, turn: float = 0.0) ->
     return assemble(scene)
 
 
-@pytest.mark.parametrize("steps", [0, 2, 9])
 @pytest.mark.parametrize(
-    "push",
-    [0.99 * LIMIT, pytest.param(1.01 * LIMIT, marks=SLIDES), pytest.param(1.8 * LIMIT, marks=SLIDES)],
+    ("push", "steps"),
+    [
+        *((share * LIMIT, steps) for share in (0.99, 1.01) for steps in (0, 2, 9)),
+        *((1.8 * LIMIT, steps) for steps in (0, 2)),
+        pytest.param(1.8 * LIMIT, 9, marks=SLIDES),
+    ],
 )
 def test_slip_into_bearing(push, steps):
     problem = bracket(push, steps > 0)
@@ -100,7 +103,8 @@ def test_a_turning_bracket_slips_and_does_not_open():
 def test_a_run_without_an_answer_says_what_floats(caplog):
     """With too few iterations to reach the stop: which part has moved, and how."""
     caplog.set_level(logging.WARNING)
-    options = Options(max_iterations=40, newton=0)
+    # by the indicator: a run that is stopped by its error is carried on by other means before it gives up
+    options = Options(max_iterations=40, newton=0, criterion="indicator")
     result = solve(bracket(1.8 * LIMIT, True), times=[1.0, 2.0], options=options)
     assert not result.converged and "inf" not in caplog.text
     assert f"ended as {result.status}" in caplog.text

@@ -1,14 +1,14 @@
 #include "latin/substructure/body.hpp"
 
-#include <Eigen/Dense>
 #include <Eigen/Cholesky>
+#include <Eigen/Dense>
 #include <algorithm>
-#include <limits>
-#include <numeric>
 #include <array>
 #include <chrono>
 #include <cmath>
 #include <deque>
+#include <limits>
+#include <numeric>
 #include <utility>
 
 #include "latin/common/error.hpp"
