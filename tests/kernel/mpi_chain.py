@@ -154,7 +154,7 @@ def columns() -> None:
     grid = {"j1.normal": [600.0, 900.0], "j3.tangential": [700.0, 800.0, 1100.0]}
     reads = {"load": lambda f: f.force("j1")[..., 0].sum(axis=1) + f.force("j2")[..., 0].sum(axis=1)}
     swept = [sweep(p, grid, active=kept, options=options, outputs=reads, progress=False) for p in both]
-    assert swept[0].converged.all() and np.array_equal(swept[0].iterations, swept[1].iterations)
+    assert swept[0].converged.all() and swept[1].converged.all()
     for name in ("j1", "j2", "j3"):
         for one, other in zip(swept[0].gathered(name), swept[1].gathered(name), strict=True):
             same(one, other, f"sweep {name}")

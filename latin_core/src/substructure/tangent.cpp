@@ -14,7 +14,7 @@ namespace {
 using Triplets = std::vector<Eigen::Triplet<double, int>>;
 
 /// Slopes (times the flexibility) are reduced by this: a rigid connection is very stiff.
-constexpr double rigid = 1.0 - 1e-7;
+constexpr double rigid = 1.0 - 1e-5;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
