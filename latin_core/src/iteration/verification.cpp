@@ -20,6 +20,8 @@ constexpr double shorter = 0.25;
 constexpr double contraction = 0.5;
 /// A step that is no shorter than the last may be this fraction of what is left.
 constexpr double most_left = 20.0;
+/// What the residual falls to with a step that a law has not made useless by another branch.
+constexpr double residual_fall = 0.7;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
 /// Steps with the tangents of another parameter set before those here are taken.
@@ -95,7 +97,9 @@ Matrix Verification::rounding_errors(const Whole& whole) {
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
-                                                       const Whole& whole, double rtol) {
+                                                       const Whole& at_start, double rtol) {
+  // an iterate may be larger than the answer: errors are relative to where the steps lead
+  Whole whole = at_start;
   better_ = state;
   residual_ = residual;
   history_.clear();
@@ -104,11 +108,12 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix before;
   const double least = negligible * rtol;
   Matrix least_known = Matrix::Constant(whole.sizes.strain.rows(), whole.sizes.strain.cols(), least);
-  double first = 0.0;
+  double norm_before = std::numeric_limits<double>::infinity();
   const double noise = 10.0 * rounding_share * history_.metric().norm(state.data);
   bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
   for (Index count = 0; count <= most_steps; ++count) {
     borrowed = borrowed && count <= most_borrowed;
+    const bool was_borrowed = borrowed;
     try {
       if (!borrowed && linear_->take(stages_.laws(), better_)) {
         history_.clear();
@@ -118,14 +123,15 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     }
     history_.fit(residual_);
     history_.step(residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
-    if (count == 0) {
-      first = history_.residual_norm();
-    }
+    const double norm = history_.residual_norm();
     if (!step.allFinite()) {
       return std::nullopt;
     }
     if (history_.size() > 0) {
       moved_ -= history_.predicted_error().traces;
+    }
+    if (count > 0) {
+      whole = stages_.whole(better_);
     }
     const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
     if (count > 0) {
@@ -142,11 +148,15 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           (rest.array() <= least_known.array()) ||
           (ahead.array() <= (count < first_of_rounding ? 0.0 : 1.0) * least_known.array()) ||
           ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
-      if (enough.all() && history_.residual_norm() <= std::max(first, noise)) {
+      // tangents of another set say nothing where a law has changed its branch
+      borrowed = borrowed && linear_->near(stages_.laws(), better_);
+      if (enough.all() && borrowed == was_borrowed &&
+          norm <= std::max(residual_fall * norm_before, noise)) {
         return Found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole))};
       }
     }
     before = ahead;
+    norm_before = norm;
     const State from = better_;
     const Matrix residual_before = residual_;
     better_.data += step;
