@@ -12,7 +12,6 @@ import dolfinx_frontend as lf
 from dolfinx_frontend.reference.direct import monolithic
 from tests.verification.judged import Laws, assert_right, connect, judged, row, square
 
-FLOWN = pytest.mark.xfail(strict=True, reason="a run that gives up early is not yet its best iterate")
 DEFAULT: dict[str, Any] = {}
 PLAIN = {"newton": 0}
 
@@ -46,7 +45,7 @@ KNOWN = {
 @pytest.fixture(autouse=True)
 def known_failure(request: pytest.FixtureRequest) -> None:
     if request.node.name in KNOWN:
-        request.node.add_marker(pytest.mark.xfail(strict=True, reason="the estimate is not within its bounds"))
+        request.node.add_marker(pytest.mark.xfail(strict=True, reason="errors are underestimated by 4 to 15"))
 
 
 def pair_and_light(ratio: float, gap: float) -> Laws:
@@ -89,7 +88,6 @@ def test_gaps_of_many_displacements(rtol: float, gap: float, ratio: float) -> No
     assert_right(judged("static", laws, three_squares, lambda p: lf.solve(p, options=options), rtol))
 
 
-@FLOWN
 @pytest.mark.parametrize("most", [3, 10, 20, 40, 80, 300])
 @pytest.mark.parametrize(("gap", "ratio"), [(0.01, 0.1), (0.1, 0.1)])
 def test_what_has_not_converged_has_not_flown(gap: float, ratio: float, most: int) -> None:
@@ -97,9 +95,9 @@ def test_what_has_not_converged_has_not_flown(gap: float, ratio: float, most: in
     problem = lf.assemble(three_squares(pair_and_light(ratio, gap)))
     result = lf.solve(problem, options=lf.Options(rtol=1e-6, max_iterations=most))
     height = result.displacements["c"].reshape(-1, 2)[:, 1]
-    # its own compression is 1e-4 * ratio of its height
+    # its own compression under the pressure p = 100 * ratio is below p / E of its height
     away = np.abs(height + gap).max() / gap
-    assert away <= (3e-6 if result.converged else 1.0) + 2e-4 * ratio / gap, result.status
+    assert away <= (3e-6 if result.converged else 1.0) + 5e-4 * ratio / gap, result.status
 
 
 LEAST = 1e-7
