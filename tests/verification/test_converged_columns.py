@@ -23,7 +23,8 @@ KNOWN = {
 @pytest.fixture(autouse=True)
 def known_failure(request: pytest.FixtureRequest) -> None:
     if request.node.name in KNOWN:
-        request.node.add_marker(pytest.mark.xfail(strict=True, reason="a tiny error is underestimated by 3.2"))
+        mark = pytest.mark.xfail(strict=True, reason="a tiny error is underestimated by 3.2")
+        request.node.add_marker(mark)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.1])

@@ -45,7 +45,8 @@ KNOWN = {
 @pytest.fixture(autouse=True)
 def known_failure(request: pytest.FixtureRequest) -> None:
     if request.node.name in KNOWN:
-        request.node.add_marker(pytest.mark.xfail(strict=True, reason="errors are underestimated by 4 to 15"))
+        mark = pytest.mark.xfail(strict=True, reason="errors are underestimated by 4 to 15")
+        request.node.add_marker(mark)
 
 
 def pair_and_light(ratio: float, gap: float) -> Laws:

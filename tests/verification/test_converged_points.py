@@ -27,7 +27,8 @@ KNOWN = {
 @pytest.fixture(autouse=True)
 def known_failure(request: pytest.FixtureRequest) -> None:
     if request.node.name in KNOWN:
-        request.node.add_marker(pytest.mark.xfail(strict=True, reason="errors of samples are underestimated by 5 to 20"))
+        mark = pytest.mark.xfail(strict=True, reason="errors of samples are underestimated by 5 to 20")
+        request.node.add_marker(mark)
 
 
 def blocks(laws: Laws) -> lf.Scene:
