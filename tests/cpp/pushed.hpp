@@ -25,7 +25,8 @@ struct Pushed {
     std::vector<latin::substructure::BodyDescription> bodies;
     for (const auto& [name, load] :
          {std::pair{"held", 0.0}, std::pair{"loose", force}, std::pair{"other", other}}) {
-      bodies.push_back({name, nodes, {{name, shared_bar(nodes), {}, end_load(nodes, load), {}}}, {}});
+      bodies.push_back(
+          {name, nodes, {{name, shared_bar(nodes), {}, end_load(nodes, load), {}}}, {}});
     }
     const auto side = [this](const char* name, Index node) {
       return latin::substructure::SideDescription{name, at(node, nodes),

@@ -47,8 +47,8 @@ int requests(const latin::substructure::Laws& laws, latin::Index acceleration,
   };
   latin::iteration::State state;
   // modes of one solution: tables of errors have a row of mean and of fluctuation, not one per column
-  const auto summary = latin::iteration::solve(laws.with_modes(columns), options, amplitudes, state,
-                                               {}, count);
+  const auto summary =
+      latin::iteration::solve(laws.with_modes(columns), options, amplitudes, state, {}, count);
   EXPECT_EQ(summary.iterations, 25);
   return large_requests - before;
 }

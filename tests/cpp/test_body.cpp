@@ -107,8 +107,9 @@ TEST_P(BodyOperators, AgreeWithDenseAlgebra) {
   const Matrix forces = data - k.asDiagonal() * traces;
   const Matrix elastic = Matrix(sample.stiffness) + sample.kappa * ground.transpose() * ground;
   const Vector energies = (u.transpose() * elastic * u).diagonal();
-  EXPECT_LT((body.energies(data, traces, forces, amplitudes, body.response(), work) - energies).norm(),
-            1e-10 * energies.norm());
+  EXPECT_LT(
+      (body.energies(data, traces, forces, amplitudes, body.response(), work) - energies).norm(),
+      1e-10 * energies.norm());
 
   // the operator without what is no unknown of a side: S = A_aa - A_ai A_ii^-1 A_ia = (the block of A^-1)^-1
   const SparseRows& own = body.active_traces();

@@ -218,8 +218,8 @@ TEST(Hindsight, KeepsIteratesWellApart) {
   hindsight.keep(state(2.0), 0.1, 0.1);
   // the larger of their distances to 0, each fallen as far as its residual
   const auto raised = [&](double residual) {
-    return hindsight.raised(measure, state(0.0), Matrix::Zero(1, 1), 0.1, residual,
-                            whole(1.0))(0, 0);
+    return hindsight.raised(measure, state(0.0), Matrix::Zero(1, 1), 0.1, residual, whole(1.0))(0,
+                                                                                                0);
   };
   EXPECT_NEAR(raised(1e-2), std::max(4.0 * std::sqrt(1e-2), 2.0 * std::sqrt(1e-1)), 1e-14);
   hindsight.keep(state(1.0), 0.1, 0.01);  // the oldest makes room

@@ -78,13 +78,11 @@ TEST(Yardstick, EveryStepIsMeasuredByItselfUnlessItIsQuiet) {
   // of four steps the third hardly moves, and the last not at all: both are measured with 1e-9 of the largest
   const Sizes whole = strains((Matrix(4, 1) << 1.0, 1e-8, 1e-20, 0.0).finished());
   const Sizes error = strains((Matrix(4, 1) << 1e-6, 1e-10, 1e-20, 4e-20).finished());
-  expect(of({4, 1}, 1).relative(error, whole),
-         (Matrix(4, 1) << 1e-3, 0.1, 0.1, 0.2).finished());
+  expect(of({4, 1}, 1).relative(error, whole), (Matrix(4, 1) << 1e-3, 0.1, 0.1, 0.2).finished());
   // sets side by side are histories of their own: here the second is small as a whole
   const Sizes two = strains((Matrix(4, 1) << 1.0, 1.0, 1e-20, 1e-20).finished());
   const Sizes wrong = strains((Matrix(4, 1) << 1e-4, 1e-6, 1e-22, 1e-24).finished());
-  expect(of({2, 1}, 1).relative(wrong, two),
-         (Matrix(4, 1) << 1e-2, 1e-3, 1e-1, 1e-2).finished());
+  expect(of({2, 1}, 1).relative(wrong, two), (Matrix(4, 1) << 1e-2, 1e-3, 1e-1, 1e-2).finished());
 }
 
 TEST(Yardstick, WhatDoublePrecisionLeavesOfALargeStepIsNoErrorOfAQuietOne) {
@@ -155,8 +153,8 @@ TEST(Yardstick, WhereNothingMovesEveryErrorIsInfiniteAndWhatIsNanStaysNan) {
   const Yardstick yardstick = of({}, 1, 1.0);
   EXPECT_TRUE(std::isnan(yardstick.relative(sizes(Matrix{{nan}}, Matrix{{0.5}}), whole)(0, 0)));
   EXPECT_TRUE(std::isnan(yardstick.relative(sizes(Matrix{{0.5}}, Matrix{{nan}}), whole)(0, 0)));
-  EXPECT_TRUE(std::isnan(
-      yardstick.relative(sizes(Matrix{{0.5}}, Matrix{{0.5}}), sizes(Matrix{{nan}}, Matrix{{nan}}))(0, 0)));
+  EXPECT_TRUE(std::isnan(yardstick.relative(sizes(Matrix{{0.5}}, Matrix{{0.5}}),
+                                            sizes(Matrix{{nan}}, Matrix{{nan}}))(0, 0)));
 }
 
 TEST(Yardstick, MetricsAreThoseOfTheFacesOfABody) {

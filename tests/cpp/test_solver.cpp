@@ -66,8 +66,8 @@ TEST(Solver, EstimateIsCloseToTheErrorOfThePlainIteration) {
     const auto summary = run(laws, state, chain::options(0, rtol));
     const latin::substructure::Structure& structure = laws.structure();
     latin::substructure::Yardstick yardstick = latin::substructure::yardstick(structure, {});
-    const auto whole = latin::substructure::GlobalStage(laws).sizes(exact.data, exact.traces,
-                                                                    Matrix::Ones(1, 1));
+    const auto whole =
+        latin::substructure::GlobalStage(laws).sizes(exact.data, exact.traces, Matrix::Ones(1, 1));
     yardstick.reach = yardstick.share_of_reach(whole);
     const double truth =
         yardstick

@@ -88,7 +88,8 @@ TEST(Tangent, ABodyInFlightMovesAsFarAsItsSpringsLetIt) {
   for (const double hold : {1.0, 1e-3, 1e-6}) {
     chain::Evaluated at(laws, Matrix::Ones(1, 1));
     const double before = at.state.traces(2);
-    EXPECT_NEAR(before, scene.force / scene.direction, 1e-12);  // on the springs of the global stage
+    EXPECT_NEAR(before, scene.force / scene.direction,
+                1e-12);  // on the springs of the global stage
     const Matrix moved = step(at, hold);
     const double exact = scene.force / (hold * scene.direction);
     EXPECT_NEAR(moved(2), exact, 1e-9 * std::abs(exact)) << hold;
@@ -131,8 +132,7 @@ TEST(Tangent, IsMadeAnewOnlyForOtherTangents) {
   const Laws laws = scene.build();
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
   const Matrix closed =
-      Tangent::slopes(laws,
-                      Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces))
+      Tangent::slopes(laws, Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces))
           .front();
   Matrix open = closed;
   open(1, 0) = 0.0;
@@ -152,11 +152,12 @@ TEST(Tangent, IsMadeAnewOnlyForOtherTangents) {
 
 TEST(Tangent, IsNotPossibleWithoutInterfaces) {
   EXPECT_TRUE(Tangent::possible(chain::Bars{}.build().structure()));
-  const Structure alone({{"bar",
-                          4,
-                          {{"bar", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}},
-                          {{"spring", {0}, {chain::at(0, 4)}, Vector::Ones(1), Matrix::Zero(1, 1)}}}},
-                        {}, {});
+  const Structure alone(
+      {{"bar",
+        4,
+        {{"bar", chain::shared_bar(4), {}, chain::end_load(4, 1.0), {}}},
+        {{"spring", {0}, {chain::at(0, 4)}, Vector::Ones(1), Matrix::Zero(1, 1)}}}},
+      {}, {});
   EXPECT_FALSE(Tangent::possible(alone));
 }
 

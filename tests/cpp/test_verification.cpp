@@ -143,8 +143,7 @@ TEST(Verification, StepsThatRememberAreCheckedOneByOne) {
   ASSERT_TRUE(laws.remembers());
   ASSERT_TRUE(Verification::possible(laws));
   // pushed: it sticks, slips, slips back, sticks
-  const Matrix loads =
-      (Matrix(2, 4) << 1.0, 1.0, 1.0, 1.0, 0.2, 1.0, 0.2, 0.4).finished();
+  const Matrix loads = (Matrix(2, 4) << 1.0, 1.0, 1.0, 1.0, 0.2, 1.0, 0.2, 0.4).finished();
   const State exact = solved(laws, loads);
   const Vector slipped = scene.compliance() * Vector{{0.0, 0.7, 0.5, 0.5}};
   EXPECT_LT((exact.traces.row(1).transpose() - slipped).norm(), 1e-9);

@@ -10,14 +10,23 @@ import pytest
 import dolfinx_frontend as lf
 from tests.verification.judged import Laws, Values, assert_right, connect, judged, row, square
 
-FLUCTUATION = pytest.mark.xfail(strict=False, reason="mean and fluctuation of all parts are one number")
-STEP = pytest.mark.xfail(strict=False, reason="all steps are one number")
-ESTIMATE = pytest.mark.xfail(strict=False, reason="an estimate of linear interfaces is believed too early")
 STEEL = 2e5
 SETTINGS: Any = pytest.mark.parametrize("newton", [{}, {"newton": 0}], ids=["default", "plain"])
 
+# what is not right yet; a test that passes here fails, and is to be taken out
+KNOWN = {
+    "test_a_random_displacement[4-1.0-0.01]",
+    "test_a_swept_displacement[4-1.0-0.01]",
+}
 
-@FLUCTUATION
+
+@pytest.fixture(autouse=True)
+def known_failure(request: pytest.FixtureRequest) -> None:
+    if request.node.name in KNOWN:
+        mark = pytest.mark.xfail(strict=True, reason="a tiny error is underestimated by 3.2")
+        request.node.add_marker(mark)
+
+
 @pytest.mark.parametrize("share", [1.0, 0.1])
 @pytest.mark.parametrize("soft", [1e-1, 1e-3, 1e-5])
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 1e-6])
@@ -57,7 +66,6 @@ def test_a_soft_mount_beside_a_stiff_joint(rtol: float, soft: float, share: floa
     assert_right(judged("chaos", laws, build, run, rtol, **given))
 
 
-@FLUCTUATION
 @pytest.mark.parametrize("rtol", [1e-3, 1e-4, 1e-6])
 @pytest.mark.parametrize("cov", [1e-1, 1e-2, 1e-3, 1e-4])
 def test_a_small_scatter(cov: float, rtol: float) -> None:
@@ -91,7 +99,6 @@ TINY = lf.Amplitude([0.0, 1.0, 2.0, 3.0], [0.0, 1e-3, 1e-3, 1e-3])
 LARGE = lf.Amplitude([1.0, 2.0, 3.0], [0.0, 1.0, 0.0])
 
 
-@STEP
 @SETTINGS
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 1e-6])
 def test_the_last_steps_of_a_history(rtol: float, newton: dict[str, int]) -> None:
@@ -138,7 +145,6 @@ def row_laws(parts: int, bed: float, grip: Any, stiffness: Any = lambda k: 50.0)
     return laws
 
 
-@ESTIMATE
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
 @ROWS
 def test_a_random_displacement(parts: int, bed: float, rtol: float) -> None:
@@ -153,7 +159,6 @@ def test_a_random_displacement(parts: int, bed: float, rtol: float) -> None:
     assert_right(judged("chaos", laws, build, lambda p: lf.solve(p, chaos=2, options=options), rtol, **run))
 
 
-@ESTIMATE
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-6])
 @ROWS
 def test_a_swept_displacement(parts: int, bed: float, rtol: float) -> None:
@@ -168,7 +173,6 @@ def test_a_swept_displacement(parts: int, bed: float, rtol: float) -> None:
     assert_right(judged("sweep", laws, row(parts, bed), run, rtol, grid=grid, random=["grip"]))
 
 
-@ESTIMATE
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
 @ROWS
 def test_a_displacement_beside_random_springs(parts: int, bed: float, rtol: float) -> None:

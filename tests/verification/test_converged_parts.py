@@ -12,9 +12,6 @@ import dolfinx_frontend as lf
 from dolfinx_frontend.reference.direct import monolithic
 from tests.verification.judged import Laws, assert_right, connect, judged, row, square
 
-PART = pytest.mark.xfail(strict=False, reason="the error of a part hides behind those of others")
-ESTIMATE = pytest.mark.xfail(strict=False, reason="an estimate of linear interfaces is believed too early")
-DIRECT = pytest.mark.xfail(strict=False, reason="a direct solution does not measure itself")
 DEFAULT: dict[str, Any] = {}
 PLAIN = {"newton": 0}
 
@@ -29,6 +26,27 @@ PAIR_AND_LIGHT = {
     "stop": ["c:y0"],
     "light": ["c:y1"],
 }
+
+# what is not right yet; a test that passes here fails, and is to be taken out
+KNOWN = {
+    "test_random_rows[17-0.01]",
+    "test_random_rows[17-0.001]",
+    "test_random_rows[17-1e-05]",
+    "test_random_rows[18-0.001]",
+    "test_random_rows[18-1e-05]",
+    "test_a_direct_solution_measures_itself[-12]",
+    "test_a_direct_solution_measures_itself[-10]",
+    "test_a_direct_solution_measures_itself[10]",
+    "test_a_direct_solution_measures_itself[12]",
+    "test_parts_of_far_apart_stiffness[1000000000000.0]",
+}
+
+
+@pytest.fixture(autouse=True)
+def known_failure(request: pytest.FixtureRequest) -> None:
+    if request.node.name in KNOWN:
+        mark = pytest.mark.xfail(strict=True, reason="errors are underestimated by 4 to 15")
+        request.node.add_marker(mark)
 
 
 def pair_and_light(ratio: float, gap: float) -> Laws:
@@ -52,7 +70,6 @@ def three_squares(laws: Laws) -> lf.Scene:
     return connect(scene, laws, PAIR_AND_LIGHT)
 
 
-@PART
 @pytest.mark.parametrize("newton", [DEFAULT, PLAIN], ids=["default", "plain"])
 @pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 1e-6])
@@ -62,7 +79,6 @@ def test_a_light_part_lands(rtol: float, ratio: float, newton: dict[str, int]) -
     assert_right(judged("static", laws, three_squares, lambda p: lf.solve(p, options=options), rtol))
 
 
-@PART
 @pytest.mark.parametrize("ratio", [1.0, 0.1, 0.01])
 @pytest.mark.parametrize("gap", [1e-3, 3e-3, 1e-2, 3e-2, 1e-1])
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
@@ -73,7 +89,6 @@ def test_gaps_of_many_displacements(rtol: float, gap: float, ratio: float) -> No
     assert_right(judged("static", laws, three_squares, lambda p: lf.solve(p, options=options), rtol))
 
 
-@PART
 @pytest.mark.parametrize("most", [3, 10, 20, 40, 80, 300])
 @pytest.mark.parametrize(("gap", "ratio"), [(0.01, 0.1), (0.1, 0.1)])
 def test_what_has_not_converged_has_not_flown(gap: float, ratio: float, most: int) -> None:
@@ -81,9 +96,9 @@ def test_what_has_not_converged_has_not_flown(gap: float, ratio: float, most: in
     problem = lf.assemble(three_squares(pair_and_light(ratio, gap)))
     result = lf.solve(problem, options=lf.Options(rtol=1e-6, max_iterations=most))
     height = result.displacements["c"].reshape(-1, 2)[:, 1]
-    # its own compression is 1e-4 * ratio of its height
+    # its own compression under the pressure p = 100 * ratio is below p / E of its height
     away = np.abs(height + gap).max() / gap
-    assert away <= (3e-6 if result.converged else 1.0) + 2e-4 * ratio / gap, result.status
+    assert away <= (3e-6 if result.converged else 1.0) + 5e-4 * ratio / gap, result.status
 
 
 LEAST = 1e-7
@@ -100,7 +115,6 @@ def row_laws(parts: int, bed: float, joint: Any = None, moved: Any = MOVED) -> L
     return laws
 
 
-@ESTIMATE
 @pytest.mark.parametrize("rtol", [1e-1, 1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("active", ["all", ["grip"], ["grip", "j1"]], ids=["all", "grip", "grip and joint"])
 @pytest.mark.parametrize("bed", [0.0, 1.0])
@@ -112,7 +126,6 @@ def test_linear_interfaces_that_are_kept(parts: int, bed: float, active: Any, rt
     assert_right(judged("static", row_laws(parts, bed), row(parts, bed), run, rtol))
 
 
-@ESTIMATE
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
 def test_friction_beside_linear_interfaces_that_are_kept(rtol: float) -> None:
     laws = row_laws(2, 0.0, lf.Contact(friction=0.3), (-0.01, 0.002))
@@ -123,7 +136,6 @@ def test_friction_beside_linear_interfaces_that_are_kept(rtol: float) -> None:
     assert_right(judged("static", laws, row(2, 0.0), run, rtol))
 
 
-@ESTIMATE
 @pytest.mark.parametrize("quantity", ["wall", None])
 @pytest.mark.parametrize("accuracy", [0.1, 1e-2, 1e-3, 1e-4])
 @pytest.mark.parametrize(("parts", "bed"), [(2, 0.0), (3, 1.0), (4, 1.0)])
@@ -147,7 +159,6 @@ def test_an_accuracy_that_is_asked_for(parts: int, bed: float, accuracy: float, 
     assert error <= 3.0 * max(result.errors().total, 1e-10) * size
 
 
-@ESTIMATE
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-5])
 @pytest.mark.parametrize("seed", range(20))
 def test_random_rows(seed: int, rtol: float) -> None:
@@ -180,7 +191,6 @@ def test_random_rows(seed: int, rtol: float) -> None:
     assert_right(judged("static", laws, build, lambda p: lf.solve(p, active=active, options=options), rtol))
 
 
-@DIRECT
 @pytest.mark.parametrize("decade", [-15, -14, -13, -12, -10, 10, 12, 14, 15, 17])
 def test_a_direct_solution_measures_itself(decade: int) -> None:
     """The force of assembled springs is the load, whatever their stiffness; or the result says how far."""
@@ -201,7 +211,6 @@ def test_a_direct_solution_measures_itself(decade: int) -> None:
     assert not result.converged or off <= 3.0 * max(result.plan.options.rtol, LEAST)
 
 
-@DIRECT
 @pytest.mark.parametrize("contrast", [1e-12, 1e-8, 1e8, 1e12])
 def test_parts_of_far_apart_stiffness(contrast: float) -> None:
     """Two squares in tension without lateral contraction: each carries 1, and gives as much as it is soft."""

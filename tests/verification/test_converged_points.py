@@ -10,9 +10,25 @@ import pytest
 import dolfinx_frontend as lf
 from tests.verification.judged import Laws, Values, assert_right, connect, judged
 
-NEIGHBOUR = pytest.mark.xfail(strict=False, reason="points are accepted as they start from their neighbours")
 STEEL = 2e5
 SETTINGS: Any = pytest.mark.parametrize("newton", [{}, {"newton": 0}], ids=["default", "plain"])
+
+# what is not right yet; a test that passes here fails, and is to be taken out
+KNOWN = {
+    "test_samples_near_slip[friction-0.01-default]",
+    "test_samples_near_slip[friction-0.01-plain]",
+    "test_samples_near_slip[gap-0.01-default]",
+    "test_samples_near_slip[gap-0.01-plain]",
+    "test_samples_near_slip[gap-0.001-default]",
+    "test_samples_near_slip[gap-0.001-plain]",
+}
+
+
+@pytest.fixture(autouse=True)
+def known_failure(request: pytest.FixtureRequest) -> None:
+    if request.node.name in KNOWN:
+        mark = pytest.mark.xfail(strict=True, reason="errors of samples are underestimated by 5 to 20")
+        request.node.add_marker(mark)
 
 
 def blocks(laws: Laws) -> lf.Scene:
@@ -25,7 +41,6 @@ def blocks(laws: Laws) -> lf.Scene:
     return connect(scene, laws, faces | {"load": ["b:x1"], "press": ["b:y1"]}, joint="facets")
 
 
-@NEIGHBOUR
 @SETTINGS
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3])
 @pytest.mark.parametrize("which", ["friction", "gap"])

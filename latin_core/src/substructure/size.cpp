@@ -35,7 +35,8 @@ Sizes sum_over(const Structure& structure, const ColumnGroups& groups, Index col
       sizes.trace(group, static_cast<Index>(b)) += trace;
     }
   }
-  sizes.strain = sizes.strain.cwiseAbs();  // rounding may leave the energy of a rigid motion negative
+  sizes.strain =
+      sizes.strain.cwiseAbs();  // rounding may leave the energy of a rigid motion negative
   return sizes;
 }
 
@@ -111,8 +112,7 @@ Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups
                           ConstMatrixRef data, ConstMatrixRef traces) {
   return sum_over(structure, groups, data.cols(), [&](const auto& rows, Index column) {
     const auto w = traces.col(column)(rows).array();
-    const auto force =
-        data.col(column)(rows).array() - structure.directions()(rows).array() * w;
+    const auto force = data.col(column)(rows).array() - structure.directions()(rows).array() * w;
     return std::pair{(w * structure.weights()(rows).array() * force).sum(),
                      (w.square() * structure.trace_metric()(rows).array()).sum()};
   });
