@@ -157,7 +157,8 @@ def columns() -> None:
     assert swept[0].converged.all() and swept[1].converged.all()
     for name in ("j1", "j2", "j3"):
         for one, other in zip(swept[0].gathered(name), swept[1].gathered(name), strict=True):
-            same(one, other, f"sweep {name}")
+            # no check of estimates on several ranks: warm starts are right to what is asked for
+            same(one, other, f"sweep {name}", 1e-7)
     same(swept[0].output("load"), swept[1].output("load"), "output")
 
     points = np.array([[0.3, -0.5], [-1.0, 0.4], [0.0, 1.2]])

@@ -213,7 +213,7 @@ def interrupting(monkeypatch: Any, number: int) -> None:
 def test_statistics_of_an_interrupted_sampling_are_refused(problem: Any, monkeypatch: Any) -> None:
     germs = np.linspace(-1.0, 1.0, 20)[:, None]
     with monkeypatch.context() as patch:
-        interrupting(patch, 30)
+        interrupting(patch, 12)
         result = sample(problem, germs, keep_states=True)
     assert not result.complete and result.status == "interrupted" and not result.converged
     assert 0 < result.finished.sum() < 20

@@ -310,7 +310,7 @@ def test_the_answer_stays_after_sampling() -> None:
     # the chaos predicts good starts
     cold = sample(result.problem, samples.germs, options=TIGHT, progress=False)
     assert np.allclose(samples.force("joint"), cold.force("joint"), atol=1e-5)
-    assert samples.iterations.sum() <= cold.iterations.sum()
+    assert np.median(samples.iterations) <= np.median(cold.iterations)
     with pytest.raises(SceneError, match="unknown interface"):
         result.truncation("nowhere")
 
