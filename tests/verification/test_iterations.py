@@ -142,8 +142,8 @@ def test_estimate_of_the_accelerated_iteration(vessel, vessel_reference, factor,
     result = solve(vessel, "accelerated", direction=Direction(given=given), options=options)
     assert result.status == "converged"
     ratio = result.error / true_error(vessel, result, vessel_reference)
-    # the default direction keeps the bound; off it, a short history sees only part of the error. The estimate is the
-    # largest of the parts, the error that of the whole
+    # the default direction keeps the bound; off it, a short history sees only part of the error.
+    # The estimate is the largest of the parts, the error that of the whole
     assert (1 / 3 if factor == 1.0 else 1 / 20) < ratio < 6
 
 
@@ -179,7 +179,9 @@ def test_iterations_of_the_vessel_in_true_contact(friction: float | None, limit:
     within(assemble(scene), limit, times=times)
 
 
-far = pytest.param(10.0, marks=pytest.mark.xfail(reason="stiff: a step hides that neither Newton nor the rest finds"))
+far = pytest.param(
+    10.0, marks=pytest.mark.xfail(reason="a step hides that neither Newton nor the rest finds")
+)
 
 
 @pytest.mark.parametrize("factor", [0.1, 1.0, far])

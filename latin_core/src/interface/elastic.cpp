@@ -50,8 +50,7 @@ bool ElasticLaw::slopes(const LocalProblem& problem, Index column, ConstMatrixRe
   for (Index row = 0; row < slopes.rows(); ++row) {
     const Index point = row / problem.components;
     const Index component = row % problem.components;
-    const double stiffness =
-        component == 0 ? normal(point, column) : tangential(point, column);
+    const double stiffness = component == 0 ? normal(point, column) : tangential(point, column);
     slopes(row, component) = 1.0 / (1.0 / stiffness + problem.flexibility(row));
   }
   return true;

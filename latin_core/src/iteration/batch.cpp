@@ -43,7 +43,8 @@ std::vector<Advanced> advance_by(const Linearisation& linear, const substructure
   Stages stages(laws, all_amplitudes, false);
   State state;
   Matrix residual(structure.rows(), sets * columns);
-  Stepper(stages.fixed_point(), history, options.relaxation).start_from(snapshots, {state, residual});
+  Stepper(stages.fixed_point(), history, options.relaxation)
+      .start_from(snapshots, {state, residual});
   stages.local(state.data, state.traces, residual);
   Matrix moved;
   Matrix step = residual;
@@ -72,8 +73,8 @@ std::vector<Advanced> advance_by(const Linearisation& linear, const substructure
     };
     Advanced& answer = answers[static_cast<std::size_t>(set)];
     answer.state = {of_set(state.data), of_set(state.traces)};
-    answer.indicator = stage_distance(stage_shares(structure.weights(), structure.directions(),
-                                                   answer.state, of_set(residual)));
+    answer.indicator = stage_distance(
+        stage_shares(structure.weights(), structure.directions(), answer.state, of_set(residual)));
     answer.residual = history.metric().norm(of_set(residual));
     Whole mine{sizes_of(whole), yardstick};
     mine.yardstick.reach = mine.yardstick.share_of_reach(mine.sizes);

@@ -66,9 +66,9 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
       stepper_(stages_.fixed_point(), history_, options.relaxation,
                may_fly(laws) ? longest_step : unknown),
       error_(gauge_of(structure_, laws.groups()), structure_.rows(), amplitudes.cols(),
-             !accelerates()                     ? observing_depth
+             !accelerates()                 ? observing_depth
              : Verification::possible(laws) ? 1
-                                                : own_steps,
+                                            : own_steps,
              [this](double error) { return structure_.communicator().largest(error); }),
       newton_(history_.metric(), newton_of(stages_, options),
               [this](const State& at, Matrix& residual) {
@@ -312,8 +312,7 @@ void Run::finish(Status status) {
   // what the bodies' factors leave is no part of the iteration, but of the error
   for (Index b = 0; b < summary_.errors.cols(); ++b) {
     const double rounding = structure_.bodies()[static_cast<std::size_t>(b)].rounding();
-    summary_.errors.col(b) =
-        summary_.errors.col(b).cwiseMax(std::min(rounding, options_.rtol));
+    summary_.errors.col(b) = summary_.errors.col(b).cwiseMax(std::min(rounding, options_.rtol));
   }
   summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
   summary_.status = status;

@@ -268,14 +268,14 @@ class Sweep {
   }
 
   /// @throws Interrupted on all ranks if a callback of any of them did
-  void hand_out(Index point, const substructure::Laws& laws, Summary summary,
-                const State& state) {
+  void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
     if (options_.scatter && structure_.rows() > 0) {
       scatter_.add(state);
       summary.scatter = scatter_.least();
       if (summary.status != Status::converged && summary.status != Status::interrupted &&
           summary.error <= wanted_) {
-        summary.status = Status::converged;  // of itself it is: what it scatters by is said beside it
+        summary.status =
+            Status::converged;  // of itself it is: what it scatters by is said beside it
       }
     }
     structure_.communicator().together([&] {
@@ -389,7 +389,7 @@ class Sweep {
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;
-  Index streak_ = 0;                          ///< points in a row that needed one iteration
+  Index streak_ = 0;  ///< points in a row that needed one iteration
 };
 
 }  // namespace

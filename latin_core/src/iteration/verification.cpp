@@ -89,7 +89,9 @@ Matrix Verification::rounding_errors(const Whole& whole) {
   for (Index column = 0; column < noise.cols(); ++column) {
     for (Index row = 0; row < noise.rows(); ++row) {
       // any fixed signs without a pattern
-      noise(row, column) *= rounding * std::copysign(1.0, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+      noise(row, column) *=
+          rounding *
+          std::copysign(1.0, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
     }
   }
   linear_->correct(noise, moved_);
@@ -107,11 +109,11 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix step(residual.rows(), residual.cols());
   Matrix before;
   const double least = negligible * rtol;
-  Matrix least_known = Matrix::Constant(whole.sizes.strain.rows(), whole.sizes.strain.cols(), least);
+  Matrix least_known =
+      Matrix::Constant(whole.sizes.strain.rows(), whole.sizes.strain.cols(), least);
   double norm_before = std::numeric_limits<double>::infinity();
   // forces that the meshes do not determine may keep a residual, as long as it is small beside the forces
-  const double noise =
-      10.0 * std::max(rounding_share, rtol) * history_.metric().norm(state.data);
+  const double noise = 10.0 * std::max(rounding_share, rtol) * history_.metric().norm(state.data);
   bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
   for (Index count = 0; count <= most_steps; ++count) {
     borrowed = borrowed && count <= most_borrowed;
@@ -124,7 +126,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       return std::nullopt;  // not stable: its error is anything
     }
     history_.fit(residual_);
-    history_.step(residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
+    history_.step(
+        residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
     const double norm = history_.residual_norm();
     if (!step.allFinite()) {
       return std::nullopt;
@@ -230,13 +233,16 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
 void Verification::search_once(double patience, double least, Index until, Best& best) {
   double norm = history_.metric().norm(residual_);
   double hold = 1.0;
-  for (Index count = 0; count < most_of_search && stages_.count() < until && norm > least &&
-                        std::isfinite(norm);
+  for (Index count = 0;
+       count < most_of_search && stages_.count() < until && norm > least && std::isfinite(norm);
        ++count) {
     const double before = norm;
     if (held_step(hold, norm)) {
       const double fall = norm / before;
-      hold *= fall < 0.5 ? 0.05 : fall < 0.95 ? 0.3 : fall <= 1.0 + 1e-3 ? patience : 3.0 * patience;
+      hold *= fall < 0.5           ? 0.05
+              : fall < 0.95        ? 0.3
+              : fall <= 1.0 + 1e-3 ? patience
+                                   : 3.0 * patience;
       hold = std::clamp(hold, least_hold, largest_hold);
     } else if (hold < largest_hold) {
       hold = std::min(5.0 * hold, largest_hold);

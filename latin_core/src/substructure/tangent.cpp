@@ -31,8 +31,8 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
   if (slope.rows() == 1) {
     return bounded / (1.0 - bounded(0, 0) * flexibility(0));
   }
-  const Matrix open = Matrix::Identity(slope.rows(), slope.cols()) -
-                      bounded * flexibility.asDiagonal();
+  const Matrix open =
+      Matrix::Identity(slope.rows(), slope.cols()) - bounded * flexibility.asDiagonal();
   return open.partialPivLu().solve(bounded);
 }
 
@@ -177,8 +177,7 @@ Matrix Tangent::assemble_dense() const {
   Matrix matrix = Matrix::Zero(active_, active_);
   Index first = 0;
   for (const Matrix& each : stiffness_) {
-    matrix.block(first, first, each.rows(), each.cols()) =
-        each.selfadjointView<Eigen::Lower>();
+    matrix.block(first, first, each.rows(), each.cols()) = each.selfadjointView<Eigen::Lower>();
     first += each.rows();
   }
   const SparseRows joined = joined_springs();
@@ -262,7 +261,8 @@ void Tangent::combine() {
   const Vector& weights = structure_.weights();
   const SparseRows jump_of_residual =
       sides_ * SparseRows(structure_.inverse_directions().asDiagonal());
-  const SparseRows per_area = sides_.transpose() * SparseRows(areas_.cwiseInverse().asDiagonal() * tangent_);
+  const SparseRows per_area =
+      sides_.transpose() * SparseRows(areas_.cwiseInverse().asDiagonal() * tangent_);
   load_ = SparseRows(traces_.transpose() * SparseRows(weights.asDiagonal())) +
           SparseRows(jumps_.transpose() * SparseRows(tangent_ * jump_of_residual));
   // the springs that hold the bodies act as forces of the interfaces

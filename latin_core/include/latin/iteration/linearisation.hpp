@@ -37,8 +37,9 @@ class Linearisation {
   };
   [[nodiscard]] static Slopes slopes_of(const substructure::Laws& laws, const State& state);
 
-  std::vector<std::unique_ptr<substructure::Tangent>> tangents_;  ///< of each distinct linearisation
-  std::vector<Matrix> slopes_;                                    ///< of each of these
+  std::vector<std::unique_ptr<substructure::Tangent>>
+      tangents_;                ///< of each distinct linearisation
+  std::vector<Matrix> slopes_;  ///< of each of these
   std::vector<std::size_t> of_column_;
   double hold_ = 0.0;
 };

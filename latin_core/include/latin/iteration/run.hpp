@@ -75,8 +75,8 @@ class Run {
   Safeguard safeguard_;
   std::shared_ptr<Linearisation> known_;
   std::optional<Verification> verification_;
-  Matrix errors_;                ///< of the iterate
-  double next_check_ = 0.0;      ///< residual below which the next check is worth its price
+  Matrix errors_;            ///< of the iterate
+  double next_check_ = 0.0;  ///< residual below which the next check is worth its price
   Summary summary_;
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
   double callback_s_ = 0.0;

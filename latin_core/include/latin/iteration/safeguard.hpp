@@ -32,7 +32,7 @@ class Safeguard {
   void forget() { best_norm_ = std::numeric_limits<double>::infinity(); }
 
   /// Put the best iterate back in its place. @return whether there is one
-  bool restore(Iterate at) const;
+  [[nodiscard]] bool restore(Iterate at) const;
   [[nodiscard]] double best_norm() const { return best_norm_; }
   /// Times the history was dropped.
   [[nodiscard]] Index restarts() const { return restarts_; }

@@ -5,8 +5,8 @@
 
 #include "latin/iteration/anderson.hpp"
 #include "latin/iteration/error_estimate.hpp"
-#include "latin/iteration/stages.hpp"
 #include "latin/iteration/linearisation.hpp"
+#include "latin/iteration/stages.hpp"
 
 namespace latin::iteration {
 

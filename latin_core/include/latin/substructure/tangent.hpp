@@ -58,17 +58,17 @@ class Tangent {
 
   const Structure& structure_;
   Index active_ = 0;
-  std::vector<Matrix> stiffness_;                       ///< S of the bodies, lower triangles
-  SparseRows springs_;                                  ///< T^T W k T, (active, active)
+  std::vector<Matrix> stiffness_;  ///< S of the bodies, lower triangles
+  SparseRows springs_;             ///< T^T W k T, (active, active)
   double hold_ = 0.0;
-  SparseRows traces_;                                   ///< T, (rows, active)
-  SparseRows jumps_;                                    ///< J, (unknowns, active)
-  SparseRows sides_;                                    ///< J', (unknowns, rows)
-  std::vector<Index> component_;                        ///< (unknowns)
-  Vector areas_;                                        ///< (unknowns)
-  Vector flexibility_;                                  ///< (unknowns)
-  Matrix slopes_;                                       ///< of the last factorisation
-  SparseRows tangent_;                                  ///< W K, (unknowns, unknowns)
+  SparseRows traces_;             ///< T, (rows, active)
+  SparseRows jumps_;              ///< J, (unknowns, active)
+  SparseRows sides_;              ///< J', (unknowns, rows)
+  std::vector<Index> component_;  ///< (unknowns)
+  Vector areas_;                  ///< (unknowns)
+  Vector flexibility_;            ///< (unknowns)
+  Matrix slopes_;                 ///< of the last factorisation
+  SparseRows tangent_;            ///< W K, (unknowns, unknowns)
   // what a correction takes beside the factor: (active, rows), (rows, active), (rows, rows)
   SparseRows load_;
   SparseRows of_answer_;
@@ -79,8 +79,8 @@ class Tangent {
   Eigen::LLT<Matrix> cholesky_;
   Eigen::PartialPivLU<Matrix> lu_;
   std::unique_ptr<algebra::Factor> factor_;
-  Matrix inverse_;     ///< where it is dense, after many columns
-  Index solved_ = 0;   ///< columns with this factorisation
+  Matrix inverse_;    ///< where it is dense, after many columns
+  Index solved_ = 0;  ///< columns with this factorisation
   std::unique_ptr<Eigen::SparseLU<SparseColumns>> sparse_lu_;
 };
 
