@@ -1,18 +1,24 @@
 #include <gtest/gtest.h>
 
 #include "bars.hpp"
+#include "latin/substructure/interface_system.hpp"
 #include "latin/substructure/tangent.hpp"
 #include "pushed.hpp"
 
 namespace latin::substructure {
 namespace {
 
+Matrix slopes_at(const Laws& laws, const iteration::State& state) {
+  const InterfaceSystem system(laws);
+  const Matrix jumps = system.free_jumps(state.data, state.traces);
+  return system.slopes(0, system.blank(), jumps.col(0), system.direct());
+}
+
 /// One step with the tangents of where we are. @return what it is said to do to the traces
 Matrix step(chain::Evaluated& at, double hold = 0.0) {
   const Laws& laws = at.stages.laws();
-  const Matrix jumps = Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces);
   Tangent tangent(laws.structure());
-  tangent.factorise(Tangent::slopes(laws, jumps).front(), hold);
+  tangent.factorise(slopes_at(laws, at.state), hold);
   Matrix moved(at.residual.rows(), at.residual.cols());
   tangent.correct(at.residual, moved);
   at.state.data += at.residual;
@@ -24,8 +30,8 @@ Matrix step(chain::Evaluated& at, double hold = 0.0) {
 
 class TangentOfChains : public testing::TestWithParam<std::tuple<Index, double>> {};
 
-/// Rigid laws are taken to be 1e-7 softer than they are: a step leaves as much, and the second nothing.
-TEST_P(TangentOfChains, TwoStepsSolveThemToRounding) {
+/// Rigid laws are taken to be 1e-5 softer than they are: a step leaves as much, and the last nothing.
+TEST_P(TangentOfChains, AFewStepsSolveThemToRounding) {
   const auto [parts, direction] = GetParam();
   const chain::Scene scene{.parts = parts, .jump = 0.1, .direction = direction};
   const Laws laws = scene.build();
@@ -35,8 +41,10 @@ TEST_P(TangentOfChains, TwoStepsSolveThemToRounding) {
   const double first = at.norm();
   step(at);
   // k is up to 100 times off the stiffness of the bars
-  EXPECT_LT(at.norm(), 1e-7 * 1e3 * first);
-  step(at);
+  EXPECT_LT(at.norm(), 1e-5 * 1e3 * first);
+  for (int i = 0; i < 4; ++i) {
+    step(at);
+  }
   EXPECT_NEAR(chain::end_displacement(laws, at.state), scene.exact(), 1e-11 * scene.exact());
 }
 
@@ -50,7 +58,7 @@ TEST(Tangent, KnowsWhatItsStepDoesToTheTraces) {
   for (const double hold : {0.0, 0.3, 1.0, 5.0}) {
     const Matrix before = at.state.traces;
     const Matrix moved = step(at, hold);
-    // a wall that is 1e-7 softer than rigid loses seven digits of its displacement
+    // a wall that is 1e-5 softer than rigid loses five digits of its displacement
     EXPECT_LT((at.state.traces - before - moved).norm(), 1e-8 * moved.norm() + 1e-13) << hold;
   }
 }
@@ -100,12 +108,12 @@ TEST(Tangent, ContactThatClosesIsStiff) {
   const chain::Pushed scene;
   const Laws laws = scene.build();
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
-  const Matrix jumps = Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces);
-  ASSERT_LT(jumps(1), 0.0);
-  const Matrix slopes = Tangent::slopes(laws, jumps).front();
+  ASSERT_LT(InterfaceSystem(laws).free_jumps(at.state.data, at.state.traces)(1), 0.0);
+  const Matrix slopes = slopes_at(laws, at.state);
   EXPECT_NEAR(slopes(1, 0), scene.direction / 2.0, 1e-12);
-  step(at);
-  step(at);
+  for (int i = 0; i < 4; ++i) {
+    step(at);
+  }
   EXPECT_LT((at.state.traces - scene.exact()).norm(), 1e-11 * scene.exact().norm());
 }
 
@@ -132,8 +140,7 @@ TEST(Tangent, IsMadeAnewOnlyForOtherTangents) {
   const Laws laws = scene.build();
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
   const Matrix closed =
-      Tangent::slopes(laws, Tangent::free_jumps(laws.structure(), at.state.data, at.state.traces))
-          .front();
+      slopes_at(laws, at.state);
   Matrix open = closed;
   open(1, 0) = 0.0;
   Tangent tangent(laws.structure());
