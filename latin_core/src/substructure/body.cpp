@@ -394,6 +394,7 @@ void Body::order_active_last(const std::vector<BodySide>& sides) {
     where = where == 0 ? interior++ : trailing++;
   }
   traces_ = stack_rows(on_body, size_);
+  active_traces_.resize(traces_.rows(), 0);  // faces that are held entirely touch no unknown
   if (active_ > 0) {
     for (SparseRows& z : prolongations_) {
       z = renumber_columns(z, position);
@@ -624,6 +625,9 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
 
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   const auto count = static_cast<Index>(unknowns.size());
+  if (count == 0) {
+    return Matrix(0, 0);
+  }
   const Index first = condensed() ? 0 : size_ - active_;
   Matrix unit = Matrix::Zero(condensed() ? active_ : size_, count);
   for (Index column = 0; column < count; ++column) {

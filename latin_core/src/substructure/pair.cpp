@@ -47,6 +47,10 @@ Pair::Pair(const std::array<PairSide, 2>& sides, const Vector& weights, const Ve
     side.trace.resize(rows, count);
     side.trace.setFromTriplets(entries.begin(), entries.end());
 
+    if (count == 0) {  // a face that is held entirely
+      held[s] = Matrix(0, 0);
+      continue;
+    }
     const Eigen::LLT<Matrix> compliance(body.inverse_block(touched));
     held[s] = (1.0 + mu) * compliance.solve(Matrix::Identity(count, count));
     const Vector springs = weights.cwiseProduct(side.direction);
