@@ -17,6 +17,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, refine_around
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
+from parts.faces import name_faces
 
 __all__ = ["LapJoint", "LapShape", "lap_joint"]
 
@@ -256,15 +257,7 @@ def _meshed(
             f"lap_joint: curved cells of {', '.join(volumes)} are folded (scaled Jacobian {worst:.2g}); "
             "reduce size or use geometry_order=1"
         )
-    faces: dict[str, list[int]] = {}
-    for part, tags in volumes.items():
-        for _, surface in model.getBoundary([(3, tag) for tag in tags], oriented=False):
-            _, nodes, _ = model.mesh.getNodes(2, surface, True, False)
-            face = _face(part, shape, nodes.reshape(-1, 3))
-            if face != FREE:
-                faces.setdefault(f"{part}:{face}", []).append(surface)
-    for name, surfaces in faces.items():
-        model.addPhysicalGroup(2, surfaces, name=name)
+    name_faces(model, volumes, lambda part, x: _face(part, shape, x))
     return from_gmsh(model).parts
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from types import MappingProxyType
 from typing import Any
@@ -14,6 +13,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import curve_elements, from_gmsh, gmsh_session, refine_around
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, check_order, check_positive
+from parts.faces import name_faces
 
 __all__ = ["BoltedVessel", "VesselShape", "bolted_vessel"]
 
@@ -233,7 +233,7 @@ def bolted_vessel(
             ) from failure
         if order == 2:
             curve_elements(gmsh.model)
-        _name_faces(gmsh.model, shape, volumes)
+        name_faces(gmsh.model, volumes, lambda part, x: _vessel_face(part, shape, x))
         parts = from_gmsh(gmsh.model).parts
     parameters = asdict(shape) | {"mesh_size": size, "geometry_order": order}
     return BoltedVessel(parts, _VESSEL_INTERFACES, MappingProxyType(parameters))
@@ -276,19 +276,6 @@ def _vessel_volumes(model: Any, shape: VesselShape) -> dict[str, list[int]]:
     for name, tags in volumes.items():
         model.addPhysicalGroup(3, tags, name=name)
     return volumes
-
-
-def _name_faces(model: Any, shape: VesselShape, volumes: Mapping[str, Sequence[int]]) -> None:
-    """Physical groups ``part:face`` for the surfaces, told apart by where their nodes are."""
-    faces: dict[str, list[int]] = {}
-    for part, tags in volumes.items():
-        for _, surface in model.getBoundary([(3, tag) for tag in tags], oriented=False):
-            _, nodes, _ = model.mesh.getNodes(2, surface, True, False)
-            face = _vessel_face(part, shape, nodes.reshape(-1, 3))
-            if face != FREE:
-                faces.setdefault(f"{part}:{face}", []).append(surface)
-    for name, surfaces in faces.items():
-        model.addPhysicalGroup(2, surfaces, name=name)
 
 
 def _vessel_face(part: str, shape: VesselShape, x: Array) -> str:

@@ -111,7 +111,7 @@ class Substructure:
     @cached_property
     def matrix(self) -> sp.csr_matrix:
         """K as a SciPy matrix."""
-        return locked_matrix(csr(self.stiffness))
+        return locked_matrix(csr(self.stiffness), own=True)
 
     @cached_property
     def diagonal(self) -> Array:

@@ -36,15 +36,15 @@ def read_only(values: A) -> A:
     return view
 
 
-def locked_matrix(matrix: sp.csr_matrix) -> sp.csr_matrix:
-    """A sparse matrix whose arrays cannot be written to."""
+def locked_matrix(matrix: sp.csr_matrix, own: bool = False) -> sp.csr_matrix:
+    """A sparse matrix whose arrays cannot be written to: a copy, unless nobody else has it (`own`)."""
     if not matrix.data.flags.writeable:
         return matrix
-    copy = matrix.copy()
-    copy.sum_duplicates()  # SciPy does so in place when first asked for sorted indices
-    for array in (copy.data, copy.indices, copy.indptr):
+    matrix = matrix if own else matrix.copy()
+    matrix.sum_duplicates()  # SciPy does so in place when first asked for sorted indices
+    for array in (matrix.data, matrix.indices, matrix.indptr):
         array.flags.writeable = False
-    return copy
+    return matrix
 
 
 def locked(record: Any) -> None:

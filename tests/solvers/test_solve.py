@@ -458,3 +458,23 @@ def test_unlimited_or_no_memory_for_condensation(problem):
         assert sparse.displacements[name] == pytest.approx(u, rel=1e-7, abs=1e-9)
     with pytest.raises(InputError, match="'mumps' does not condense: use operator 'factored'"):
         solve(problem, active="all", options=Options(operator="condensed", backend="mumps"))
+
+
+@pytest.mark.parametrize("options", [TIGHT, TIGHT.with_(macro="none", directions="diagonal")])
+@pytest.mark.parametrize("operator", ["condensed", "factored"])
+def test_a_face_that_is_held_entirely_may_be_kept(operator, options):
+    """The kept layer touches no unknown of the body of b and c: b's own are all prescribed."""
+    scene = Scene()
+    for k, name in enumerate("abc"):
+        part = geometry.box((1.0, 1.0), (1, 1), (float(k), 0.0), cell="quadrilateral")
+        scene.substructure(name, part, LinearElastic(100.0, 0.3), degree=1)
+    scene.interface("layer", "a:x1", "b:x0", Elastic(normal=30.0, tangential=10.0))
+    scene.interface("glue", "b:x1", "c:x0", Perfect())
+    for face in ("b:y0", "b:y1"):
+        scene.fix(face, name=face.replace(":", " "))
+    scene.traction("a:x0", (-1.0, 0.2), name="pull")
+    scene.traction("c:x1", (1.0, 0.2), name="push")
+    problem = assemble(scene)
+    result = solve(problem, active=["layer"], options=options.with_(operator=operator))
+    assert result.converged
+    assert energy_error(problem, result.displacements, monolithic(problem).u) < 3.0 * options.rtol
