@@ -32,8 +32,9 @@ struct Checked {
         whole(at.stages.whole(at.state)),
         found(verification.check(at.state, at.residual, whole, rtol)) {
     const Gauge gauge = gauge_of(laws.structure(), laws.groups());
-    truth = whole.relative(gauge.of_distance(at.state, exact));
-    truth_better = whole.relative(gauge.of_distance(verification.better(), exact));
+    const Whole answer = at.stages.whole(exact);
+    truth = answer.relative(gauge.of_distance(at.state, exact));
+    truth_better = answer.relative(gauge.of_distance(verification.better(), exact));
   }
   /// Errors that are not far below the tolerance are found within a tenth.
   void expect_found(double least) const {
@@ -78,7 +79,7 @@ TEST(Verification, ALightBodyDoesNotHideBesideAHeavyOne) {
   wrong(0) = 0.5 * exact.data(0);
   const Checked checked(laws, one, exact, wrong, 1e-3);
   EXPECT_GT(checked.truth(0, 0), 0.05);
-  checked.expect_found(1e-6);
+  checked.expect_found(1e-5);  // of what tangents of a closed contact leave
   EXPECT_LT(checked.found->errors(0, 2), 1e-6);
 }
 
