@@ -180,7 +180,7 @@ def _settled(result: Result, quantity: Resultant | None) -> Errors:
         value = result.mean_std(quantity)
         return Errors(of_direct(result, value), None, None, quantity, value)
     value = result.mean_std(quantity)
-    tight = result.tightened(max(DIGIT * result.plan.options.rtol, FINEST))
+    tight = result.tightened(max(DIGIT * min(result.plan.options.rtol, result.error), FINEST))
     complete(tight)
     after = tight.mean_std(quantity)
     how = "the iteration carried on to a tenth of its error"

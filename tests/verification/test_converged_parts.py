@@ -28,18 +28,7 @@ PAIR_AND_LIGHT = {
 }
 
 # what is not right yet; a test that passes here fails, and is to be taken out
-KNOWN = {
-    "test_random_rows[17-0.01]",
-    "test_random_rows[17-0.001]",
-    "test_random_rows[17-1e-05]",
-    "test_random_rows[18-0.001]",
-    "test_random_rows[18-1e-05]",
-    "test_a_direct_solution_measures_itself[-12]",
-    "test_a_direct_solution_measures_itself[-10]",
-    "test_a_direct_solution_measures_itself[10]",
-    "test_a_direct_solution_measures_itself[12]",
-    "test_parts_of_far_apart_stiffness[1000000000000.0]",
-}
+KNOWN = {"test_parts_of_far_apart_stiffness[1000000000000.0]"}
 
 
 @pytest.fixture(autouse=True)

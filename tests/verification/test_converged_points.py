@@ -13,23 +13,6 @@ from tests.verification.judged import Laws, Values, assert_right, connect, judge
 STEEL = 2e5
 SETTINGS: Any = pytest.mark.parametrize("newton", [{}, {"newton": 0}], ids=["default", "plain"])
 
-# what is not right yet; a test that passes here fails, and is to be taken out
-KNOWN = {
-    "test_samples_near_slip[friction-0.01-default]",
-    "test_samples_near_slip[friction-0.01-plain]",
-    "test_samples_near_slip[gap-0.01-default]",
-    "test_samples_near_slip[gap-0.01-plain]",
-    "test_samples_near_slip[gap-0.001-default]",
-    "test_samples_near_slip[gap-0.001-plain]",
-}
-
-
-@pytest.fixture(autouse=True)
-def known_failure(request: pytest.FixtureRequest) -> None:
-    if request.node.name in KNOWN:
-        mark = pytest.mark.xfail(strict=True, reason="errors of samples are underestimated by 5 to 20")
-        request.node.add_marker(mark)
-
 
 def blocks(laws: Laws) -> lf.Scene:
     """Two blocks of 2 x 1, the upper one on a spring."""

@@ -60,7 +60,10 @@ std::vector<Advanced> advance_by(const Linearisation& linear, const substructure
   const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.groups());
   const substructure::Sizes whole = global.sizes(state.data, state.traces, all_amplitudes);
   const Index groups = whole.strain.rows() / sets;
-  const bool all_near = linear.near(laws, state);
+  // neither at the answer nor where the next step would lead may a law have another branch
+  const std::vector<bool> here = linear.near_columns(laws, state);
+  const std::vector<bool> there =
+      laws.linear() ? here : linear.near_columns(laws, {state.data + step, state.traces + moved});
   std::vector<Advanced> answers(static_cast<std::size_t>(sets));
   for (Index set = 0; set < sets; ++set) {
     const auto of_set = [set, columns](const Matrix& block) {
@@ -84,7 +87,12 @@ std::vector<Advanced> advance_by(const Linearisation& linear, const substructure
     const Matrix left = (before.array() > 0.0).select(ahead.cwiseQuotient(before), 0.0);
     const bool shorter = ((left.array() <= most_left) || (ahead.array() <= noise)).all();
     answer.error = std::numeric_limits<double>::infinity();
-    if (all_near && shorter) {
+    bool near = shorter;
+    for (Index column = set * columns; column < (set + 1) * columns; ++column) {
+      const auto at = static_cast<std::size_t>(column);
+      near = near && here[at] && there[at];
+    }
+    if (near) {
       answer.errors = (ahead.array() / (1.0 - left.array().min(most_left))).matrix();
       answer.error = largest(answer.errors);
     }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <utility>
 
 #include "latin/substructure/interface_system.hpp"
@@ -14,9 +15,30 @@ using substructure::Tangent;
 /// Columns that may each have a linearisation of their own.
 constexpr std::size_t most_tangents = 16;
 /// Tangents whose stiffnesses differ by no more than this factor are near.
-constexpr double near_factor = 10.0;
+constexpr double near_factor = 3.0;
 /// Slopes below this, relative to the stiffest possible, count as none.
 constexpr double no_slope = 1e-9;
+/// Forces of a column are measured with this fraction of the largest column at least.
+constexpr double quiet_column = 1e-3;
+
+/// The slopes of the laws in every column of a state; of a chaos, those of the mean stand for all modes of a step.
+template <class F>
+void for_slopes(const substructure::Laws& laws, const State& state, const F& take) {
+  const Index own = laws.modes() > 1 ? laws.steps() : state.data.cols();
+  const substructure::InterfaceSystem system(laws);
+  const Matrix jumps = system.free_jumps(state.data.leftCols(own), state.traces.leftCols(own));
+  const bool remembers = laws.remembers();
+  substructure::InterfaceSystem::Memory memory = system.blank();
+  for (Index column = 0; column < own; ++column) {
+    if (remembers && column % laws.steps() == 0) {
+      memory = system.blank();
+    }
+    take(column, system.slopes(column, memory, jumps.col(column), system.direct()));
+    if (remembers) {
+      system.advance(column, memory, jumps.col(column), system.direct());
+    }
+  }
+}
 
 /// Whether slopes are the same to rounding of differences.
 bool alike(const Matrix& a, const Matrix& b) {
@@ -35,21 +57,8 @@ bool comparable(double a, double b) {
 }  // namespace
 
 Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, const State& state) {
-  // of a chaos, the mean stands for all modes of a step
-  const Index own = laws.modes() > 1 ? laws.steps() : state.data.cols();
-  const substructure::InterfaceSystem system(laws);
-  const Matrix jumps = system.free_jumps(state.data.leftCols(own), state.traces.leftCols(own));
-  const bool remembers = laws.remembers();
-  substructure::InterfaceSystem::Memory memory = system.blank();
   Slopes slopes;
-  for (Index column = 0; column < own; ++column) {
-    if (remembers && column % laws.steps() == 0) {
-      memory = system.blank();
-    }
-    Matrix now = system.slopes(column, memory, jumps.col(column), system.direct());
-    if (remembers) {
-      system.advance(column, memory, jumps.col(column), system.direct());
-    }
+  for_slopes(laws, state, [&slopes](Index, Matrix now) {
     std::size_t at = 0;
     while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now)) {
       ++at;
@@ -62,7 +71,7 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, c
       }
     }
     slopes.of_column.push_back(at);
-  }
+  });
   return slopes;
 }
 
@@ -89,22 +98,47 @@ bool Linearisation::take(const substructure::Laws& laws, const State& state, dou
 }
 
 bool Linearisation::near(const substructure::Laws& laws, const State& state) const {
-  const auto own = of_column_.size();
-  const Vector& flexibility = tangents_.front()->flexibility();
-  const Slopes now = slopes_of(laws, state);
-  for (std::size_t column = 0; column < now.of_column.size(); ++column) {
-    const Matrix& a = now.distinct[now.of_column[column]];
-    const Matrix& b = slopes_[of_column_[column % own]];
-    for (Index row = 0; row < a.rows(); ++row) {
+  return std::ranges::all_of(near_columns(laws, state), std::identity());
+}
+
+std::vector<bool> Linearisation::near_columns(const substructure::Laws& laws,
+                                              const State& state) const {
+  const auto own = static_cast<Index>(of_column_.size());
+  const Tangent& any = *tangents_.front();
+  std::vector<bool> found;
+  for_slopes(laws, state, [&](Index column, const Matrix& now) {
+    const Matrix& here = slopes_[of_column_[static_cast<std::size_t>(column % own)]];
+    bool alike = true;
+    for (Index row = 0; row < now.rows() && alike; ++row) {
       // the stiffness of a point in its own direction
-      const Index component = tangents_.front()->component(row);
-      const double c = flexibility(row);
-      if (!comparable(c * a(row, component), c * b(row, component))) {
-        return false;
-      }
+      const Index component = any.component(row);
+      const double c = any.flexibility()(row);
+      alike = comparable(c * now(row, component), c * here(row, component));
+    }
+    found.push_back(alike);
+  });
+  return found;
+}
+
+double Linearisation::imbalance(const substructure::Laws& laws, const State& state,
+                                const Matrix& residual) const {
+  const substructure::Structure& structure = laws.structure();
+  const Matrix forces =
+      nodal(state.data - structure.directions().asDiagonal() * state.traces);
+  const Matrix left = nodal(0.5 * residual);
+  const std::vector<Index>& first = tangents_.front()->first_active();
+  double largest = 0.0;
+  for (std::size_t b = 0; b + 1 < first.size(); ++b) {
+    const auto rows = Eigen::seq(first[b], first[b + 1] - 1);
+    const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
+    const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
+    const double least = quiet_column * (sizes.size() > 0 ? sizes.maxCoeff() : 0.0);
+    for (Index column = 0; column < sizes.size(); ++column) {
+      const double size = std::max(sizes(column), least);
+      largest = std::max(largest, size > 0.0 ? missing(column) / size : 0.0);
     }
   }
-  return true;
+  return largest;
 }
 
 void Linearisation::correct(MatrixRef residual, Matrix& moved) const {

@@ -22,6 +22,8 @@ constexpr double contraction = 0.5;
 constexpr double most_left = 20.0;
 /// What the residual falls to with a step that a law has not made useless by another branch.
 constexpr double residual_fall = 0.7;
+/// The same with the tangents of another parameter set, which may not know how soft a law is.
+constexpr double borrowed_fall = 0.3;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
 /// Steps with the tangents of another parameter set before those here are taken.
@@ -112,8 +114,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix least_known =
       Matrix::Constant(whole.sizes.strain.rows(), whole.sizes.strain.cols(), least);
   double norm_before = std::numeric_limits<double>::infinity();
-  // forces that the meshes do not determine may keep a residual, as long as it is small beside the forces
-  const double noise = 10.0 * std::max(rounding_share, rtol) * history_.metric().norm(state.data);
+  State from;
+  Matrix residual_before;
+  double noise = 0.0;
   bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
   for (Index count = 0; count <= most_steps; ++count) {
     borrowed = borrowed && count <= most_borrowed;
@@ -128,7 +131,11 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     history_.fit(residual_);
     history_.step(
         residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
-    const double norm = history_.residual_norm();
+    // forces that the meshes do not determine may keep a residual
+    const double norm = linear_->nodal(residual_).norm();
+    if (count == 0) {
+      noise = within_rounding * rounding_share * linear_->nodal(state.data).norm();
+    }
     if (!step.allFinite()) {
       return std::nullopt;
     }
@@ -156,14 +163,26 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       // tangents of another set say nothing where a law has changed its branch
       borrowed = borrowed && linear_->near(stages_.laws(), better_);
       if (enough.all() && borrowed == was_borrowed &&
-          norm <= std::max(residual_fall * norm_before, noise)) {
-        return Found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole))};
+          norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
+          ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
+        Found found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole)),
+                    linear_->imbalance(stages_.laws(), state, residual)};
+        if (count > 1 && !stages_.laws().linear()) {
+          // a law may change its branch on the way that is left: the error of the last but one is seen, not guessed
+          const Matrix seen = whole.relative(gauge_.of_distance(better_, from)) + ahead;
+          if (largest(seen) <= rtol) {
+            found.errors_better = seen;
+            std::swap(better_, from);
+            std::swap(residual_, residual_before);
+          }
+        }
+        return found;
       }
     }
     before = ahead;
     norm_before = norm;
-    const State from = better_;
-    const Matrix residual_before = residual_;
+    from = better_;
+    residual_before = residual_;
     better_.data += step;
     if (!evaluate(better_, residual_)) {
       return std::nullopt;
@@ -172,6 +191,12 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                   better_.traces - from.traces);
   }
   return std::nullopt;
+}
+
+/// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.
+bool Verification::stays_in_branch(const Matrix& step) const {
+  return stages_.laws().linear() ||
+         linear_->near(stages_.laws(), {better_.data + step, better_.traces + moved_});
 }
 
 /// A step with bodies held by springs of that fraction of k. @return whether it is one to go on from

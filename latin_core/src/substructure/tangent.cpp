@@ -65,6 +65,7 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Body& body = structure.bodies()[b];
     if (body.rows() == 0) {
+      first_active_.push_back(active_);
       continue;
     }
     const Index row = structure.body_rows()[b];
@@ -77,6 +78,7 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
     }
     add_stiffness(body);
     active_ += body.active();
+    first_active_.push_back(active_);
   }
   double entries = 0.0;
   for (const Matrix& each : stiffness_) {

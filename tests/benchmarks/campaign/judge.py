@@ -276,7 +276,7 @@ def tight_truth(case: Case, problem: Any, found: Found) -> list[list[Answer]]:
     parts = list(problem.substructures)
     from campaign.reference import Norms
 
-    norms = Norms(problem)
+    norms = Norms(problem, found.plan.active)
     for run in range(len(found.fields)):
         steps = []
         for k in range(len(found.fields[run])):

@@ -1,6 +1,6 @@
 """How far an answer is from the reference, for every part, step, mean and fluctuation.
 
-Two norms of a part's error, each relative to the part's own answer in the same norm:
+Parts that a run has glued (their interfaces were eliminated) are one part, as they are for its estimate. Two norms of a part's error, each relative to the part's own answer in the same norm:
 
 * *energy*: sqrt(e K e) over sqrt(u K u): strains and forces, where the part is strained;
 * *displacement*: the root of the integral of e^2 over its interfaces, over that of u^2: where the part is.
@@ -98,30 +98,34 @@ def errors(
         For the place.
     """
     out: list[Error] = []
-    parts = list(norms.stiffness)
     groups = columns(kind)
-    reach = 0.0
     sizes: dict[tuple[str, int, int], Array] = {}
-    spans = {name: 0.0 for name in parts}
+    spans = {name: 0.0 for name in norms.stiffness}
     for k, answer in enumerate(answers):
-        for name in parts:
+        for name in spans:
             spans[name] = max(spans[name], float(np.abs(answer.fields[name]).max(initial=0.0)))
+        for name, parts in norms.components.items():
             for g, group in enumerate(groups):
-                sizes[name, k, g] = norms.of(name, answer.fields[name][:, group])
+                sizes[name, k, g] = norms.over(parts, {p: answer.fields[p][:, group] for p in parts})
     reach = max(spans.values(), default=0.0)
     for k, answer in enumerate(answers):
-        for name in parts:
-            noise = EPS * (10.0 * spans[name] + reach)
-            shape = norms.on_faces[name]
-            least = noise * np.sqrt([norms.stiffness[name].diagonal().sum(), shape.diagonal().sum()])
+        for name, parts in norms.components.items():
+            faces = sum(norms.on_faces[p].diagonal().sum() for p in parts)
+            least = sum(
+                EPS * (10.0 * spans[p] + reach)
+                * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
+                for p in parts
+            )
             for g, group in enumerate(groups):
-                exact = answer.fields[name][:, group]
-                away = norms.of(name, np.asarray(found[k][name])[:, group] - exact)
+                wrong = {
+                    p: np.asarray(found[k][p])[:, group] - answer.fields[p][:, group] for p in parts
+                }
+                away = norms.over(parts, wrong)
                 if not np.all(np.isfinite(away)):
                     away = np.array([np.inf, np.inf])
                 size = sizes[name, k, g]
                 peak = np.max([sizes[name, j, g] for j in range(len(answers))], axis=0)
-                floor = FLOORS * answer.floors[name][:, g] + least
+                floor = FLOORS * sum(answer.floors[p][:, g] for p in parts) + least
                 place = [label] if label else []
                 place += [f"step {k}"] if steps else []
                 place += [("mean", "fluctuation")[g]] if kind == "chaos" else []
@@ -133,7 +137,7 @@ def errors(
                         # nothing but rounding: no strain, or what should not move (or scatter) at all
                         if norm == "energy":
                             continue
-                        whole = sizes[name, k, 0][i] if g else reach * np.sqrt(shape.diagonal().sum())
+                        whole = sizes[name, k, 0][i] if g else reach * np.sqrt(faces)
                         if whole <= floor[i]:
                             continue
                     raw, rounding = away[i] / whole, floor[i] / whole
@@ -162,24 +166,28 @@ def spread(
 ) -> list[Error]:
     """Errors of mean and fluctuation of samples: (n, 1) each, with weights of sum 1."""
     out = []
-    for name in norms.stiffness:
-        exact = np.stack([a.fields[name][:, 0] for a in answers], axis=1)
-        mine = np.stack([np.asarray(f[name])[:, 0] for f in found], axis=1)
-        means = [exact @ weights, mine @ weights]
-        rest = [(e - m[:, None]) * np.sqrt(weights) for e, m in zip((exact, mine), means, strict=True)]
-        floor = np.max([a.floors[name][:, 0] for a in answers], axis=0)
-        noise = EPS * 10.0 * float(np.abs(exact).max())
-        least = noise * np.sqrt(
-            [norms.stiffness[name].diagonal().sum(), norms.on_faces[name].diagonal().sum()]
+    for name, parts in norms.components.items():
+        exact = {p: np.stack([a.fields[p][:, 0] for a in answers], axis=1) for p in parts}
+        mine = {p: np.stack([np.asarray(f[p])[:, 0] for f in found], axis=1) for p in parts}
+        means = [{p: u @ weights for p, u in fields.items()} for fields in (exact, mine)]
+        rest = [
+            {p: (u - m[p][:, None]) * np.sqrt(weights) for p, u in fields.items()}
+            for fields, m in zip((exact, mine), means, strict=True)
+        ]
+        bound = sum(
+            FLOORS * np.max([a.floors[p][:, 0] for a in answers], axis=0)
+            + EPS * 10.0 * float(np.abs(exact[p]).max())
+            * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
+            for p in parts
         )
+        mean_size = norms.over(parts, means[0])
         for what, (e, m) in (("mean", means), ("fluctuation", rest)):
-            size, away = norms.of(name, e), norms.of(name, m - e)
-            bound = FLOORS * floor + least
+            size, away = norms.over(parts, e), norms.over(parts, {p: m[p] - e[p] for p in parts})
             for i, norm in enumerate(NAMES):
-                whole = size[i] if what == "mean" else max(size[i], SCATTER * norms.of(name, means[0])[i])
+                whole = size[i] if what == "mean" else max(size[i], SCATTER * mean_size[i])
                 if whole <= bound[i]:
                     # what should not scatter
-                    whole = norms.of(name, means[0])[i]
+                    whole = mean_size[i]
                     if norm == "energy" or whole <= bound[i]:
                         continue
                 true = away[i] / whole if away[i] > max(bound[i], LEAST * whole) else 0.0

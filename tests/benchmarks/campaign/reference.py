@@ -82,9 +82,16 @@ class Row:
 
 
 class Norms:
-    """Energy norm and displacement of the interfaces, for every part."""
+    """Energy norm and displacement of the interfaces, for every part.
 
-    def __init__(self, problem: Any) -> None:
+    Parameters
+    ----------
+    kept
+        Interfaces that a run kept: parts that are joined by others are one for its estimate (`components`).
+    """
+
+    def __init__(self, problem: Any, kept: Sequence[str] | None = None) -> None:
+        self.components = _components(problem, kept)
         self.stiffness = {name: part.matrix.tocsr() for name, part in problem.substructures.items()}
         self.on_faces = {}
         for name, part in problem.substructures.items():
@@ -104,6 +111,24 @@ class Norms:
         moved = np.einsum("ic,ic->", block, self.on_faces[name] @ block)
         return np.sqrt(np.maximum([energy, moved], 0.0))
 
+    def over(self, names: Sequence[str], fields: Mapping[str, Array]) -> Array:
+        """The same of several parts, (2,)."""
+        return np.sqrt(sum(self.of(name, np.asarray(fields[name])) ** 2 for name in names))
+
+
+def _components(problem: Any, kept: Sequence[str] | None) -> dict[str, list[str]]:
+    """Parts that are joined by interfaces that were not kept, by their names with "+"; without `kept` single ones."""
+    of_part = {name: {name} for name in problem.substructures}
+    for name, interface in problem.interfaces.items():
+        if kept is not None and name not in kept:
+            joined = set().union(*(of_part[side.substructure] for side in interface.sides))
+            of_part.update(dict.fromkeys(joined, joined))
+    found = {}
+    for name in problem.substructures:
+        names = [each for each in problem.substructures if each in of_part[name]]
+        found["+".join(names)] = names
+    return found
+
 
 class Model:
     """A scene's linear part, condensed on the nodes of its nonlinear interfaces.
@@ -121,7 +146,7 @@ class Model:
     """
 
     def __init__(self, problem: Any, laws: Laws, active: Sequence[str], varies: Sequence[str] = ()) -> None:
-        self.problem, self.norms = problem, Norms(problem)
+        self.problem, self.norms = problem, Norms(problem, active)
         self.parts = list(problem.substructures)
         sizes = [problem.substructures[name].size for name in self.parts]
         ends = np.cumsum([0, *sizes])

@@ -26,9 +26,20 @@ class Linearisation {
   /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion
   /// is soft in one and stiff in the other.
   [[nodiscard]] bool near(const substructure::Laws& laws, const State& state) const;
+  /// The same of every column; of a chaos, of its means, (steps).
+  [[nodiscard]] std::vector<bool> near_columns(const substructure::Laws& laws,
+                                               const State& state) const;
   /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, Matrix& moved) const;
+  /// Forces per area (rows, c) as the meshes see them, on the active unknowns of the bodies, (active, c).
+  [[nodiscard]] Matrix nodal(const Matrix& forces) const {
+    return tangents_.front()->nodal(forces);
+  }
+  /// The largest difference between the forces of the two stages that the meshes see, relative to these forces: of
+  /// any body in any column.
+  [[nodiscard]] double imbalance(const substructure::Laws& laws, const State& state,
+                                 const Matrix& residual) const;
 
  private:
   struct Slopes {

@@ -27,6 +27,7 @@ class Verification {
   struct Found {
     Matrix errors;         ///< (groups, bodies) of the iterate
     Matrix errors_better;  ///< of the better one, at most
+    double imbalance;      ///< of the iterate, see Linearisation::imbalance()
   };
   /// @param residual of the iterate
   /// @param whole    what errors are relative to
@@ -49,6 +50,7 @@ class Verification {
 
  private:
   bool evaluate(State& state, Matrix& residual);
+  [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
   [[nodiscard]] bool held_step(double hold, double& norm);
   struct Best {
     State state;

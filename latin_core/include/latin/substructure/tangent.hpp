@@ -44,6 +44,12 @@ class Tangent {
   /// Residual (rows, c) into the step on the data, in place.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, MatrixRef moved);
+  /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
+  [[nodiscard]] Matrix nodal(const Matrix& forces) const {
+    return traces_.transpose() * (structure_.weights().asDiagonal() * forces);
+  }
+  /// First active unknown of every body, and one past the last.
+  [[nodiscard]] const std::vector<Index>& first_active() const { return first_active_; }
 
  private:
   void add_stiffness(const Body& body);
@@ -58,6 +64,7 @@ class Tangent {
 
   const Structure& structure_;
   Index active_ = 0;
+  std::vector<Index> first_active_{0};
   std::vector<Matrix> stiffness_;  ///< S of the bodies, lower triangles
   SparseRows springs_;             ///< T^T W k T, (active, active)
   double hold_ = 0.0;
