@@ -27,16 +27,6 @@ PAIR_AND_LIGHT = {
     "light": ["c:y1"],
 }
 
-# what is not right yet; a test that passes here fails, and is to be taken out
-KNOWN = {"test_parts_of_far_apart_stiffness[1000000000000.0]"}
-
-
-@pytest.fixture(autouse=True)
-def known_failure(request: pytest.FixtureRequest) -> None:
-    if request.node.name in KNOWN:
-        mark = pytest.mark.xfail(strict=True, reason="errors are underestimated by 4 to 15")
-        request.node.add_marker(mark)
-
 
 def pair_and_light(ratio: float, gap: float) -> Laws:
     """a and b are pressed together with friction; c is alone, flies through a gap and is pressed less."""
@@ -210,7 +200,11 @@ def test_parts_of_far_apart_stiffness(contrast: float) -> None:
     scene.interface("joint", "left:x1", "right:x0", lf.Perfect())
     scene.fix("left:x0", name="wall")
     scene.traction("right:x1", (1.0, 0.0), name="pull")
-    result = lf.solve(lf.assemble(scene))
+    problem = lf.assemble(scene)
+    if contrast == 1e12:  # what carries the load is below rounding of the stiff part, which is said
+        with pytest.raises(NumericalError, match="moduli of parts that are joined"):
+            lf.solve(problem)
+    result = lf.solve(problem, active=["joint"] if contrast == 1e12 else None)
     tip, joint = (result.displacements[name].reshape(-1, 2)[:, 0].max() for name in ("right", "left"))
     allowed = 3.0 * max(result.error, LEAST)
     assert tip == pytest.approx(0.01 + 0.01 / contrast, rel=allowed)
