@@ -90,8 +90,8 @@ class Result(Value, Face):
 
     @property
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``; of a
-        direct solve ``"converged"`` or ``"inexact"``: rounding leaves more than the tolerance."""
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"diverged"``, ``"interrupted"``, or
+        ``"inexact"``: rounding leaves more than the tolerance."""
         if self.corrected is not None:
             return direct_status(self.corrected.accuracy, self.plan.options.rtol)
         return self.summary.status

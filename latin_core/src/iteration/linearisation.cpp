@@ -20,6 +20,9 @@ constexpr double near_factor = 3.0;
 constexpr double no_slope = 1e-9;
 /// Forces of a column are measured with this fraction of the largest column at least.
 constexpr double quiet_column = 1e-3;
+/// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
+constexpr double rounding_of_faces = 1e-15;
+constexpr double rounding_of_bodies = 2e-16;
 
 /// The slopes of the laws in every column of a state; of a chaos, those of the mean stand for all modes of a step.
 template <class F>
@@ -118,6 +121,46 @@ std::vector<bool> Linearisation::near_columns(const substructure::Laws& laws,
     found.push_back(alike);
   });
   return found;
+}
+
+substructure::Sizes Linearisation::rounding(const substructure::Laws& laws,
+                                            const State& state) const {
+  // any fixed signs without a pattern
+  const auto with_signs = [](Matrix& sizes, double unit) {
+    for (Index column = 0; column < sizes.cols(); ++column) {
+      for (Index row = 0; row < sizes.rows(); ++row) {
+        sizes(row, column) *=
+            std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+      }
+    }
+  };
+  const substructure::Structure& structure = laws.structure();
+  const substructure::ColumnGroups groups = laws.groups();
+  Matrix data =
+      state.data.cwiseAbs() + structure.directions().asDiagonal() * state.traces.cwiseAbs();
+  Matrix moved;
+  with_signs(data, rounding_of_faces);
+  correct(data, moved);
+  substructure::Sizes sizes = sizes_of_difference(structure, groups, data, moved);
+
+  Tangent& tangent = *tangents_.front();
+  Matrix forces = tangent.inner_forces(state.traces);
+  with_signs(forces, rounding_of_bodies);
+  const Matrix answer = tangent.respond(forces, data, moved);
+  const Matrix faces = tangent.nodal(data - structure.directions().asDiagonal() * moved);
+  const std::vector<Index>& first = tangent.first_active();
+  for (Index b = 0; b < sizes.strain.cols(); ++b) {
+    const auto at = static_cast<std::size_t>(b);
+    const auto active = Eigen::seqN(first[at], first[at + 1] - first[at]);
+    const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
+    const Vector metric = structure.trace_metric()(rows);
+    for (Index column = 0; column < forces.cols(); ++column) {
+      const Vector load = forces.col(column)(active) + faces.col(column)(active);
+      sizes.strain(groups.of(column), b) += std::abs(load.dot(answer.col(column)(active)));
+      sizes.trace(groups.of(column), b) += moved.col(column)(rows).cwiseAbs2().dot(metric);
+    }
+  }
+  return sizes;
 }
 
 double Linearisation::imbalance(const substructure::Laws& laws, const State& state,

@@ -95,6 +95,9 @@ Summary Run::run(bool traces_known) {
     Measured measured = observe();
     std::optional<Status> status = stopping_.judge(
         summary_.history.back(), stop_ || (interrupted_ && structure_.communicator().alone()));
+    if (rounding_ && status != Status::interrupted) {
+      status = Status::inexact;
+    }
     // as many iterations again, where there is room for any
     if (status && gave_up(*status) && verifies() && options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
@@ -219,6 +222,7 @@ Measured Run::verify(Measured measured, bool believed) {
     summary_.error = largest(errors_);
     return measured;
   }
+  rounding_ = found->rounding;
   state_ = verification_->better();
   residual_ = verification_->better_residual();
   errors_ = found->errors_better;

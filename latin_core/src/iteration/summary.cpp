@@ -10,6 +10,8 @@ std::string to_string(Status status) {
       return "max_iterations";
     case Status::stagnated:
       return "stagnated";
+    case Status::inexact:
+      return "inexact";
     case Status::diverged:
       return "diverged";
     case Status::interrupted:

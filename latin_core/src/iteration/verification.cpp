@@ -41,8 +41,8 @@ constexpr double least_hold = Linearisation::least_hold;
 /// After so many steps those that are within so many times rounding are short enough.
 constexpr Index first_of_rounding = 3;
 constexpr double within_rounding = 10.0;
-/// Rounding of a force, relative to the terms that it is the balance of: of many inside the bodies.
-constexpr double rounding = 1e-15;
+/// An estimate of rounding below so many tolerances is no reason to refuse an answer.
+constexpr double bearable_rounding = 3.0;
 
 }  // namespace
 
@@ -86,18 +86,7 @@ Matrix Verification::carried(Matrix errors) const {
 
 /// What rounding of forces and displacements may do to the answer, by the same tangents.
 Matrix Verification::rounding_errors(const Whole& whole) {
-  const Vector& directions = stages_.structure().directions();
-  Matrix noise = better_.data.cwiseAbs() + directions.asDiagonal() * better_.traces.cwiseAbs();
-  for (Index column = 0; column < noise.cols(); ++column) {
-    for (Index row = 0; row < noise.rows(); ++row) {
-      // any fixed signs without a pattern
-      noise(row, column) *=
-          rounding *
-          std::copysign(1.0, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
-    }
-  }
-  linear_->correct(noise, moved_);
-  return whole.relative(gauge_.of_difference(noise, moved_));
+  return whole.relative(linear_->rounding(stages_.laws(), better_));
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
@@ -165,11 +154,19 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       if (enough.all() && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
           ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
-        Found found{distance_ + ahead, rest.cwiseMax(rounding_errors(whole)),
-                    linear_->imbalance(stages_.laws(), state, residual)};
+        // a little more than the tolerance may be as well a little less: it is a bound
+        Matrix least_error = rounding_errors(whole);
+        const bool rounding = largest(least_error) > bearable_rounding * rtol;
+        if (!rounding) {
+          least_error = least_error.cwiseMin(rtol);
+        }
+        Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
+                    linear_->imbalance(stages_.laws(), state, residual),
+                    rounding && largest(rest) <= rtol};
         if (count > 1 && !stages_.laws().linear()) {
           // a law may change its branch on the way that is left: the error of the last but one is seen, not guessed
-          const Matrix seen = whole.relative(gauge_.of_distance(better_, from)) + ahead;
+          const Matrix seen =
+              (whole.relative(gauge_.of_distance(better_, from)) + ahead).cwiseMax(least_error);
           if (largest(seen) <= rtol) {
             found.errors_better = seen;
             std::swap(better_, from);

@@ -13,12 +13,16 @@ namespace {
 
 using Triplets = std::vector<Eigen::Triplet<double, int>>;
 
-/// Slopes (times the flexibility) are reduced by this: a rigid connection is very stiff.
-constexpr double rigid = 1.0 - 1e-5;
+/// A rigid connection is this many times as stiff as the search directions of its sides together, and as a node of
+/// the stiffer side: more is rounding of forces, less lets the stiffer side deform as it likes.
+constexpr double rigid_in_series = 1e5;
+constexpr double rigid_beside_nodes = 1e2;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
 constexpr double filled = 0.3;
+/// Springs below this, relative to the search direction, are rounding of the body's stiffness.
+constexpr double of_rounding = 1e-14;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies, of which a factor
 /// of n numbers takes about n^1.4 (grids, in three dimensions).
 constexpr double negligible = 2e8;
@@ -26,7 +30,8 @@ constexpr double affordable = 0.1;
 constexpr double operations_of_numbers = 1.4;
 
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
-Matrix tangent_of(const Matrix& slope, const Vector& flexibility) {
+/// @param rigid what slopes are reduced by
+Matrix tangent_of(const Matrix& slope, const Vector& flexibility, double rigid) {
   const Matrix bounded = rigid * slope;
   if (slope.rows() == 1) {
     return bounded / (1.0 - bounded(0, 0) * flexibility(0));
@@ -65,6 +70,7 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Body& body = structure.bodies()[b];
     if (body.rows() == 0) {
+      stiffness_.emplace_back();
       first_active_.push_back(active_);
       continue;
     }
@@ -89,6 +95,7 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   const Index unknowns = structure.interface_unknowns();
   areas_.resize(unknowns);
   flexibility_.resize(unknowns);
+  rigid_.resize(unknowns);
   Triplets sides;
   for (const ActiveInterface& interface : structure.interfaces()) {
     for (Index i = 0; i < interface.size(); ++i) {
@@ -104,9 +111,37 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
     }
   }
   sides_ = from(sides, unknowns, structure.rows());
+  set_rigid();
   jumps_ = sides_ * traces_;
-  const Vector robin = structure.weights().cwiseProduct(structure.directions());
-  springs_ = traces_.transpose() * SparseRows(robin.asDiagonal() * traces_);
+}
+
+/// Bounds of what slopes of the laws may be.
+void Tangent::set_rigid() {
+  // stiffness of the nodes per area, of each its own
+  const Vector areas = traces_.cwiseAbs().transpose() * structure_.weights();
+  Vector stiffness(active_);
+  for (std::size_t b = 0; b < stiffness_.size(); ++b) {
+    stiffness.segment(first_active_[b], stiffness_[b].rows()) = stiffness_[b].diagonal();
+  }
+  Vector of_rows = Vector::Zero(structure_.rows());
+  for (Index row = 0; row < traces_.rows(); ++row) {
+    for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
+      if (it.value() != 0.0) {
+        of_rows(row) = std::max(of_rows(row), stiffness(it.col()) / areas(it.col()));
+      }
+    }
+  }
+  for (const ActiveInterface& interface : structure_.interfaces()) {
+    for (Index i = 0; i < interface.size(); ++i) {
+      double stiffest = 0.0;
+      for (const Index row : interface.rows) {
+        stiffest = std::max(stiffest, of_rows(row + i));
+      }
+      const double most = std::max(
+          rigid_in_series, rigid_beside_nodes * stiffest * interface.flexibility(i));
+      rigid_(interface.first_unknown + i) = most / (1.0 + most);
+    }
+  }
 }
 
 /// S of a body.
@@ -125,7 +160,9 @@ void Tangent::add_stiffness(const Body& body) {
 
 /// J^T W K J and what holds the bodies.
 SparseRows Tangent::joined_springs() const {
-  return SparseRows(jumps_.transpose() * SparseRows(tangent_ * jumps_)) + hold_ * springs_;
+  const Vector holding = structure_.weights().cwiseProduct(holding_);
+  return SparseRows(jumps_.transpose() * SparseRows(tangent_ * jumps_)) +
+         SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
 
 /// W K of the points.
@@ -136,8 +173,9 @@ void Tangent::set_tangents(const Matrix& slopes) {
     const Index components = interface.geometry.components;
     for (Index point = 0; point < interface.geometry.points; ++point) {
       const Index first = interface.first_unknown + components * point;
-      const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
-                                        flexibility_.segment(first, components));
+      const Matrix tangent =
+          tangent_of(slopes.block(first, 0, components, components),
+                     flexibility_.segment(first, components), rigid_.segment(first, components).maxCoeff());
       const double size = tangent.cwiseAbs().maxCoeff();
       for (Index a = 0; a < components; ++a) {
         symmetric_ = symmetric_ && tangent(a, a) >= 0.0;
@@ -246,6 +284,12 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   }
   slopes_.resize(0, 0);
   hold_ = hold;
+  holding_ = hold * structure_.directions();
+  if (hold <= least_hold) {
+    // a soft body beside a stiff one must not feel the springs of the stiff one, which are above rounding of its own
+    const double softest = structure_.directions().minCoeff();
+    holding_ = (of_rounding * structure_.directions()).cwiseMax(hold * softest).cwiseMin(holding_);
+  }
   inverse_.resize(0, 0);
   solved_ = 0;
   set_tangents(slopes);
@@ -268,7 +312,8 @@ void Tangent::combine() {
   load_ = SparseRows(traces_.transpose() * SparseRows(weights.asDiagonal())) +
           SparseRows(jumps_.transpose() * SparseRows(tangent_ * jump_of_residual));
   // the springs that hold the bodies act as forces of the interfaces
-  of_answer_ = (1.0 - hold_) * SparseRows(structure_.directions().asDiagonal() * traces_) -
+  const Vector held = structure_.directions() - holding_;
+  of_answer_ = SparseRows(held.asDiagonal() * traces_) -
                SparseRows(per_area * jumps_);
   of_residual_ = per_area * jump_of_residual;
 }
@@ -280,6 +325,28 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) {
   residual = half;
   residual.noalias() += of_answer_ * answer;
   residual.noalias() += of_residual_ * half;
+}
+
+Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {
+  Matrix answer = solve(forces);
+  moved.noalias() = traces_ * answer;
+  data.noalias() = of_answer_ * answer;
+  return answer;
+}
+
+Matrix Tangent::inner_forces(const Matrix& traces) const {
+  Matrix forces(active_, traces.cols());
+  for (std::size_t b = 0; b < stiffness_.size(); ++b) {
+    const Index first = first_active_[b];
+    const auto rows = Eigen::seqN(structure_.body_rows()[b], structure_.bodies()[b].rows());
+    const Vector diagonal = stiffness_[b].diagonal();
+    for (Index column = 0; column < traces.cols(); ++column) {
+      const auto moved = traces.col(column)(rows);
+      const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;
+      forces.col(column).segment(first, diagonal.size()) = largest * diagonal;
+    }
+  }
+  return forces;
 }
 
 }  // namespace latin::substructure

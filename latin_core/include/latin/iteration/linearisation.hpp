@@ -5,6 +5,7 @@
 
 #include "latin/common/types.hpp"
 #include "latin/iteration/state.hpp"
+#include "latin/substructure/size.hpp"
 #include "latin/substructure/tangent.hpp"
 
 namespace latin::iteration {
@@ -14,10 +15,9 @@ namespace latin::iteration {
 /// It may be kept from one parameter set to the next: steps with tangents of a near set are nearly as good.
 class Linearisation {
  public:
-  /// Springs that hold what hangs on nothing, relative to the search direction.
-  static constexpr double least_hold = 1e-11;
+  static constexpr double least_hold = substructure::Tangent::least_hold;
 
-  [[nodiscard]] bool made() const { return !slopes_.empty(); }
+  [[nodiscard]] bool made() const { return !slopes_.empty() && hold_ == least_hold; }
   /// Take the tangents of a state.
   /// @param hold springs on all bodies, relative to the search direction
   /// @return whether they have changed
@@ -32,6 +32,9 @@ class Linearisation {
   /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, Matrix& moved) const;
+  /// What rounding of forces and displacements may do to a state.
+  [[nodiscard]] substructure::Sizes rounding(const substructure::Laws& laws,
+                                             const State& state) const;
   /// Forces per area (rows, c) as the meshes see them, on the active unknowns of the bodies, (active, c).
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return tangents_.front()->nodal(forces);

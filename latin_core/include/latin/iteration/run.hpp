@@ -76,6 +76,7 @@ class Run {
   std::shared_ptr<Linearisation> known_;
   std::optional<Verification> verification_;
   Matrix errors_;            ///< of the iterate
+  bool rounding_ = false;    ///< a check found that more iterations are no use
   double next_check_ = 0.0;  ///< residual below which the next check is worth its price
   Summary summary_;
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages

@@ -13,7 +13,8 @@ namespace latin::iteration {
 enum class Status {
   converged,       ///< the estimated error is below the tolerance
   max_iterations,  ///< the tolerance was not reached in the allowed iterations
-  stagnated,       ///< the error stopped falling: rounding, or a direction far off
+  stagnated,       ///< the error stopped falling: a direction far off, or no answer
+  inexact,         ///< what is left is rounding, and more than the tolerance
   diverged,        ///< the residual grew beyond any use, or became NaN
   interrupted      ///< a callback asked for what is done so far
 };

@@ -28,6 +28,7 @@ class Verification {
     Matrix errors;         ///< (groups, bodies) of the iterate
     Matrix errors_better;  ///< of the better one, at most
     double imbalance;      ///< of the iterate, see Linearisation::imbalance()
+    bool rounding;         ///< only rounding keeps the better one from the tolerance, by far
   };
   /// @param residual of the iterate
   /// @param whole    what errors are relative to

@@ -25,6 +25,9 @@ namespace latin::substructure {
 /// after it. Friction makes it unsymmetric, softening indefinite.
 class Tangent {
  public:
+  /// Springs that hold what hangs on nothing, relative to the search direction.
+  static constexpr double least_hold = 1e-11;
+
   /// Whether it can be made (on one rank) at a price that fits that of the bodies.
   [[nodiscard]] static bool possible(const Structure& structure);
 
@@ -44,6 +47,12 @@ class Tangent {
   /// Residual (rows, c) into the step on the data, in place.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, MatrixRef moved);
+  /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
+  /// @return the displacements of these unknowns, (active, c)
+  Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
+  /// The forces in the bodies, of which those at their faces are the balance, where they move like that (rows, c):
+  /// what rounding is relative to, (active, c).
+  [[nodiscard]] Matrix inner_forces(const Matrix& traces) const;
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return traces_.transpose() * (structure_.weights().asDiagonal() * forces);
@@ -53,6 +62,7 @@ class Tangent {
 
  private:
   void add_stiffness(const Body& body);
+  void set_rigid();
   void set_tangents(const Matrix& slopes);
   void combine();
   [[nodiscard]] SparseRows joined_springs() const;
@@ -66,14 +76,15 @@ class Tangent {
   Index active_ = 0;
   std::vector<Index> first_active_{0};
   std::vector<Matrix> stiffness_;  ///< S of the bodies, lower triangles
-  SparseRows springs_;             ///< T^T W k T, (active, active)
   double hold_ = 0.0;
+  Vector holding_;  ///< springs that hold the bodies, (rows)
   SparseRows traces_;             ///< T, (rows, active)
   SparseRows jumps_;              ///< J, (unknowns, active)
   SparseRows sides_;              ///< J', (unknowns, rows)
   std::vector<Index> component_;  ///< (unknowns)
   Vector areas_;                  ///< (unknowns)
   Vector flexibility_;            ///< (unknowns)
+  Vector rigid_;                  ///< what slopes are reduced by, (unknowns)
   Matrix slopes_;                 ///< of the last factorisation
   SparseRows tangent_;            ///< W K, (unknowns, unknowns)
   // what a correction takes beside the factor: (active, rows), (rows, active), (rows, rows)
