@@ -124,8 +124,8 @@ TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
 
 TEST(Yardstick, RoundingOfOtherBodiesDoesNotStrainABody) {
   // a body that is hardly touched, beside one that moves by 1
-  const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
-  const Sizes error = sizes(Matrix{{0.0, 0.9e-28}}, Matrix{{0.0, 0.9e-28}});
+  const Sizes whole = sizes(Matrix{{1.0, 1e-33}}, Matrix{{1.0, 1e-33}});
+  const Sizes error = sizes(Matrix{{0.0, 0.8e-31}}, Matrix{{0.0, 0.8e-31}});
   expect(of({}, 2, 1.0).relative(error, whole), Matrix{{0.0, 0.0}});
 }
 

@@ -339,6 +339,22 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
+/// The largest entry of its members and springs; 0 of a single member without springs.
+double stiffest_of(const BodyDescription& description) {
+  double largest = 0.0;
+  if (description.members.size() > 1 || !description.springs.empty()) {
+    for (const Member& member : description.members) {
+      const Eigen::Map<const Vector> entries(member.stiffness->valuePtr(),
+                                             member.stiffness->nonZeros());
+      largest = entries.size() > 0 ? std::max(largest, entries.cwiseAbs().maxCoeff()) : largest;
+    }
+    for (const Spring& spring : description.springs) {
+      largest = std::max(largest, spring.stiffness.size() > 0 ? spring.stiffness.maxCoeff() : 0.0);
+    }
+  }
+  return largest;
+}
+
 }  // namespace
 
 Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
@@ -358,6 +374,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
   const SparseColumns lower = assemble_operator(description, jumps);
+  stiffest_ = stiffest_of(description);
   for (Member& member : description.members) {
     member.stiffness.reset();  // before the factorisation takes its memory
     offsets_.push_back(std::move(member.offset));
@@ -630,7 +647,9 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
 }
 
 double Body::rounding() const {
-  return std::numeric_limits<double>::epsilon() / factor_->least_pivot();
+  // of many sums, which grows like a random walk
+  const double sums = 2.0 * std::sqrt(static_cast<double>(size()));
+  return sums * std::numeric_limits<double>::epsilon() / factor_->least_pivot();
 }
 
 const Matrix& Body::schur() const {

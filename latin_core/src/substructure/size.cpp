@@ -8,8 +8,9 @@ namespace {
 
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
-/// Rounding of displacements and forces, relative to the largest ones.
+/// Rounding of displacements and forces, relative to the largest ones of the body, and of all bodies.
 constexpr double rounding = 1e-14;
+constexpr double rounding_of_others = 3e-16;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least, a fluctuation with this one of the mean.
@@ -61,7 +62,8 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double noise = square(rounding) * reach * metric(b);
+    const double noise =
+        std::max(square(rounding_of_others) * reach * metric(b), square(rounding) * whole.trace.col(b).maxCoeff());
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);

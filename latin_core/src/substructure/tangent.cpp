@@ -17,6 +17,10 @@ using Triplets = std::vector<Eigen::Triplet<double, int>>;
 /// the stiffer side: more is rounding of forces, less lets the stiffer side deform as it likes.
 constexpr double rigid_in_series = 1e5;
 constexpr double rigid_beside_nodes = 1e2;
+/// Areas of nodes below this, relative to that of a point, are rounding of shape functions.
+constexpr double least_area = 1e-3;
+/// And no stiffer than this leaves digits for.
+constexpr double stiffest_rigid = 1.0 - 1e-12;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
@@ -126,8 +130,10 @@ void Tangent::set_rigid() {
   Vector of_rows = Vector::Zero(structure_.rows());
   for (Index row = 0; row < traces_.rows(); ++row) {
     for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
-      if (it.value() != 0.0) {
-        of_rows(row) = std::max(of_rows(row), stiffness(it.col()) / areas(it.col()));
+      // nodes that see next to nothing of the interface have no say
+      const double area = std::max(areas(it.col()), least_area * structure_.weights()(row));
+      if (area > 0.0) {
+        of_rows(row) = std::max(of_rows(row), stiffness(it.col()) / area);
       }
     }
   }
@@ -139,7 +145,7 @@ void Tangent::set_rigid() {
       }
       const double most = std::max(
           rigid_in_series, rigid_beside_nodes * stiffest * interface.flexibility(i));
-      rigid_(interface.first_unknown + i) = most / (1.0 + most);
+      rigid_(interface.first_unknown + i) = std::min(most / (1.0 + most), stiffest_rigid);
     }
   }
 }
@@ -339,7 +345,9 @@ Matrix Tangent::inner_forces(const Matrix& traces) const {
   for (std::size_t b = 0; b < stiffness_.size(); ++b) {
     const Index first = first_active_[b];
     const auto rows = Eigen::seqN(structure_.body_rows()[b], structure_.bodies()[b].rows());
-    const Vector diagonal = stiffness_[b].diagonal();
+    // what is glued into a body may be stiffer than its faces
+    const Vector diagonal =
+        stiffness_[b].diagonal().cwiseMax(structure_.bodies()[b].stiffest());
     for (Index column = 0; column < traces.cols(); ++column) {
       const auto moved = traces.col(column)(rows);
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;

@@ -1,6 +1,7 @@
 """How far an answer is from the reference, for every part, step, mean and fluctuation.
 
-Parts that a run has glued (their interfaces were eliminated) are one part, as they are for its estimate. Two norms of a part's error, each relative to the part's own answer in the same norm:
+Parts that a run has glued (their interfaces were eliminated) are one part with their springs, as they are for its
+estimate. Two norms of a part's error, each relative to the part's own answer in the same norm:
 
 * *energy*: sqrt(e K e) over sqrt(u K u): strains and forces, where the part is strained;
 * *displacement*: the root of the integral of e^2 over its interfaces, over that of u^2: where the part is.

@@ -92,6 +92,7 @@ class Norms:
 
     def __init__(self, problem: Any, kept: Sequence[str] | None = None) -> None:
         self.components = _components(problem, kept)
+        self.springs: list[tuple[dict[str, sp.csr_matrix], Array]] = []
         self.stiffness = {name: part.matrix.tocsr() for name, part in problem.substructures.items()}
         self.on_faces = {}
         for name, part in problem.substructures.items():
@@ -113,7 +114,16 @@ class Norms:
 
     def over(self, names: Sequence[str], fields: Mapping[str, Array]) -> Array:
         """The same of several parts, (2,)."""
-        return np.sqrt(sum(self.of(name, np.asarray(fields[name])) ** 2 for name in names))
+        squares = sum(self.of(name, np.asarray(fields[name])) ** 2 for name in names)
+        for jumps, stiffness in self.springs:
+            if next(iter(jumps)) in names:
+                jump = sum(of_part @ np.asarray(fields[name]) for name, of_part in jumps.items())
+                squares[0] += np.einsum("i,ic->", stiffness, jump.reshape(len(stiffness), -1) ** 2)
+        return np.sqrt(squares)
+
+    def add_springs(self, jumps: Mapping[str, sp.csr_matrix], stiffness: Array) -> None:
+        """Springs (m,) that a run has assembled into its parts, by the jump (m, n) of every part."""
+        self.springs.append((dict(jumps), stiffness))
 
 
 def _components(problem: Any, kept: Sequence[str] | None) -> dict[str, list[str]]:
@@ -169,7 +179,13 @@ class Model:
                 if isinstance(law, lf.Elastic) and name not in varies:
                     kappa = spring_rows(interface, law)
                     if np.max(kappa) * softness <= STIFF:
-                        self.springs.append((name, self._trace(name, kappa.shape[1]), kappa))
+                        trace = self._trace(name, kappa.shape[1])
+                        self.springs.append((name, trace, kappa))
+                        if name not in active:
+                            sides = {side.substructure for side in interface.sides}
+                            weights = np.repeat(interface.weights, kappa.shape[1])
+                            jumps = {part: trace[:, self.of_part[part]] for part in sides}
+                            self.norms.add_springs(jumps, weights * kappa.ravel())
                         continue
                 components = point_law(interface, law, None, None).components
                 row = Row(name, interface, components, self._trace(name, components), np.zeros(0), softness)

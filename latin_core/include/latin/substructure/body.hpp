@@ -112,6 +112,8 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
+  /// The largest stiffness of a member's unknown or of a spring in it, force / length; 0 of a single member.
+  [[nodiscard]] double stiffest() const { return stiffest_; }
   /// Relative error that rounding may leave in its displacements.
   [[nodiscard]] double rounding() const;
 
@@ -177,6 +179,7 @@ class Body {
 
   std::string name_;
   Index size_ = 0;
+  double stiffest_ = 0.0;
   Index active_ = 0;  ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;
