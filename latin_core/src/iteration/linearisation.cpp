@@ -136,27 +136,23 @@ substructure::Sizes Linearisation::rounding(const substructure::Laws& laws,
   };
   const substructure::Structure& structure = laws.structure();
   const substructure::ColumnGroups groups = laws.groups();
+  Tangent& tangent = *tangents_.front();
   Matrix data =
       state.data.cwiseAbs() + structure.directions().asDiagonal() * state.traces.cwiseAbs();
-  Matrix moved;
   with_signs(data, rounding_of_faces);
-  correct(data, moved);
-  substructure::Sizes sizes = sizes_of_difference(structure, groups, data, moved);
-
-  Tangent& tangent = *tangents_.front();
   Matrix forces = tangent.inner_forces(state.traces);
   with_signs(forces, rounding_of_bodies);
+  forces += tangent.nodal(data);
+  Matrix moved(data.rows(), data.cols());
   const Matrix answer = tangent.respond(forces, data, moved);
-  const Matrix faces = tangent.nodal(data - structure.directions().asDiagonal() * moved);
-  const std::vector<Index>& first = tangent.first_active();
+  substructure::Sizes sizes = substructure::Sizes::zero(
+      groups.count(data.cols()), static_cast<Index>(structure.bodies().size()));
   for (Index b = 0; b < sizes.strain.cols(); ++b) {
     const auto at = static_cast<std::size_t>(b);
-    const auto active = Eigen::seqN(first[at], first[at + 1] - first[at]);
     const auto rows = Eigen::seqN(structure.body_rows()[at], structure.bodies()[at].rows());
     const Vector metric = structure.trace_metric()(rows);
     for (Index column = 0; column < forces.cols(); ++column) {
-      const Vector load = forces.col(column)(active) + faces.col(column)(active);
-      sizes.strain(groups.of(column), b) += std::abs(load.dot(answer.col(column)(active)));
+      sizes.strain(groups.of(column), b) += tangent.strain(b, answer.col(column));
       sizes.trace(groups.of(column), b) += moved.col(column)(rows).cwiseAbs2().dot(metric);
     }
   }

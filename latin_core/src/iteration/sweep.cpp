@@ -52,6 +52,8 @@ constexpr Index streak_before_batch = 3;
 
 /// Tolerance, relative to the one asked for, of the first samples: nothing is known of their scatter.
 constexpr double of_first_samples = 1e-3;
+/// Errors of samples, relative to the tolerance of their scatter, that leave it right.
+constexpr double enough_for_scatter = 3.0;
 constexpr Index first_samples = 4;
 /// Scatter below this, relative to the samples, is not worth being right about.
 constexpr double least_scatter = 1e-6;
@@ -85,8 +87,8 @@ class Scatter {
         const double variance =
             squares_.col(column)(rows).cwiseAbs().dot(metric) / static_cast<double>(count_);
         const double scatter = size > 0.0 ? std::sqrt(variance / size) : 1.0;
-        if (scatter > 0.0) {
-          least = std::min(least, std::max(scatter, least_scatter));
+        if (scatter >= least_scatter) {
+          least = std::min(least, scatter);
         }
       }
     }
@@ -274,8 +276,10 @@ class Sweep {
       summary.scatter = scatter_.least();
       if (summary.status != Status::converged && summary.status != Status::interrupted &&
           summary.error <= wanted_) {
-        summary.status =
-            Status::converged;  // of itself it is: what it scatters by is said beside it
+        // of itself it is right; what the samples differ by may not be
+        summary.status = summary.error <= enough_for_scatter * wanted_ * summary.scatter
+                             ? Status::converged
+                             : Status::inexact;
       }
     }
     structure_.communicator().together([&] {

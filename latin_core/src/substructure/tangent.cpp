@@ -340,6 +340,13 @@ Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {
   return answer;
 }
 
+double Tangent::strain(Index body, ConstVectorRef moved) const {
+  const auto at = static_cast<std::size_t>(body);
+  const Matrix& stiffness = stiffness_[at];
+  const auto own = moved.segment(first_active_[at], stiffness.rows());
+  return std::max(own.dot(stiffness.selfadjointView<Eigen::Lower>() * own), 0.0);
+}
+
 Matrix Tangent::inner_forces(const Matrix& traces) const {
   Matrix forces(active_, traces.cols());
   for (std::size_t b = 0; b < stiffness_.size(); ++b) {

@@ -9,13 +9,13 @@ estimate. Two norms of a part's error, each relative to the part's own answer in
 A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right
 force at the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves
 (`floors` of the reference, ten times; ten rounding errors of the part's own displacement; one of the largest
-displacement of all parts; 1e-10 in any case) is no error, so that a part without a load is not wrong by 1e-16
-of its neighbour's motion. What is nothing but rounding has no size of its own: a scatter is then compared
+displacement of all parts; 1e-10 in any case, of a scatter 1e-10 of the mean) is no error, so that a part
+without a load is not wrong by 1e-16 of its neighbour's motion. What is nothing but rounding has no size of its own: a scatter is then compared
 with the mean, the displacement of a part that stays where it is with the largest one of the scene, and
 strains are not compared. The fluctuation of a chaos is all its columns but the first; that of samples is what
 is left without their mean. A step is compared with itself, but with no less than 1e-9 of the part's largest
-step; a scatter with itself, but with no less than 1e-6 of the mean: less is not worth an order of a chaos or
-a sample.
+step; a scatter with itself, below 1e-6 of the mean with the mean: it is not worth an order of a chaos or a
+sample.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LEAST = 1e-10
 QUIET = 1e-9
 """A step is compared with this fraction of the part's largest step at least."""
 SCATTER = 1e-6
-"""A scatter is compared with this fraction of the part's mean at least."""
+"""A scatter below this fraction of the part's mean is none, and is compared with the mean."""
 NAMES = ("energy", "displacement")
 
 
@@ -132,8 +132,8 @@ def errors(
                 place += [("mean", "fluctuation")[g]] if kind == "chaos" else []
                 for i, norm in enumerate(NAMES):
                     whole = max(size[i], QUIET * peak[i])
-                    if g:
-                        whole = max(whole, SCATTER * sizes[name, k, 0][i])
+                    if g and whole < SCATTER * sizes[name, k, 0][i]:
+                        whole = sizes[name, k, 0][i]
                     if whole <= floor[i]:
                         # nothing but rounding: no strain, or what should not move (or scatter) at all
                         if norm == "energy":
@@ -142,7 +142,8 @@ def errors(
                         if whole <= floor[i]:
                             continue
                     raw, rounding = away[i] / whole, floor[i] / whole
-                    true = raw if away[i] > floor[i] and raw > LEAST else 0.0
+                    of_mean = LEAST * sizes[name, k, 0][i] if g else 0.0
+                    true = raw if away[i] > max(floor[i], of_mean) and raw > LEAST else 0.0
                     out.append(Error(name, ", ".join(place), norm, true, raw, rounding, said))
     return out
 
@@ -185,13 +186,16 @@ def spread(
         for what, (e, m) in (("mean", means), ("fluctuation", rest)):
             size, away = norms.over(parts, e), norms.over(parts, {p: m[p] - e[p] for p in parts})
             for i, norm in enumerate(NAMES):
-                whole = size[i] if what == "mean" else max(size[i], SCATTER * mean_size[i])
+                whole = size[i]
+                if what == "fluctuation" and whole < SCATTER * mean_size[i]:
+                    whole = mean_size[i]
                 if whole <= bound[i]:
                     # what should not scatter
                     whole = mean_size[i]
                     if norm == "energy" or whole <= bound[i]:
                         continue
-                true = away[i] / whole if away[i] > max(bound[i], LEAST * whole) else 0.0
+                least = max(bound[i], LEAST * mean_size[i], LEAST * whole)
+                true = away[i] / whole if away[i] > least else 0.0
                 place = f"{label}, {what}" if label else what
                 out.append(Error(name, place, norm, true, away[i] / whole, bound[i] / whole, said))
     return out

@@ -57,6 +57,8 @@ class Tangent {
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return traces_.transpose() * (structure_.weights().asDiagonal() * forces);
   }
+  /// u^T S u of a body, where all active unknowns move by (active).
+  [[nodiscard]] double strain(Index body, ConstVectorRef moved) const;
   /// First active unknown of every body, and one past the last.
   [[nodiscard]] const std::vector<Index>& first_active() const { return first_active_; }
 
