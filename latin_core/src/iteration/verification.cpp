@@ -161,7 +161,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           least_error = least_error.cwiseMin(rtol);
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
-                    linear_->imbalance(stages_.laws(), state, residual),
+                    linear_->imbalance(stages_.laws(), state, residual), 0.0,
                     rounding && largest(rest) <= rtol};
         if (count > 1 && !stages_.laws().linear()) {
           // a law may change its branch on the way that is left: the error of the last but one is seen, not guessed
@@ -173,6 +173,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
             std::swap(residual_, residual_before);
           }
         }
+        found.change = change_of_forces(state, better_);
         return found;
       }
     }
@@ -188,6 +189,17 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                   better_.traces - from.traces);
   }
   return std::nullopt;
+}
+
+/// The difference between the forces of two states at the points, relative to those of the second.
+double Verification::change_of_forces(const State& one, const State& other) const {
+  const substructure::Structure& structure = stages_.structure();
+  const auto norm = [&structure](const Matrix& data, const Matrix& traces) {
+    const Matrix forces = data - structure.directions().asDiagonal() * traces;
+    return std::sqrt((structure.weights().asDiagonal() * forces.cwiseAbs2()).sum());
+  };
+  const double size = norm(other.data, other.traces);
+  return size > 0.0 ? norm(one.data - other.data, one.traces - other.traces) / size : 0.0;
 }
 
 /// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.

@@ -13,7 +13,8 @@ constexpr double rounding = 1e-14;
 constexpr double rounding_of_others = 3e-16;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
-/// A step is measured with this fraction of the largest step at least, a fluctuation with this one of the mean.
+/// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
+/// none, and is measured with the mean.
 constexpr double quiet = 1e-9;
 constexpr double still = 1e-6;
 /// Faces that move less than this, relative to what strains the body, are held: they have no size of their own.
@@ -74,8 +75,8 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
       const auto least = [&](const Matrix& sizes) {
         double size = std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
-        if (g % kinds > 0) {
-          size = std::max(size, square(still) * sizes(g - 1, b));
+        if (g % kinds > 0 && size < square(still) * sizes(g - 1, b)) {
+          size = sizes(g - 1, b);
         }
         return size;
       };

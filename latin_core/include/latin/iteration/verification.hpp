@@ -28,6 +28,7 @@ class Verification {
     Matrix errors;         ///< (groups, bodies) of the iterate
     Matrix errors_better;  ///< of the better one, at most
     double imbalance;      ///< of the iterate, see Linearisation::imbalance()
+    double change;         ///< of the forces at the points to the better one, relative
     bool rounding;         ///< only rounding keeps the better one from the tolerance, by far
   };
   /// @param residual of the iterate
@@ -51,6 +52,7 @@ class Verification {
 
  private:
   bool evaluate(State& state, Matrix& residual);
+  [[nodiscard]] double change_of_forces(const State& one, const State& other) const;
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
   [[nodiscard]] bool held_step(double hold, double& norm);
   struct Best {
