@@ -60,8 +60,8 @@ class Face(ABC):
     @property
     @abstractmethod
     def status(self) -> str:
-        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"inexact"`` (rounding leaves more than the
-        tolerance), ``"diverged"``, ``"interrupted"``."""
+        """``"converged"``, ``"max_iterations"``, ``"stagnated"``, ``"inexact"`` (rounding leaves more than
+        the tolerance), ``"diverged"``, ``"interrupted"``."""
 
     @abstractmethod
     def force(self, interface: str) -> Array:

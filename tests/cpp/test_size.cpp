@@ -179,7 +179,8 @@ TEST(Sizes, DistanceAndDifferenceAgree) {
   ASSERT_EQ(distance.strain.cols(), 3);
   expect(distance.strain, difference.strain);
   expect(distance.trace, difference.trace);
-  EXPECT_GT(difference.strain.leftCols(2).minCoeff(), 0.0);  // the last bar, free at its end, is not strained
+  EXPECT_GT(difference.strain.leftCols(2).minCoeff(),
+            0.0);  // the last bar, free at its end, is not strained
   // both columns are one where they are the fluctuations of a chaos
   const Sizes steps = sizes_of_difference(structure, {2, 1}, one - two, w1 - w2);
   expect(steps.trace, difference.trace);

@@ -139,8 +139,7 @@ TEST(Tangent, IsMadeAnewOnlyForOtherTangents) {
   const chain::Pushed scene;
   const Laws laws = scene.build();
   chain::Evaluated at(laws, Matrix::Ones(1, 1));
-  const Matrix closed =
-      slopes_at(laws, at.state);
+  const Matrix closed = slopes_at(laws, at.state);
   Matrix open = closed;
   open(1, 0) = 0.0;
   Tangent tangent(laws.structure());

@@ -162,8 +162,7 @@ substructure::Sizes Linearisation::rounding(const substructure::Laws& laws,
 double Linearisation::imbalance(const substructure::Laws& laws, const State& state,
                                 const Matrix& residual) const {
   const substructure::Structure& structure = laws.structure();
-  const Matrix forces =
-      nodal(state.data - structure.directions().asDiagonal() * state.traces);
+  const Matrix forces = nodal(state.data - structure.directions().asDiagonal() * state.traces);
   const Matrix left = nodal(0.5 * residual);
   const std::vector<Index>& first = tangents_.front()->first_active();
   double largest = 0.0;

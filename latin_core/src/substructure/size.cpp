@@ -63,8 +63,8 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double noise =
-        std::max(square(rounding_of_others) * reach * metric(b), square(rounding) * whole.trace.col(b).maxCoeff());
+    const double noise = std::max(square(rounding_of_others) * reach * metric(b),
+                                  square(rounding) * whole.trace.col(b).maxCoeff());
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);

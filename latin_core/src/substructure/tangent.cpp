@@ -166,8 +166,8 @@ void Tangent::set_rigid() {
       for (const Index row : interface.rows) {
         stiffest = std::max(stiffest, of_rows(row + i));
       }
-      const double most = std::max(
-          rigid_in_series, rigid_beside_nodes * stiffest * interface.flexibility(i));
+      const double most =
+          std::max(rigid_in_series, rigid_beside_nodes * stiffest * interface.flexibility(i));
       rigid_(interface.first_unknown + i) = std::min(most / (1.0 + most), stiffest_rigid);
     }
   }
@@ -203,9 +203,9 @@ void Tangent::set_tangents(const Matrix& slopes) {
     const Index components = interface.geometry.components;
     for (Index point = 0; point < interface.geometry.points; ++point) {
       const Index first = interface.first_unknown + components * point;
-      const Matrix tangent =
-          tangent_of(slopes.block(first, 0, components, components),
-                     flexibility_.segment(first, components), rigid_.segment(first, components).maxCoeff());
+      const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
+                                        flexibility_.segment(first, components),
+                                        rigid_.segment(first, components).maxCoeff());
       const double size = tangent.cwiseAbs().maxCoeff();
       const double most = 1.0 / flexibility_.segment(first, components).maxCoeff();
       for (Index a = 0; a < components; ++a) {
@@ -347,8 +347,7 @@ void Tangent::combine() {
           SparseRows(jumps_.transpose() * SparseRows(tangent_ * jump_of_residual));
   // the springs that hold the bodies act as forces of the interfaces
   const Vector held = structure_.directions() - holding_;
-  of_answer_ = SparseRows(held.asDiagonal() * traces_) -
-               SparseRows(per_area * jumps_);
+  of_answer_ = SparseRows(held.asDiagonal() * traces_) - SparseRows(per_area * jumps_);
   redundant_ = overdetermined_ && (limited_ - tangent_).norm() > 0.0;
   if (redundant_) {
     of_jump_ = jump_of_residual;
@@ -400,8 +399,7 @@ Matrix Tangent::inner_forces(const Matrix& traces) const {
     const Index first = first_active_[b];
     const auto rows = Eigen::seqN(structure_.body_rows()[b], structure_.bodies()[b].rows());
     // what is glued into a body may be stiffer than its faces
-    const Vector diagonal =
-        stiffness_[b].diagonal().cwiseMax(structure_.bodies()[b].stiffest());
+    const Vector diagonal = stiffness_[b].diagonal().cwiseMax(structure_.bodies()[b].stiffest());
     for (Index column = 0; column < traces.cols(); ++column) {
       const auto moved = traces.col(column)(rows);
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;

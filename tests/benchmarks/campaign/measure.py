@@ -1,7 +1,7 @@
 """How far an answer is from the reference, for every part, step, mean and fluctuation.
 
-Parts that a run has glued (their interfaces were eliminated) are one part with their springs, as they are for its
-estimate. Two norms of a part's error, each relative to the part's own answer in the same norm:
+Parts that a run has glued (their interfaces were eliminated) are one part with their springs, as they are for
+its estimate. Two norms of a part's error, each relative to the part's own answer in the same norm:
 
 * *energy*: sqrt(e K e) over sqrt(u K u): strains and forces, where the part is strained;
 * *displacement*: the root of the integral of e^2 over its interfaces, over that of u^2: where the part is.
@@ -10,9 +10,9 @@ A part's error is the larger of the two. Neither is enough alone: a part on soft
 force at the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves
 (`floors` of the reference, ten times; ten rounding errors of the part's own displacement; one of the largest
 displacement of all parts; 1e-10 in any case, of a scatter 1e-10 of the mean) is no error, so that a part
-without a load is not wrong by 1e-16 of its neighbour's motion. What is nothing but rounding has no size of its own: a scatter is then compared
-with the mean, the displacement of a part that stays where it is with the largest one of the scene, and
-strains are not compared. The fluctuation of a chaos is all its columns but the first; that of samples is what
+without a load is not wrong by 1e-16 of its neighbour's motion. What is nothing but rounding has no size of
+its own: a scatter is then compared with the mean, the displacement of a part that stays where it is with the
+largest one of the scene, and strains are not compared. The fluctuation of a chaos is all its columns but the first; that of samples is what
 is left without their mean. A step is compared with itself, but with no less than 1e-9 of the part's largest
 step; a scatter with itself, below 1e-6 of the mean with the mean: it is not worth an order of a chaos or a
 sample.

@@ -80,7 +80,7 @@ class Tangent {
   std::vector<Index> first_active_{0};
   std::vector<Matrix> stiffness_;  ///< S of the bodies, lower triangles
   double hold_ = 0.0;
-  Vector holding_;  ///< springs that hold the bodies, (rows)
+  Vector holding_;                ///< springs that hold the bodies, (rows)
   SparseRows traces_;             ///< T, (rows, active)
   SparseRows jumps_;              ///< J, (unknowns, active)
   SparseRows sides_;              ///< J', (unknowns, rows)
