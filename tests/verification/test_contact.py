@@ -151,7 +151,10 @@ def test_contact_without_friction_has_no_tangential_unknowns() -> None:
     scene.fix("right:x1", components=(1, 2))
     result = solve(assemble(scene), options=TIGHT)
     assert result.force("joint").shape[1] == 1
-    assert np.allclose(result.force("joint"), -5.0)
+    # the points outnumber the nodes: what no mesh sees of their forces is not determined
+    assert np.allclose(result.force("joint"), -5.0, rtol=1e-3)
+    pressed = result.problem.interfaces["joint"].weights @ result.force("joint")[:, 0]
+    assert pressed == pytest.approx(-5.0 * AREA, rel=1e-9)
     assert "nonlinear" in str(result.plan)
 
 

@@ -1,6 +1,7 @@
 #include "latin/iteration/batch.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <string>
@@ -10,6 +11,7 @@
 #include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/stages.hpp"
 #include "latin/iteration/step.hpp"
+#include "latin/iteration/verification.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -31,74 +33,151 @@ void refuse_transforms(const substructure::Laws& laws) {
   }
 }
 
-/// A step of Newton's method with the tangents of a near parameter set, and what the next one would change.
-std::vector<Advanced> advance_by(const Linearisation& linear, const substructure::Laws& laws,
-                                 const Options& options, const Matrix& amplitudes, Index sets,
-                                 const std::vector<const State*>& snapshots) {
-  const substructure::Structure& structure = laws.structure();
-  const Index columns = amplitudes.cols();
-  const Gauge gauge = gauge_of(structure, laws.groups());
-  const Matrix all_amplitudes = amplitudes.replicate(1, sets);
-  Anderson history(metric_of(structure), columns, static_cast<Index>(snapshots.size()), sets);
-  Stages stages(laws, all_amplitudes, false);
-  State state;
-  Matrix residual(structure.rows(), sets * columns);
-  Stepper(stages.fixed_point(), history, options.relaxation)
-      .start_from(snapshots, {state, residual});
-  stages.local(state.data, state.traces, residual);
-  Matrix moved;
-  Matrix step = residual;
-  linear.correct(step, moved);
-  const substructure::Sizes first = gauge.of_difference(step, moved);
-  state.data += step;
-  stages.evaluate({state, residual});
-  step = residual;
-  linear.correct(step, moved);
-  const substructure::Sizes second = gauge.of_difference(step, moved);
-
-  substructure::GlobalStage global(laws);
-  const substructure::Yardstick yardstick = substructure::yardstick(structure, laws.groups());
-  const substructure::Sizes whole = global.sizes(state.data, state.traces, all_amplitudes);
-  const Index groups = whole.strain.rows() / sets;
-  // neither at the answer nor where the next step would lead may a law have another branch
-  const std::vector<bool> here = linear.near_columns(laws, state);
-  const std::vector<bool> there =
-      laws.linear() ? here : linear.near_columns(laws, {state.data + step, state.traces + moved});
-  std::vector<Advanced> answers(static_cast<std::size_t>(sets));
-  for (Index set = 0; set < sets; ++set) {
-    const auto of_set = [set, columns](const Matrix& block) {
-      return block.middleCols(set * columns, columns);
-    };
-    const auto sizes_of = [set, groups](const substructure::Sizes& sizes) {
-      return substructure::Sizes{sizes.strain.middleRows(set * groups, groups),
-                                 sizes.trace.middleRows(set * groups, groups),
-                                 sizes.work.middleRows(set * groups, groups)};
-    };
-    Advanced& answer = answers[static_cast<std::size_t>(set)];
-    answer.state = {of_set(state.data), of_set(state.traces)};
-    answer.indicator = stage_distance(
-        stage_shares(structure.weights(), structure.directions(), answer.state, of_set(residual)));
-    answer.residual = history.metric().norm(of_set(residual));
-    Whole mine{sizes_of(whole), yardstick};
-    mine.yardstick.reach = mine.yardstick.share_of_reach(mine.sizes);
-    answer.energy = mine.sizes.strain.sum();
-    const Matrix before = mine.relative(sizes_of(first));
-    const Matrix ahead = mine.relative(sizes_of(second));
-    const Matrix left = (before.array() > 0.0).select(ahead.cwiseQuotient(before), 0.0);
-    const bool shorter = ((left.array() <= most_left) || (ahead.array() <= noise)).all();
-    answer.error = std::numeric_limits<double>::infinity();
-    bool near = shorter;
-    for (Index column = set * columns; column < (set + 1) * columns; ++column) {
-      const auto at = static_cast<std::size_t>(column);
-      near = near && here[at] && there[at];
-    }
-    if (near) {
-      answer.errors = (ahead.array() / (1.0 - left.array().min(most_left))).matrix();
-      answer.error = largest(answer.errors);
-    }
-  }
-  return answers;
+/// Columns of a block that belong to one of several sets side by side.
+Matrix of_set(const Matrix& block, Index set, Index columns) {
+  return block.middleCols(set * columns, columns);
 }
+
+substructure::Sizes of_set(const substructure::Sizes& sizes, Index set, Index groups) {
+  return {sizes.strain.middleRows(set * groups, groups), sizes.trace.middleRows(set * groups, groups),
+          sizes.work.middleRows(set * groups, groups)};
+}
+
+/// Parameter sets side by side that are advanced with the tangents of a near one.
+class Borrowing {
+ public:
+  Borrowing(const Linearisation& linear, const substructure::Laws& laws, const Options& options,
+            const Matrix& amplitudes, Index sets, const std::vector<const State*>& snapshots)
+      : linear_(linear),
+        laws_(laws),
+        rtol_(options.rtol),
+        exact_(Verification::exact(laws)),
+        sets_(sets),
+        columns_(amplitudes.cols()),
+        amplitudes_(amplitudes.replicate(1, sets)),
+        gauge_(gauge_of(laws.structure(), laws.groups())),
+        yardstick_(substructure::yardstick(laws.structure(), laws.groups())),
+        history_(metric_of(laws.structure()), columns_, static_cast<Index>(snapshots.size()), sets),
+        stages_(laws, amplitudes_, false),
+        residual_(laws.structure().rows(), sets * columns_) {
+    Stepper(stages_.fixed_point(), history_, options.relaxation)
+        .start_from(snapshots, {state_, residual_});
+    stages_.local(state_.data, state_.traces, residual_);
+  }
+
+  std::vector<Advanced> answers() {
+    const substructure::Sizes first = correct();
+    if (exact_) {
+      std::vector<Advanced> at_once = of_linear_laws(first);
+      if (all_good(at_once)) {
+        return at_once;
+      }
+    }
+    state_.data += step_;
+    stages_.evaluate({state_, residual_});
+    const substructure::Sizes second = correct();
+    return exact_ ? of_linear_laws(second) : of_two_steps(first, second);
+  }
+
+ private:
+  /// The next step, and what it would change.
+  substructure::Sizes correct() {
+    step_ = residual_;
+    linear_.correct(step_, moved_);
+    return gauge_.of_difference(step_, moved_);
+  }
+
+  [[nodiscard]] bool all_good(const std::vector<Advanced>& answers) const {
+    return std::ranges::all_of(answers,
+                               [this](const Advanced& answer) { return answer.error <= rtol_; }) &&
+           linear_.imbalance(laws_, state_, residual_) <= Verification::bearable_imbalance * rtol_;
+  }
+
+  /// The sets as they are now, without their errors.
+  std::vector<Advanced> as_they_are(std::vector<Whole>& wholes) {
+    const substructure::Structure& structure = laws_.structure();
+    substructure::GlobalStage global(laws_);
+    const substructure::Sizes sizes = global.sizes(state_.data, state_.traces, amplitudes_);
+    const Index groups = sizes.strain.rows() / sets_;
+    std::vector<Advanced> answers(static_cast<std::size_t>(sets_));
+    for (Index set = 0; set < sets_; ++set) {
+      Advanced& answer = answers[static_cast<std::size_t>(set)];
+      const Matrix residual = of_set(residual_, set, columns_);
+      answer.state = {of_set(state_.data, set, columns_), of_set(state_.traces, set, columns_)};
+      answer.indicator = stage_distance(
+          stage_shares(structure.weights(), structure.directions(), answer.state, residual));
+      answer.residual = history_.metric().norm(residual);
+      Whole& whole = wholes.emplace_back(Whole{of_set(sizes, set, groups), yardstick_});
+      whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
+      answer.energy = whole.sizes.strain.sum();
+      answer.error = std::numeric_limits<double>::infinity();
+    }
+    return answers;
+  }
+
+  /// What a step says of linear laws is right within the factor between the stiffnesses.
+  std::vector<Advanced> of_linear_laws(const substructure::Sizes& ahead) {
+    std::vector<Whole> wholes;
+    std::vector<Advanced> answers = as_they_are(wholes);
+    const std::vector<double> contrasts = linear_.contrasts(laws_, state_);
+    const Index groups = ahead.strain.rows() / sets_;
+    for (Index set = 0; set < sets_; ++set) {
+      const auto at = static_cast<std::size_t>(set);
+      const auto first = contrasts.begin() + set * columns_;
+      const double spread = *std::max_element(first, first + columns_);
+      const Matrix errors = wholes[at].relative(of_set(ahead, set, groups));
+      if (spread * largest(errors) <= rtol_) {
+        answers[at].errors = std::sqrt(spread) * errors;
+        answers[at].error = largest(answers[at].errors);
+      }
+    }
+    return answers;
+  }
+
+  /// Of other laws it takes two steps, of which the second is short, in one branch of the laws.
+  std::vector<Advanced> of_two_steps(const substructure::Sizes& first,
+                                     const substructure::Sizes& second) {
+    std::vector<Whole> wholes;
+    std::vector<Advanced> answers = as_they_are(wholes);
+    // neither at the answer nor where the next step would lead may a law have another branch
+    const std::vector<double> here = linear_.contrasts(laws_, state_);
+    const std::vector<double> there =
+        linear_.contrasts(laws_, {state_.data + step_, state_.traces + moved_});
+    const Index groups = second.strain.rows() / sets_;
+    for (Index set = 0; set < sets_; ++set) {
+      const auto at = static_cast<std::size_t>(set);
+      const Matrix before = wholes[at].relative(of_set(first, set, groups));
+      const Matrix ahead = wholes[at].relative(of_set(second, set, groups));
+      const Matrix left = (before.array() > 0.0).select(ahead.cwiseQuotient(before), 0.0);
+      bool good = ((left.array() <= most_left) || (ahead.array() <= noise)).all();
+      for (Index column = set * columns_; column < (set + 1) * columns_; ++column) {
+        const auto i = static_cast<std::size_t>(column);
+        good = good && std::max(here[i], there[i]) <= Linearisation::near_factor;
+      }
+      if (good) {
+        answers[at].errors = (ahead.array() / (1.0 - left.array().min(most_left))).matrix();
+        answers[at].error = largest(answers[at].errors);
+      }
+    }
+    return answers;
+  }
+
+  const Linearisation& linear_;
+  const substructure::Laws& laws_;
+  double rtol_;
+  bool exact_;
+  Index sets_;
+  Index columns_;
+  Matrix amplitudes_;
+  Gauge gauge_;
+  substructure::Yardstick yardstick_;
+  Anderson history_;
+  Stages stages_;
+  State state_;
+  Matrix residual_;
+  Matrix step_;
+  Matrix moved_;
+};
 
 }  // namespace
 
@@ -108,7 +187,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
                                        const Linearisation* known) {
   refuse_transforms(laws);
   if (known != nullptr && known->made()) {
-    return advance_by(*known, laws, options, amplitudes, sets, snapshots);
+    return Borrowing(*known, laws, options, amplitudes, sets, snapshots).answers();
   }
   const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
@@ -130,13 +209,10 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
   const State& wrong = history.predicted_error();
   std::vector<Advanced> answers(static_cast<std::size_t>(sets));
   for (Index set = 0; set < sets; ++set) {
-    const auto of_set = [set, columns](const Matrix& block) {
-      return block.middleCols(set * columns, columns);
-    };
     Advanced& answer = answers[static_cast<std::size_t>(set)];
-    answer.state = {of_set(state.data), of_set(state.traces)};
-    answer.indicator = stage_distance(
-        stage_shares(structure.weights(), structure.directions(), answer.state, of_set(residual)));
+    answer.state = {of_set(state.data, set, columns), of_set(state.traces, set, columns)};
+    answer.indicator = stage_distance(stage_shares(structure.weights(), structure.directions(),
+                                                   answer.state, of_set(residual, set, columns)));
     answer.residual = history.residual_norm(set);
     Whole whole{global.sizes(answer.state.data, answer.state.traces, amplitudes), yardstick};
     whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
@@ -144,7 +220,7 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
     answer.error = std::numeric_limits<double>::infinity();
     const double rounding = rounding_share * history.metric().norm(answer.state.data);
     if (answer.residual > rounding && history.explained(set) >= least_explained) {
-      answer.errors = predicted_errors(gauge, of_set(wrong.data), of_set(wrong.traces),
+      answer.errors = predicted_errors(gauge, of_set(wrong.data, set, columns), of_set(wrong.traces, set, columns),
                                        history.explained(set), whole);
       answer.error = std::max(largest(answer.errors), least_of_indicator * answer.indicator);
     }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <utility>
 
 #include "latin/substructure/interface_system.hpp"
@@ -14,8 +13,6 @@ using substructure::Tangent;
 
 /// Columns that may each have a linearisation of their own.
 constexpr std::size_t most_tangents = 16;
-/// Tangents whose stiffnesses differ by no more than this factor are near.
-constexpr double near_factor = 3.0;
 /// Slopes below this, relative to the stiffest possible, count as none.
 constexpr double no_slope = 1e-9;
 /// Forces of a column are measured with this fraction of the largest column at least.
@@ -50,11 +47,11 @@ bool alike(const Matrix& a, const Matrix& b) {
          (a - b).cwiseAbs().maxCoeff() <= same * std::max(a.cwiseAbs().maxCoeff(), 1e-300);
 }
 
-/// Whether two stiffnesses, given as s / (1 + s) each, are alike to `near_factor`.
-bool comparable(double a, double b) {
+/// The factor between two stiffnesses, given as s / (1 + s) each.
+double contrast(double a, double b) {
   const double one = std::abs(a) / std::max(1.0 - std::abs(a), no_slope) + no_slope;
   const double two = std::abs(b) / std::max(1.0 - std::abs(b), no_slope) + no_slope;
-  return one <= near_factor * two && two <= near_factor * one;
+  return std::max(one / two, two / one);
 }
 
 }  // namespace
@@ -86,6 +83,7 @@ bool Linearisation::take(const substructure::Laws& laws, const State& state, dou
   }
   of_column_ = std::move(now.of_column);
   if (changed) {
+    rounding_.resize(0, 0);
     slopes_.clear();  // if a factorisation fails there are none
     tangents_.resize(now.distinct.size());
     for (std::size_t i = 0; i < now.distinct.size(); ++i) {
@@ -101,30 +99,39 @@ bool Linearisation::take(const substructure::Laws& laws, const State& state, dou
 }
 
 bool Linearisation::near(const substructure::Laws& laws, const State& state) const {
-  return std::ranges::all_of(near_columns(laws, state), std::identity());
+  return std::ranges::all_of(contrasts(laws, state),
+                             [](double contrast) { return contrast <= near_factor; });
 }
 
-std::vector<bool> Linearisation::near_columns(const substructure::Laws& laws,
-                                              const State& state) const {
+std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
+                                             const State& state) const {
   const auto own = static_cast<Index>(of_column_.size());
   const Tangent& any = *tangents_.front();
-  std::vector<bool> found;
+  std::vector<double> found;
   for_slopes(laws, state, [&](Index column, const Matrix& now) {
     const Matrix& here = slopes_[of_column_[static_cast<std::size_t>(column % own)]];
-    bool alike = true;
-    for (Index row = 0; row < now.rows() && alike; ++row) {
+    double largest = 1.0;
+    for (Index row = 0; row < now.rows(); ++row) {
       // the stiffness of a point in its own direction
       const Index component = any.component(row);
       const double c = any.flexibility()(row);
-      alike = comparable(c * now(row, component), c * here(row, component));
+      largest = std::max(largest, contrast(c * now(row, component), c * here(row, component)));
     }
-    found.push_back(alike);
+    found.push_back(largest);
   });
   return found;
 }
 
-substructure::Sizes Linearisation::rounding(const substructure::Laws& laws,
-                                            const State& state) const {
+const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
+                                      const Whole& whole) {
+  if (rounding_.rows() != whole.sizes.strain.rows()) {
+    rounding_ = whole.relative(rounding_sizes(laws, state));
+  }
+  return rounding_;
+}
+
+substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
+                                                  const State& state) const {
   // any fixed signs without a pattern
   const auto with_signs = [](Matrix& sizes, double unit) {
     for (Index column = 0; column < sizes.cols(); ++column) {

@@ -28,6 +28,8 @@ constexpr double borrowed_fall = 0.3;
 constexpr double negligible = 0.05;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
+/// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
+constexpr double bearable_spread = 9.0;
 /// Time steps of a history with memory, each of which has tangents of its own.
 constexpr Index most_steps_of_history = 16;
 /// Steps of a search, and plain steps where those do not help.
@@ -51,6 +53,12 @@ bool Verification::possible(const substructure::Laws& laws) {
     return false;
   }
   return laws.steps() <= most_steps_of_history || !laws.remembers();
+}
+
+bool Verification::exact(const substructure::Laws& laws) {
+  // what the coarse problem and matrix directions add is not in the tangents
+  return laws.linear() && laws.modes() == 1 && !laws.preconditions() &&
+         laws.structure().macro_size() == 0;
 }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
@@ -84,9 +92,35 @@ Matrix Verification::carried(Matrix errors) const {
   return errors;
 }
 
-/// What rounding of forces and displacements may do to the answer, by the same tangents.
-Matrix Verification::rounding_errors(const Whole& whole) {
-  return whole.relative(linear_->rounding(stages_.laws(), better_));
+/// Of linear laws one step says it all, without another global stage: exactly with their own tangents, and within the
+/// factor between the stiffnesses with others.
+std::optional<Verification::Found> Verification::at_once(const State& state, const Matrix& residual,
+                                                         const Whole& whole, double rtol,
+                                                         double spread) {
+  const substructure::Laws& laws = stages_.laws();
+  if (!exact(laws)) {
+    return std::nullopt;
+  }
+  if (!linear_->made() || spread > bearable_spread) {
+    linear_->take(laws, state);
+    spread = 1.0;
+  }
+  Matrix step = residual;
+  linear_->correct(step, moved_);
+  const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+  if (!(spread * largest(ahead) <= rtol)) {
+    return std::nullopt;
+  }
+  const double imbalance = linear_->imbalance(laws, state, residual);
+  if (imbalance > bearable_imbalance * rtol) {
+    return std::nullopt;
+  }
+  const Matrix least_error = linear_->rounding(laws, state, whole);
+  if (largest(least_error) > rtol) {
+    return std::nullopt;
+  }
+  const Matrix errors = (std::sqrt(spread) * ahead).cwiseMax(least_error);
+  return Found{errors, errors, imbalance, false};
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
@@ -106,7 +140,15 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   State from;
   Matrix residual_before;
   double noise = 0.0;
-  bool borrowed = linear_->made() && linear_->near(stages_.laws(), state);
+  double spread = 1.0;
+  bool borrowed = linear_->made();
+  if (borrowed) {
+    spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
+    borrowed = spread <= Linearisation::near_factor;
+  }
+  if (auto found = at_once(state, residual, at_start, rtol, spread)) {
+    return found;
+  }
   for (Index count = 0; count <= most_steps; ++count) {
     borrowed = borrowed && count <= most_borrowed;
     const bool was_borrowed = borrowed;
@@ -143,7 +185,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                               .cwiseMin(1.0 - 1.0 / most_left);
       const Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
-        least_known = (within_rounding * rounding_errors(whole)).cwiseMax(least);
+        least_known = (within_rounding * linear_->rounding(stages_.laws(), better_, whole)).cwiseMax(least);
       }
       const auto enough =
           (rest.array() <= least_known.array()) ||
@@ -155,16 +197,16 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
           ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error = rounding_errors(whole);
+        Matrix least_error = linear_->rounding(stages_.laws(), better_, whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
-                    linear_->imbalance(stages_.laws(), state, residual), 0.0,
+                    linear_->imbalance(stages_.laws(), state, residual),
                     rounding && largest(rest) <= rtol};
-        if (count > 1 && !stages_.laws().linear()) {
-          // a law may change its branch on the way that is left: the error of the last but one is seen, not guessed
+        if (count > 1) {
+          // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
           const Matrix seen =
               (whole.relative(gauge_.of_distance(better_, from)) + ahead).cwiseMax(least_error);
           if (largest(seen) <= rtol) {
@@ -173,7 +215,6 @@ std::optional<Verification::Found> Verification::check(const State& state, const
             std::swap(residual_, residual_before);
           }
         }
-        found.change = change_of_forces(state, better_);
         return found;
       }
     }
@@ -189,17 +230,6 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                   better_.traces - from.traces);
   }
   return std::nullopt;
-}
-
-/// The difference between the forces of two states at the points, relative to those of the second.
-double Verification::change_of_forces(const State& one, const State& other) const {
-  const substructure::Structure& structure = stages_.structure();
-  const auto norm = [&structure](const Matrix& data, const Matrix& traces) {
-    const Matrix forces = data - structure.directions().asDiagonal() * traces;
-    return std::sqrt((structure.weights().asDiagonal() * forces.cwiseAbs2()).sum());
-  };
-  const double size = norm(other.data, other.traces);
-  return size > 0.0 ? norm(one.data - other.data, one.traces - other.traces) / size : 0.0;
 }
 
 /// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.

@@ -8,15 +8,14 @@ namespace {
 
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
-/// Rounding of displacements and forces, relative to the largest ones of the body, and of all bodies.
+/// Rounding of displacements and forces, relative to the largest ones.
 constexpr double rounding = 1e-14;
-constexpr double rounding_of_others = 3e-16;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
 /// none, and is measured with the mean.
 constexpr double quiet = 1e-9;
-constexpr double still = 1e-6;
+constexpr double still = 1e-7;
 /// Faces that move less than this, relative to what strains the body, are held: they have no size of their own.
 constexpr double held = 1e-3;
 
@@ -63,8 +62,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double noise = std::max(square(rounding_of_others) * reach * metric(b),
-                                  square(rounding) * whole.trace.col(b).maxCoeff());
+    const double noise = square(rounding) * reach * metric(b);
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <set>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -26,8 +25,6 @@ constexpr double stiffest_rigid = 1.0 - 1e-12;
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
 constexpr double filled = 0.3;
-/// Steps towards the jumps that the meshes can follow: stiff laws need few, soft ones none.
-constexpr Index refinements = 2;
 /// Springs below this, relative to the search direction, are rounding of the body's stiffness.
 constexpr double of_rounding = 1e-14;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies, of which a factor
@@ -119,27 +116,7 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
   }
   sides_ = from(sides, unknowns, structure.rows());
   set_rigid();
-  for (const ActiveInterface& interface : structure.interfaces()) {
-    overdetermined_ = overdetermined_ || sees_too_much(interface);
-  }
   jumps_ = sides_ * traces_;
-}
-
-/// Whether an interface has more points than either side has nodes there.
-bool Tangent::sees_too_much(const ActiveInterface& interface) const {
-  std::size_t most = 0;
-  for (const Index first : interface.rows) {
-    std::set<Index> nodes;
-    for (Index row = first; row < first + interface.size(); ++row) {
-      for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
-        if (std::abs(it.value()) > least_area) {
-          nodes.insert(it.col());
-        }
-      }
-    }
-    most = std::max(most, nodes.size());
-  }
-  return static_cast<std::size_t>(interface.size()) > most;
 }
 
 /// Bounds of what slopes of the laws may be.
@@ -197,7 +174,6 @@ SparseRows Tangent::joined_springs() const {
 /// W K of the points.
 void Tangent::set_tangents(const Matrix& slopes) {
   Triplets entries;
-  Triplets limited;
   symmetric_ = true;
   for (const ActiveInterface& interface : structure_.interfaces()) {
     const Index components = interface.geometry.components;
@@ -207,7 +183,6 @@ void Tangent::set_tangents(const Matrix& slopes) {
                                         flexibility_.segment(first, components),
                                         rigid_.segment(first, components).maxCoeff());
       const double size = tangent.cwiseAbs().maxCoeff();
-      const double most = 1.0 / flexibility_.segment(first, components).maxCoeff();
       for (Index a = 0; a < components; ++a) {
         symmetric_ = symmetric_ && tangent(a, a) >= 0.0;
         for (Index b = 0; b < components; ++b) {
@@ -215,15 +190,12 @@ void Tangent::set_tangents(const Matrix& slopes) {
           if (tangent(a, b) != 0.0) {
             const double entry = areas_(first) * tangent(a, b);
             entries.emplace_back(static_cast<int>(first + a), static_cast<int>(first + b), entry);
-            limited.emplace_back(static_cast<int>(first + a), static_cast<int>(first + b),
-                                 entry * std::min(1.0, most / size));
           }
         }
       }
     }
   }
   tangent_ = from(entries, areas_.size(), areas_.size());
-  limited_ = from(limited, areas_.size(), areas_.size());
 }
 
 SparseColumns Tangent::assemble() const {
@@ -348,13 +320,7 @@ void Tangent::combine() {
   // the springs that hold the bodies act as forces of the interfaces
   const Vector held = structure_.directions() - holding_;
   of_answer_ = SparseRows(held.asDiagonal() * traces_) - SparseRows(per_area * jumps_);
-  redundant_ = overdetermined_ && (limited_ - tangent_).norm() > 0.0;
-  if (redundant_) {
-    of_jump_ = jump_of_residual;
-    per_area_ = sides_.transpose() * SparseRows(areas_.cwiseInverse().asDiagonal());
-  } else {
-    of_residual_ = per_area * jump_of_residual;
-  }
+  of_residual_ = per_area * jump_of_residual;
 }
 
 void Tangent::correct(MatrixRef residual, MatrixRef moved) {
@@ -363,20 +329,7 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) {
   moved.noalias() = traces_ * answer;
   residual = half;
   residual.noalias() += of_answer_ * answer;
-  if (!redundant_) {
-    residual.noalias() += of_residual_ * half;
-    return;
-  }
-  // a jump that no mesh can follow would be driven by a rigid law into forces that no mesh sees: of the jumps q only
-  // what the meshes follow, J b, is taken with the stiffness K, the rest with no more than the search direction
-  Matrix left = of_jump_ * half;
-  Matrix followed = Matrix::Zero(left.rows(), left.cols());
-  for (Index i = 0; i < refinements; ++i) {
-    const Matrix more = jumps_ * solve(jumps_.transpose() * (tangent_ * left));
-    followed += more;
-    left -= more;
-  }
-  residual.noalias() += per_area_ * (tangent_ * followed + limited_ * left);
+  residual.noalias() += of_residual_ * half;
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {

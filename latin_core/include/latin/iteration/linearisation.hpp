@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
+#include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/state.hpp"
 #include "latin/substructure/size.hpp"
 #include "latin/substructure/tangent.hpp"
@@ -17,6 +18,9 @@ class Linearisation {
  public:
   static constexpr double least_hold = substructure::Tangent::least_hold;
 
+  /// Tangents whose stiffnesses differ by no more than this factor are near.
+  static constexpr double near_factor = 3.0;
+
   [[nodiscard]] bool made() const { return !slopes_.empty() && hold_ == least_hold; }
   /// Take the tangents of a state.
   /// @param hold springs on all bodies, relative to the search direction
@@ -26,15 +30,17 @@ class Linearisation {
   /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion
   /// is soft in one and stiff in the other.
   [[nodiscard]] bool near(const substructure::Laws& laws, const State& state) const;
-  /// The same of every column; of a chaos, of its means, (steps).
-  [[nodiscard]] std::vector<bool> near_columns(const substructure::Laws& laws,
-                                               const State& state) const;
+  /// The largest factor between a stiffness there and here, of every column; of a chaos, of its means, (steps).
+  /// Of linear laws no error in energy is larger, nor smaller, than this times what a step with these tangents says:
+  /// it bounds the eigenvalues of one stiffness relative to the other.
+  [[nodiscard]] std::vector<double> contrasts(const substructure::Laws& laws,
+                                              const State& state) const;
   /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, Matrix& moved) const;
-  /// What rounding of forces and displacements may do to a state.
-  [[nodiscard]] substructure::Sizes rounding(const substructure::Laws& laws,
-                                             const State& state) const;
+  /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
+  /// again for another one, until other tangents are taken.
+  const Matrix& rounding(const substructure::Laws& laws, const State& state, const Whole& whole);
   /// Forces per area (rows, c) as the meshes see them, on the active unknowns of the bodies, (active, c).
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return tangents_.front()->nodal(forces);
@@ -49,6 +55,8 @@ class Linearisation {
     std::vector<Matrix> distinct;
     std::vector<std::size_t> of_column;
   };
+  [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
+                                                   const State& state) const;
   [[nodiscard]] static Slopes slopes_of(const substructure::Laws& laws, const State& state);
 
   std::vector<std::unique_ptr<substructure::Tangent>>
@@ -56,6 +64,7 @@ class Linearisation {
   std::vector<Matrix> slopes_;  ///< of each of these
   std::vector<std::size_t> of_column_;
   double hold_ = 0.0;
+  Matrix rounding_;  ///< empty: not known
 };
 
 }  // namespace latin::iteration

@@ -17,8 +17,14 @@ namespace latin::iteration {
 /// where these steps lead is the error, once they have become short beside it.
 class Verification {
  public:
+  /// Forces of the laws and of the bodies may differ by so many tolerances.
+  static constexpr double bearable_imbalance = 3.0;
+
   /// Whether there is one for these laws: not on several ranks, nor for long histories of laws with memory.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
+
+  /// Whether one step of it is exact for these laws, but for what the tangents of rigid ones leave.
+  [[nodiscard]] static bool exact(const substructure::Laws& laws);
 
   /// @param stages of the run; they must outlive this object
   /// @param known  of a near parameter set, to begin with and to be replaced; null: nothing is known
@@ -28,7 +34,6 @@ class Verification {
     Matrix errors;         ///< (groups, bodies) of the iterate
     Matrix errors_better;  ///< of the better one, at most
     double imbalance;      ///< of the iterate, see Linearisation::imbalance()
-    double change;         ///< of the forces at the points to the better one, relative
     bool rounding;         ///< only rounding keeps the better one from the tolerance, by far
   };
   /// @param residual of the iterate
@@ -52,7 +57,8 @@ class Verification {
 
  private:
   bool evaluate(State& state, Matrix& residual);
-  [[nodiscard]] double change_of_forces(const State& one, const State& other) const;
+  [[nodiscard]] std::optional<Found> at_once(const State& state, const Matrix& residual,
+                                             const Whole& whole, double rtol, double spread);
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
   [[nodiscard]] bool held_step(double hold, double& norm);
   struct Best {
@@ -63,7 +69,6 @@ class Verification {
   void search_once(double patience, double least, Index until, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
   void plain_steps(Index count, double& norm);
-  [[nodiscard]] Matrix rounding_errors(const Whole& whole);
 
   Stages& stages_;
   Gauge gauge_;

@@ -65,7 +65,6 @@ class Tangent {
  private:
   void add_stiffness(const Body& body);
   void set_rigid();
-  [[nodiscard]] bool sees_too_much(const ActiveInterface& interface) const;
   void set_tangents(const Matrix& slopes);
   void combine();
   [[nodiscard]] SparseRows joined_springs() const;
@@ -94,12 +93,6 @@ class Tangent {
   SparseRows load_;
   SparseRows of_answer_;
   SparseRows of_residual_;
-  // or, where points outnumber nodes and laws are stiff, in its place
-  bool overdetermined_ = false;
-  bool redundant_ = false;
-  SparseRows limited_;   ///< W K, K at most the search direction, (unknowns, unknowns)
-  SparseRows of_jump_;   ///< (unknowns, rows)
-  SparseRows per_area_;  ///< (rows, unknowns)
   bool dense_ = false;
   bool symmetric_ = true;
   // one of these, as it is dense and symmetric or not
