@@ -134,7 +134,7 @@ def test_an_elastic_law_by_its_force_equals_the_built_in_one() -> None:
     again = solve(
         problem, active=["joint"], options=plain, direction=Direction(given={"joint": 120.0})
     )
-    assert own.iterations == again.iterations
+    assert abs(own.iterations - again.iterations) <= 1  # a law of a user is not known to be linear
     for name in ("force", "jump"):
         expected = getattr(again, name)("joint")
         assert np.allclose(

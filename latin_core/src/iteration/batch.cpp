@@ -39,7 +39,8 @@ Matrix of_set(const Matrix& block, Index set, Index columns) {
 }
 
 substructure::Sizes of_set(const substructure::Sizes& sizes, Index set, Index groups) {
-  return {sizes.strain.middleRows(set * groups, groups), sizes.trace.middleRows(set * groups, groups),
+  return {sizes.strain.middleRows(set * groups, groups),
+          sizes.trace.middleRows(set * groups, groups),
           sizes.work.middleRows(set * groups, groups)};
 }
 
@@ -220,8 +221,9 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
     answer.error = std::numeric_limits<double>::infinity();
     const double rounding = rounding_share * history.metric().norm(answer.state.data);
     if (answer.residual > rounding && history.explained(set) >= least_explained) {
-      answer.errors = predicted_errors(gauge, of_set(wrong.data, set, columns), of_set(wrong.traces, set, columns),
-                                       history.explained(set), whole);
+      answer.errors =
+          predicted_errors(gauge, of_set(wrong.data, set, columns),
+                           of_set(wrong.traces, set, columns), history.explained(set), whole);
       answer.error = std::max(largest(answer.errors), least_of_indicator * answer.indicator);
     }
   }

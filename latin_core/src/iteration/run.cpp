@@ -204,7 +204,8 @@ Measured Run::verify(Measured measured, bool believed) {
     verification_.emplace(stages_, known_);
   }
   if (!stages_.exact()) {
-    stages_.evaluate(at());  // displacements that single precision has added up are not those of the data
+    stages_.evaluate(
+        at());  // displacements that single precision has added up are not those of the data
     measured = stages_.measure(at(), history_, stop_);
   }
   const auto found = verification_->check(state_, residual_, measured.whole, options_.rtol);

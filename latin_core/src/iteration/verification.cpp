@@ -183,9 +183,14 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const Matrix left = (before.array() > 0.0)
                               .select(ahead.cwiseQuotient(before), 0.0)
                               .cwiseMin(1.0 - 1.0 / most_left);
-      const Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
+      Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
-        least_known = (within_rounding * linear_->rounding(stages_.laws(), better_, whole)).cwiseMax(least);
+        least_known =
+            (within_rounding * linear_->rounding(stages_.laws(), better_, whole)).cwiseMax(least);
+      }
+      if (count >= first_of_rounding) {
+        // steps that do not become shorter, but are rounding, leave what they are
+        rest = (ahead.array() <= least_known.array()).select(ahead, rest);
       }
       const auto enough =
           (rest.array() <= least_known.array()) ||

@@ -127,7 +127,7 @@ class Norms:
 
 
 def _components(problem: Any, kept: Sequence[str] | None) -> dict[str, list[str]]:
-    """Parts that are joined by interfaces that were not kept, by names with "+"; without `kept` single ones."""
+    """Parts that are joined by interfaces that were not kept, by their names; without `kept` single ones."""
     of_part = {name: {name} for name in problem.substructures}
     for name, interface in problem.interfaces.items():
         if kept is not None and name not in kept:
