@@ -128,7 +128,7 @@ class Borrowing {
       const double spread = *std::max_element(first, first + columns_);
       const Matrix errors = wholes[at].relative(of_set(ahead, set, groups));
       if (spread * largest(errors) <= rtol_) {
-        answers[at].errors = std::sqrt(spread) * errors;
+        answers[at].errors = with_rounding(std::sqrt(spread) * errors);
         answers[at].error = largest(answers[at].errors);
       }
     }
@@ -156,11 +156,21 @@ class Borrowing {
         good = good && std::max(here[i], there[i]) <= Linearisation::near_factor;
       }
       if (good) {
-        answers[at].errors = (ahead.array() / (1.0 - left.array().min(most_left))).matrix();
+        answers[at].errors =
+            with_rounding((ahead.array() / (1.0 - left.array().min(most_left))).matrix());
         answers[at].error = largest(answers[at].errors);
       }
     }
     return answers;
+  }
+
+  /// Errors with those of rounding, as far as these are known, but not above the tolerance.
+  [[nodiscard]] Matrix with_rounding(Matrix errors) const {
+    const Matrix& rounding = linear_.known_rounding();
+    if (rounding.rows() == errors.rows() && rounding.cols() == errors.cols()) {
+      errors = errors.cwiseMax(rounding.cwiseMin(rtol_));
+    }
+    return errors;
   }
 
   const Linearisation& linear_;

@@ -176,7 +176,14 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     if (count > 0) {
       whole = stages_.whole(better_);
     }
-    const Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+    Matrix ahead = whole.relative(gauge_.of_difference(step, moved_));
+    if (history_.size() > 0) {
+      // a combination of steps may go nowhere although the residual is not small
+      Matrix plain = residual_;
+      Matrix moved_plainly;
+      linear_->correct(plain, moved_plainly);
+      ahead = ahead.cwiseMax(whole.relative(gauge_.of_difference(plain, moved_plainly)));
+    }
     if (count > 0) {
       distance_ = whole.relative(gauge_.of_distance(better_, state));
       // how much of an error a step leaves, as far as the last two of them say

@@ -41,6 +41,8 @@ class Linearisation {
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
   /// again for another one, until other tangents are taken.
   const Matrix& rounding(const substructure::Laws& laws, const State& state, const Whole& whole);
+  /// What is known of it: empty if nothing is.
+  [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
   /// Forces per area (rows, c) as the meshes see them, on the active unknowns of the bodies, (active, c).
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return tangents_.front()->nodal(forces);
