@@ -190,11 +190,11 @@ class Result(Value, Face):
 
     def force(self, interface: str) -> Array:
         """Force per area on side 1, ([T,] m, components), in the local frame: component 0 is normal."""
-        return self._local(interface)[0]
+        return read_only(self._local(interface)[0])
 
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1 ([T,] m, components), length, in the local frame."""
-        return self._local(interface)[1]
+        return read_only(self._local(interface)[1])
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """The answer as one sample."""

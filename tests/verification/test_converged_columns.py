@@ -82,6 +82,62 @@ def test_a_small_scatter(cov: float, rtol: float) -> None:
     assert_right(judged("chaos", laws, build, run, rtol, **given))
 
 
+@pytest.mark.parametrize("direction", [None, 10.0, 30.0])
+@pytest.mark.parametrize("rtol", [1e-1, 1e-2, 1e-4])
+@pytest.mark.parametrize("moduli", [(2e5, 1.0, 1e3), (100.0, 100.0, 100.0)], ids=["unlike", "alike"])
+def test_a_large_scatter(moduli: tuple[float, ...], rtol: float, direction: float | None) -> None:
+    """Linear chaos of covariances of 1 and 0.8: the means are poor tangents of it."""
+    variables = {"k0": lf.LogNormal("k0", 0.01, cov=1.0), "k1": lf.LogNormal("k1", 100.0, cov=0.8)}
+    faces = {"wall": ["a:x0"], "j0": ["a:x1", "b:x0"], "j1": ["b:x1", "c:x0"], "pull": ["c:x1"]}
+
+    def laws(a: Values, v: Values) -> Laws:
+        beds = {f"bed_{name}": lf.Elastic(normal=0.1, tangential=0.1) for name in "bc"}
+        return beds | {
+            "wall": lf.Displacement(0.0),
+            "j0": lf.Elastic(normal=v("k0"), tangential=0.01),
+            "j1": lf.Elastic(normal=v("k1"), tangential=1.0),
+            "pull": lf.Traction(np.array((1e-3, 2e-4))),
+        }
+
+    def build(laws: Laws) -> lf.Scene:
+        scene = lf.Scene()
+        for k, (name, E) in enumerate(zip("abc", moduli, strict=True)):
+            square(scene, name, float(k), 0.0, E)
+        return connect(scene, laws, faces | {f"bed_{name}": [f"{name}:y0"] for name in "bc"})
+
+    def run(problem: lf.Problem) -> Any:
+        given = {} if direction is None else {"direction": direction}
+        return lf.solve(problem, chaos=lf.Chaos(2), options=lf.Options(rtol=rtol), **given)
+
+    random = {"variables": variables, "random": ["j0", "j1"]}
+    assert_right(judged("chaos", laws, build, run, rtol, **random))
+
+
+@pytest.mark.parametrize("given", [{}, {"macro": "linear"}, {"newton": 0}], ids=["default", "macro", "plain"])
+@pytest.mark.parametrize("rtol", [1e-1, 1e-2, 1e-4])
+def test_shear_that_flips_in_every_step(rtol: float, given: dict[str, Any]) -> None:
+    """Tresca's law under reversing shear: an iteration may jump between the bounds of all points for ever."""
+    scene = lf.Scene()
+    sizes = {"a": ((7.3466, 10.0), (2, 2), 0.0, 25.0), "b": ((15.895, 10.0), (1, 3), 7.3466, 330.0)}
+    for name, (size, cells, x, E) in sizes.items():
+        part = lf.geometry.box(size, cells, origin=(x, 0.0))
+        scene.substructure(name, part, lf.LinearElastic(E=E, nu=0.3), degree=2)
+    scene.fix("a:x0")
+    scene.interface("joint", "a:x1", "b:x0", lf.Contact(gap=0.0, threshold=0.002), space="facets")
+    scene.interface("bed", "b:y0", lf.Elastic(normal=0.28, tangential=0.28))
+    press = lf.Amplitude([0, 1], [0, 1]) * np.array([-0.025406, 0.0])
+    shear = lf.Amplitude([1, 2, 3, 4], [0, 1, -1, 0.5]) * np.array([0.0, 0.0013])
+    scene.traction("b:x1", press + shear)
+    problem, times = lf.assemble(scene), np.linspace(0.5, 4.0, 8)
+    exact = lf.solve(problem, times=times, options=lf.Options(rtol=1e-10))
+    result = lf.solve(problem, times=times, options=lf.Options(rtol=rtol, **given))
+    assert exact.converged and result.converged
+    for name, part in problem.substructures.items():
+        for u, found in zip(exact.displacements[name], result.displacements[name], strict=True):
+            energy, away = (float(w @ (part.matrix @ w)) for w in (u, found - u))
+            assert away <= (3.0 * min(rtol, max(result.error, 1e-9))) ** 2 * energy
+
+
 TINY = lf.Amplitude([0.0, 1.0, 2.0, 3.0], [0.0, 1e-3, 1e-3, 1e-3])
 LARGE = lf.Amplitude([1.0, 2.0, 3.0], [0.0, 1.0, 0.0])
 

@@ -34,7 +34,8 @@ class Contact(Law):
     friction
         mu >= 0. None: no friction, and no tangential unknowns.
     threshold
-        tau >= 0, force / area (Tresca's law where mu is 0). None: none.
+        tau >= 0, force / area (Tresca's law where mu is 0); of points that touch, open ones carry no shear.
+        None: none.
     stiffness
         Normal stiffness per area in compression, force / length^3. None: rigid.
     jump

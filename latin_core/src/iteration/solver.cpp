@@ -42,7 +42,11 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
   });
   Run run(laws, options, amplitudes, state, snapshots.size(), callback, known);
   if (!snapshots.empty()) {
-    run.start_from(snapshots);
+    if (structure.total_rows() > 0) {
+      run.start_from(snapshots);
+    } else {
+      state = *snapshots.front();  // everything is assembled: BLAS does not take empty blocks
+    }
     return run.run(true);
   }
   if (from_zero) {
