@@ -1012,7 +1012,8 @@ def main(given: Sequence[str] | None = None) -> None:
     for name, surface in surfaces.items():
         check(f"{name}: points not converged", float((~surface.converged).sum()), 0.0)
     # the indicator says little about the error, as the table shows; the estimate follows it
-    check(f"{last}: force error {errors[last]:.1e}", errors[last], 0.1 if plain_only else 1e-5)
+    # rtol is on the energy of the parts: forces at single points of the edge are less exact
+    check(f"{last}: force error {errors[last]:.1e}", errors[last], 0.1 if plain_only else 3e-5)
     balance = abs(mean["screw"] + mean["joint"] - pressure_force) / pressure_force
     check(f"equilibrium of the cover: {balance:.1e}", balance, 1e-2 if plain_only else 1e-6)
     if uncertain is not None:
