@@ -52,6 +52,9 @@ constexpr Index streak_before_batch = 3;
 
 /// Tolerance, relative to the one asked for, of the first samples: nothing is known of their scatter.
 constexpr double of_first_samples = 1e-3;
+constexpr double tolerance_of_first_samples = 1e-8;
+/// Scatter below so many times the errors of the samples is not told from these.
+constexpr double above_errors = 2.0;
 /// Errors of samples, relative to the tolerance of their scatter, that leave it right.
 constexpr double enough_for_scatter = 3.0;
 constexpr Index first_samples = 4;
@@ -65,8 +68,10 @@ class Scatter {
  public:
   explicit Scatter(const substructure::Structure& structure) : structure_(structure) {}
 
-  void add(const State& state) {
+  /// @param errors of the bodies, relative
+  void add(const State& state, const Vector& errors) {
     ++count_;
+    errors_ = count_ == 1 ? errors : errors_.cwiseMax(errors);
     if (count_ == 1) {
       mean_ = Matrix::Zero(state.traces.rows(), state.traces.cols());
       squares_ = mean_;
@@ -87,8 +92,9 @@ class Scatter {
         const double variance =
             squares_.col(column)(rows).cwiseAbs().dot(metric) / static_cast<double>(count_);
         const double scatter = size > 0.0 ? std::sqrt(variance / size) : 1.0;
-        if (scatter >= least_scatter) {
-          least = std::min(least, scatter);
+        // what is only the errors of the samples is no scatter
+        if (scatter > above_errors * errors_(static_cast<Index>(b))) {
+          least = std::min(least, std::max(scatter, least_scatter));
         }
       }
     }
@@ -98,6 +104,7 @@ class Scatter {
  private:
   const substructure::Structure& structure_;
   Index count_ = 0;
+  Vector errors_;  ///< the largest of every body so far
   Matrix mean_;
   Matrix squares_;
 };
@@ -182,9 +189,10 @@ class Sweep {
     if (!options_.scatter || options_.stop_on_indicator || !structure_.communicator().alone()) {
       return;
     }
-    const double fraction =
-        scatter_.count() < first_samples ? of_first_samples : 0.5 * scatter_.least();
-    options_.rtol = std::max(wanted_ * fraction, std::min(wanted_, least_tolerance));
+    const double tolerance = scatter_.count() < first_samples
+                                 ? std::min(of_first_samples * wanted_, tolerance_of_first_samples)
+                                 : 0.5 * scatter_.least() * wanted_;
+    options_.rtol = std::max(tolerance, std::min(wanted_, least_tolerance));
   }
 
   void walk(const std::vector<Index>& order) {
@@ -272,7 +280,10 @@ class Sweep {
   /// @throws Interrupted on all ranks if a callback of any of them did
   void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
     if (options_.scatter && structure_.rows() > 0) {
-      scatter_.add(state);
+      const auto bodies = static_cast<Index>(structure_.bodies().size());
+      scatter_.add(state, summary.errors.cols() == bodies && summary.errors.rows() > 0
+                              ? Vector(summary.errors.colwise().maxCoeff().transpose())
+                              : Vector::Zero(bodies));
       summary.scatter = scatter_.least();
       if (summary.status != Status::converged && summary.status != Status::interrupted &&
           summary.error <= wanted_) {
