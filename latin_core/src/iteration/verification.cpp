@@ -102,7 +102,11 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
     return std::nullopt;
   }
   if (!linear_->made() || spread > bearable_spread) {
-    linear_->take(laws, state);
+    try {
+      linear_->take(laws, state);
+    } catch (const NumericalError&) {
+      return std::nullopt;  // the steps say so, too
+    }
     spread = 1.0;
   }
   Matrix step = residual;
