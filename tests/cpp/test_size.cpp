@@ -21,7 +21,8 @@ Sizes strains(const Matrix& strain) {
 }
 
 Yardstick of(const ColumnGroups& groups, Index bodies, double reach = 0.0) {
-  return {groups, Vector::Ones(bodies), reach};
+  return {groups, Vector::Ones(bodies), std::vector<Index>(static_cast<std::size_t>(bodies), 0),
+          Vector::Constant(1, reach)};
 }
 
 void expect(const Matrix& found, const Matrix& expected) {
@@ -111,15 +112,23 @@ TEST(Yardstick, AFluctuationIsMeasuredApartFromItsMean) {
 
 TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
   const Sizes whole = sizes(Matrix{{1.0, 0.0}}, Matrix{{4.0, 0.0}});
-  Yardstick yardstick{{}, (Vector(2) << 1.0, 0.25).finished()};
+  Yardstick yardstick{{}, (Vector(2) << 1.0, 0.25).finished(), {0, 0}, Vector::Zero(1)};
   // mean squares of displacement: 4 and 0
-  EXPECT_DOUBLE_EQ(yardstick.share_of_reach(whole), 4.0);
-  yardstick.reach = 4.0;
+  EXPECT_DOUBLE_EQ(yardstick.share_of_reach(whole)(0), 4.0);
+  yardstick.reach(0) = 4.0;
   expect(yardstick.relative(sizes(Matrix{{0.0, 0.0}}, Matrix{{0.0, 0.01}}), whole),
          Matrix{{0.0, 0.1}});
   // double precision knows no better than 1e-14 of the reach
   expect(yardstick.relative(sizes(Matrix{{0.0, 0.0}}, Matrix{{0.0, 0.9e-28}}), whole),
          Matrix{{0.0, 0.0}});
+}
+
+TEST(Yardstick, RoundingDoesNotPassBetweenIslands) {
+  const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
+  const Sizes error = sizes(Matrix{{0.0, 1e-34}}, Matrix{{0.0, 1e-34}});
+  Yardstick yardstick{{}, Vector::Ones(2), {0, 1}, Vector::Zero(2)};
+  yardstick.reach = yardstick.share_of_reach(whole);
+  expect(yardstick.relative(error, whole), Matrix{{0.0, 1e-2}});
 }
 
 TEST(Yardstick, RoundingOfOtherBodiesDoesNotStrainABody) {

@@ -90,8 +90,9 @@ void Stages::refresh(State& state) { global_.apply(state.data, amplitudes_, stat
 
 Whole Stages::whole(const State& state) {
   Whole whole{global_.sizes(state.data, state.traces, amplitudes_), yardstick_};
-  whole.yardstick.reach =
-      structure().communicator().sum(whole.yardstick.share_of_reach(whole.sizes));
+  whole.yardstick.reach = whole.yardstick.share_of_reach(whole.sizes);
+  Vector& reach = whole.yardstick.reach;
+  structure().communicator().sum({reach.data(), static_cast<std::size_t>(reach.size())});
   return whole;
 }
 
@@ -105,23 +106,20 @@ Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
   measured.whole = {global_.sizes(at.state.data, at.state.traces, amplitudes_), yardstick_};
   const auto [distance, extent] =
       stage_shares(structure().weights(), structure().directions(), at.state, at.residual);
-  std::array<double, 7> sums{measured.whole.sizes.strain.sum(),
-                             yardstick_.share_of_reach(measured.whole.sizes),
-                             distance,
-                             extent,
-                             history.metric().share_of_square(at.state.data),
-                             failure_ ? 1.0 : 0.0,
-                             stop ? 1.0 : 0.0};
-  history.fit(at.residual, sums);
-  if (sums[5] > 0.0) {
+  const Vector reach = yardstick_.share_of_reach(measured.whole.sizes);
+  Vector sums(6 + reach.size());
+  sums << measured.whole.sizes.strain.sum(), distance, extent,
+      history.metric().share_of_square(at.state.data), failure_ ? 1.0 : 0.0, stop ? 1.0 : 0.0, reach;
+  history.fit(at.residual, {sums.data(), static_cast<std::size_t>(sums.size())});
+  if (sums(4) > 0.0) {
     agree();
   }
-  stop = sums[6] > 0.0;
+  stop = sums(5) > 0.0;
   measured.residual = history.residual_norm();
-  measured.data = std::sqrt(sums[4]);
-  measured.indicator = stage_distance({sums[2], sums[3]});
-  measured.strain = sums[0];
-  measured.whole.yardstick.reach = sums[1];
+  measured.data = std::sqrt(sums(3));
+  measured.indicator = stage_distance({sums(1), sums(2)});
+  measured.strain = sums(0);
+  measured.whole.yardstick.reach = sums.tail(reach.size());
   return measured;
 }
 

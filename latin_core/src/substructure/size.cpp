@@ -47,11 +47,11 @@ Sizes Sizes::zero(Index groups, Index bodies) {
   return {Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies)};
 }
 
-double Yardstick::share_of_reach(const Sizes& whole) const {
-  double sum = 0.0;
+Vector Yardstick::share_of_reach(const Sizes& whole) const {
+  Vector sum = Vector::Zero(reach.size());
   for (Index b = 0; b < metric.size(); ++b) {
     if (metric(b) > 0.0) {
-      sum += whole.trace.col(b).maxCoeff() / metric(b);
+      sum(component[static_cast<std::size_t>(b)]) += whole.trace.col(b).maxCoeff() / metric(b);
     }
   }
   return sum;
@@ -62,7 +62,8 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double noise = square(rounding) * reach * metric(b);
+    const double farthest = reach(component[static_cast<std::size_t>(b)]) * metric(b);
+    const double noise = square(rounding) * farthest;
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
@@ -85,7 +86,7 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
         moved = std::max(moved, square(held) * strain);
       }
       if (moved <= square(above_rounding) * noise) {
-        moved = reach * metric(b);
+        moved = farthest;
       }
       // infinite where nothing moves; what is NaN stays NaN
       const double of_trace = error.trace(g, b) <= noise ? 0.0 : error.trace(g, b) / moved;
@@ -106,7 +107,7 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
                     .segment(structure.body_rows()[at], structure.bodies()[at].rows())
                     .sum();
   }
-  return {groups, std::move(metric)};
+  return {groups, std::move(metric), structure.component(), Vector::Zero(structure.components())};
 }
 
 Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,

@@ -77,6 +77,12 @@ Structure::Structure(std::vector<BodyDescription> bodies,
     std::ranges::transform(body.members, std::back_inserter(names), &Member::name);
   }
   const Owners owners = find_owners();
+  std::vector<std::string> joined;
+  for (const InterfaceDescription& interface : interfaces) {
+    if (interface.sides.size() == 2) {
+      joined.insert(joined.end(), {interface.sides[0].member, interface.sides[1].member});
+    }
+  }
   communicator_.together([&] {
     Sides sides{std::vector<std::vector<BodySide>>(bodies.size()), {}};
     sides.owner.resize(bodies.size());
@@ -90,6 +96,7 @@ Structure::Structure(std::vector<BodyDescription> bodies,
     stack_metrics(scales);
   });
   connect();
+  find_components(joined);
 }
 
 Structure::Owners Structure::find_owners() const {
@@ -234,6 +241,38 @@ void Structure::connect() {
     const Matrix there = exchange.incoming(slots[n]);
     interfaces_[shared_[n]].flexibility += there.col(0).cwiseInverse();
   }
+}
+
+/// @param joined substructures, two of each interface one after the other
+void Structure::find_components(const std::vector<std::string>& joined) {
+  std::vector<std::string> edges = joined;
+  for (const auto& members : members_) {
+    for (const std::string& member : members) {
+      edges.insert(edges.end(), {members.front(), member});
+    }
+  }
+  std::map<std::string, std::string> parent;
+  const auto root = [&parent](std::string name) {
+    while (parent.at(name) != name) {
+      name = parent.at(name) = parent.at(parent.at(name));
+    }
+    return name;
+  };
+  for (const auto& of_rank : communicator_.gather(edges)) {
+    for (std::size_t i = 0; i + 1 < of_rank.size(); i += 2) {
+      parent.try_emplace(of_rank[i], of_rank[i]);
+      parent.try_emplace(of_rank[i + 1], of_rank[i + 1]);
+      parent.at(root(of_rank[i])) = root(of_rank[i + 1]);
+    }
+  }
+  std::map<std::string, Index> number;
+  for (const auto& [name, above] : parent) {
+    number.try_emplace(root(name), static_cast<Index>(number.size()));
+  }
+  for (const auto& members : members_) {
+    component_.push_back(number.at(root(members.front())));
+  }
+  components_ = static_cast<Index>(number.size());
 }
 
 void Structure::check_neighbours() const {

@@ -8,8 +8,8 @@ its estimate. Two norms of a part's error, each relative to the part's own answe
 
 A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right
 force at the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves
-(`floors` of the reference, ten times; ten rounding errors of the part's own displacement; one of the largest
-displacement of all parts; 1e-10 in any case, of a scatter 1e-10 of the mean) is no error, so that a part
+(`floors` of the reference, ten times; ten rounding errors of the largest displacement of the parts it is
+connected with; 1e-10 in any case, of a scatter 1e-10 of the mean) is no error, so that a part
 without a load is not wrong by 1e-16 of its neighbour's motion. What is nothing but rounding has no size of
 its own: a scatter is then compared with the mean, the displacement of a part that stays where it is with the
 largest one of the scene, and strains are not compared. The fluctuation of a chaos is all its columns but the
@@ -108,12 +108,12 @@ def errors(
         for name, parts in norms.components.items():
             for g, group in enumerate(groups):
                 sizes[name, k, g] = norms.over(parts, {p: answer.fields[p][:, group] for p in parts})
-    reach = max(spans.values(), default=0.0)
     for k, answer in enumerate(answers):
         for name, parts in norms.components.items():
             faces = sum(norms.on_faces[p].diagonal().sum() for p in parts)
+            reach = max(spans[p] for p in norms.islands[parts[0]])
             least = sum(
-                EPS * (10.0 * spans[p] + reach)
+                10.0 * EPS * reach
                 * np.sqrt([norms.stiffness[p].diagonal().sum(), norms.on_faces[p].diagonal().sum()])
                 for p in parts
             )

@@ -88,10 +88,16 @@ class Norms:
     ----------
     kept
         Interfaces that a run kept: parts that are joined by others are one for its estimate (`components`).
+
+    Attributes
+    ----------
+    islands
+        Part -> what it is connected with, itself included: rounding does not pass beyond.
     """
 
     def __init__(self, problem: Any, kept: Sequence[str] | None = None) -> None:
         self.components = _components(problem, kept)
+        self.islands = {name: group for group in _components(problem, []).values() for name in group}
         self.springs: list[tuple[dict[str, sp.csr_matrix], Array]] = []
         self.stiffness = {name: part.matrix.tocsr() for name, part in problem.substructures.items()}
         self.on_faces = {}

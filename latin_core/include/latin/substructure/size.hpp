@@ -35,13 +35,14 @@ struct Sizes {
 /// What errors are relative to.
 struct Yardstick {
   ColumnGroups groups;
-  Vector metric;  ///< (bodies) sum of scale * W
-  /// Mean square displacement (length^2) of the bodies that move most, over all ranks: what rounding is a
-  /// fraction of.
-  double reach = 0.0;
+  Vector metric;                 ///< (bodies) sum of scale * W
+  std::vector<Index> component;  ///< (bodies) see Structure::component()
+  /// (components) Mean square displacement (length^2) of the bodies that move most, over all ranks: what rounding
+  /// is a fraction of.
+  Vector reach;
 
-  /// This rank's share of the reach of a solution: to be summed.
-  [[nodiscard]] double share_of_reach(const Sizes& whole) const;
+  /// This rank's share of the reach of a solution (components): to be summed.
+  [[nodiscard]] Vector share_of_reach(const Sizes& whole) const;
   /// Relative errors (groups, bodies) of a solution of size `whole`: the larger of those in strain energy and in
   /// displacement of the interfaces, each relative to the body's own in that step. They do not depend on the
   /// search direction.

@@ -79,6 +79,12 @@ class Structure {
   /// Names of the substructures of every body.
   [[nodiscard]] const std::vector<std::vector<std::string>>& members() const { return members_; }
 
+  /// Of every body the number of what it is connected with by active interfaces, over all ranks: where there are
+  /// several, nothing passes from one to another, and neither does rounding.
+  [[nodiscard]] const std::vector<Index>& component() const { return component_; }
+  /// Their count, the same on all ranks.
+  [[nodiscard]] Index components() const { return components_; }
+
   [[nodiscard]] const std::vector<ActiveInterface>& interfaces() const { return interfaces_; }
   [[nodiscard]] const ActiveInterface& interface(std::size_t i) const { return interfaces_.at(i); }
   /// @throws InputError with the known names
@@ -125,6 +131,7 @@ class Structure {
                     const OperatorOptions& options);
   void stack_metrics(const std::vector<std::vector<double>>& scales);
   void connect();
+  void find_components(const std::vector<std::string>& joined);
   void check_neighbours() const;
 
   Communicator communicator_;
@@ -133,6 +140,8 @@ class Structure {
   std::vector<std::vector<std::string>> members_;
   std::vector<ActiveInterface> interfaces_;
   std::vector<std::size_t> shared_;
+  std::vector<Index> component_;
+  Index components_ = 0;
   Vector weights_;
   Vector directions_;
   Vector inverse_directions_;
