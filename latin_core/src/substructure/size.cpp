@@ -15,7 +15,7 @@ constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
 /// none, and is measured with the mean.
 constexpr double quiet = 1e-9;
-constexpr double still = 1e-7;
+constexpr double still = 5e-7;
 /// Faces that move less than this, relative to what strains the body, are held: they have no size of their own.
 constexpr double held = 1e-3;
 
@@ -72,16 +72,17 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
                                                       whole.work(history, b).maxCoeff()));
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
-      const auto least = [&](const Matrix& sizes) {
-        double size = std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
+      const auto least = [&](const Matrix& sizes, double wrong) {
+        const double size = std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
         if (g % kinds > 0 && size < square(still) * sizes(g - 1, b)) {
-          size = sizes(g - 1, b);
+          // an iterate may not yet have the fluctuation that the answer has
+          return wrong < square(still) * sizes(g - 1, b) ? sizes(g - 1, b) : std::max(size, wrong);
         }
         return size;
       };
-      const double strain = least(whole.strain);
-      const bool strained = strain > strain_free * least(whole.work);
-      double moved = least(whole.trace);
+      const double strain = least(whole.strain, error.strain(g, b));
+      const bool strained = strain > strain_free * least(whole.work, 0.0);
+      double moved = least(whole.trace, error.trace(g, b));
       if (strained) {
         moved = std::max(moved, square(held) * strain);
       }

@@ -47,8 +47,8 @@ struct Yardstick {
   /// displacement of the interfaces, each relative to the body's own in that step. They do not depend on the
   /// search direction.
   ///
-  /// A step is measured with no less than 1e-9 of the largest step, a fluctuation with no less than 1e-6 of the
-  /// mean; what double precision leaves is no error, and a body that does not move is measured with those that do.
+  /// A step is measured with no less than 1e-9 of the largest step, a fluctuation that
+  /// is known to be below 5e-7 of the mean with the mean; what double precision leaves is no error, and a body that does not move is measured with those that do.
   [[nodiscard]] Matrix relative(const Sizes& error, const Sizes& whole) const;
 };
 
