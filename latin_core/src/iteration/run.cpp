@@ -99,9 +99,11 @@ Summary Run::run(bool traces_known) {
     // as many iterations again, where there is room for any
     if (status && gave_up(*status) && verifies() && options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
+      report(measured);
       if (summary_.error <= options_.rtol) {
-        report(measured);
         status = Status::converged;
+      } else if (rounding_) {
+        status = Status::inexact;
       }
     }
     if (!status) {

@@ -178,15 +178,22 @@ class Sweep {
   void run(const std::vector<Index>& order) {
     try {
       walk(order);
+      release_early();
     } catch (const Interrupted&) {
-      return;  // finished points have been handed out
+      hand_out_early();  // all other finished points have been handed out
     }
   }
 
  private:
+  /// Whether samples are held to their scatter.
+  [[nodiscard]] bool follows_scatter() const {
+    return options_.scatter && structure_.rows() > 0 && !options_.stop_on_indicator &&
+           structure_.communicator().alone();
+  }
+
   /// The tolerance of the next samples.
   void set_tolerance() {
-    if (!options_.scatter || options_.stop_on_indicator || !structure_.communicator().alone()) {
+    if (!follows_scatter()) {
       return;
     }
     const double tolerance = scatter_.count() < first_samples
@@ -208,6 +215,9 @@ class Sweep {
         solve_alone(points.front());
       }
       next += points.size();
+      if (scatter_.count() >= first_samples) {
+        release_early();
+      }
     }
   }
 
@@ -277,20 +287,67 @@ class Sweep {
     };
   }
 
+  /// Whether a sample is right although the tolerance of its scatter was not reached.
+  [[nodiscard]] bool good_enough(const Summary& summary) const {
+    return summary.status == Status::converged ||
+           (follows_scatter() && scatter_.count() >= first_samples &&
+            summary.error <= enough_for_scatter * wanted_ * scatter_.least());
+  }
+
+  /// The first samples wait until it is known how exact their scatter wants them.
+  void release_early() {
+    for (; !early_.empty(); early_.erase(early_.begin())) {
+      Early& first = early_.front();
+      const substructure::Laws laws = laws_of(laws_, {&first.point, 1});
+      if (first.summary.error > wanted_ * scatter_.least()) {
+        set_tolerance();
+        State state;
+        Summary again = solve_or_stop(laws, state, {&first.state});
+        again.iterations += first.summary.iterations;
+        if (again.error < first.summary.error) {
+          first.summary = std::move(again);
+          first.state = std::move(state);
+        }
+      }
+      finish(first.point, laws, first.summary, first.state);
+    }
+  }
+
+  /// As they are, after an interrupt.
+  void hand_out_early() {
+    for (const Early& first : early_) {
+      try {
+        finish(first.point, laws_of(laws_, {&first.point, 1}), first.summary, first.state);
+      } catch (const Interrupted&) {
+        continue;  // once is enough
+      }
+    }
+    early_.clear();
+  }
+
   /// @throws Interrupted on all ranks if a callback of any of them did
   void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
-    if (options_.scatter && structure_.rows() > 0) {
+    if (follows_scatter()) {
       const auto bodies = static_cast<Index>(structure_.bodies().size());
       scatter_.add(state, summary.errors.cols() == bodies && summary.errors.rows() > 0
                               ? Vector(summary.errors.colwise().maxCoeff().transpose())
                               : Vector::Zero(bodies));
+      if (scatter_.count() <= first_samples) {
+        early_.push_back({point, state, std::move(summary)});
+        return;
+      }
+    }
+    finish(point, laws, std::move(summary), state);
+  }
+
+  /// @throws Interrupted on all ranks if a callback of any of them did
+  void finish(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
+    if (follows_scatter()) {
       summary.scatter = scatter_.least();
-      if (summary.status != Status::converged && summary.status != Status::interrupted &&
-          summary.error <= wanted_) {
+      const bool exact = summary.error <= enough_for_scatter * wanted_ * summary.scatter;
+      if (summary.status != Status::interrupted && summary.error <= wanted_) {
         // of itself it is right; what the samples differ by may not be
-        summary.status = summary.error <= enough_for_scatter * wanted_ * summary.scatter
-                             ? Status::converged
-                             : Status::inexact;
+        summary.status = exact ? Status::converged : Status::inexact;
       }
     }
     structure_.communicator().together([&] {
@@ -313,7 +370,7 @@ class Sweep {
     const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
     State state;
     Summary summary = solve_or_stop(laws, state, start);
-    if (summary.status != Status::converged && !start.empty()) {
+    if (!good_enough(summary) && !start.empty()) {
       // friction may keep a state of other parameters in a trap: from zero it is another way
       State cold;
       Summary again = solve_or_stop(laws, cold, {});
@@ -391,7 +448,13 @@ class Sweep {
   const substructure::Structure& structure_;
   Options options_;
   Scatter scatter_;
-  double wanted_;  ///< tolerance asked for: that of the options follows the scatter
+  struct Early {
+    Index point;
+    State state;
+    Summary summary;
+  };
+  std::vector<Early> early_;  ///< the first samples
+  double wanted_;             ///< tolerance asked for: that of the options follows the scatter
   const Matrix& amplitudes_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;

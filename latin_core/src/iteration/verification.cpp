@@ -209,7 +209,10 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
       // tangents of another set say nothing where a law has changed its branch
       borrowed = borrowed && linear_->near(stages_.laws(), better_);
-      if (enough.all() && borrowed == was_borrowed &&
+      // steps that lead to the answer are as good as those of the run, and better where it stagnates
+      const bool go_on = count < most_steps && count < first_of_rounding &&
+                         largest(rest) > rtol && largest(left) <= contraction;
+      if (!go_on && enough.all() && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
           ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
@@ -220,7 +223,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
-                    rounding && largest(rest) <= rtol};
+                    rounding && (rest.array() <= least_error.array().max(rtol)).all()};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
           const Matrix seen =

@@ -393,8 +393,9 @@ def compare(
         exact = [answer.fields for answer in answers]
         kind = "chaos" if case.kind == "chaos" else ""
         floors = [e.floor for e in measure.errors(model.norms, exact, answers, 0.0, kind)]
-        # what is mostly rounding is no size to be right about
-        rounding = max([rounding] + [f for f in floors if f < 0.1])
+        # what is mostly rounding is no size to be right about, but a reason to say so
+        inexact = "inexact" in found.status
+        rounding = max([rounding] + [f for f in floors if f < 0.1 or inexact])
     return all_errors, how, rounding, largest
 
 
