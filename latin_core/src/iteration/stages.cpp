@@ -62,6 +62,16 @@ void Stages::evaluate(Iterate at) {
   local(at.state.data, at.state.traces, at.residual);
 }
 
+void Stages::evaluate_alone(Iterate at) {
+  exact_ = true;
+  ++count_;
+  {
+    const Timed timed(global_s_);
+    attempt([&] { global_.apply(at.state.data, amplitudes_, at.state.traces); });
+  }
+  local(at.state.data, at.state.traces, at.residual);
+}
+
 void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
   const Timed timed(global_s_);
   exact_ = step == nullptr || !single_precision_;

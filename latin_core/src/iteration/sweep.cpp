@@ -287,10 +287,10 @@ class Sweep {
     };
   }
 
-  /// Whether a sample is right although the tolerance of its scatter was not reached.
+  /// Whether a sample is right although its tolerance, which may be below what the scatter asks for, was not reached.
   [[nodiscard]] bool good_enough(const Summary& summary) const {
     return summary.status == Status::converged ||
-           (follows_scatter() && scatter_.count() >= first_samples &&
+           (follows_scatter() &&
             summary.error <= enough_for_scatter * wanted_ * scatter_.least());
   }
 
@@ -344,10 +344,10 @@ class Sweep {
   void finish(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
     if (follows_scatter()) {
       summary.scatter = scatter_.least();
-      const bool exact = summary.error <= enough_for_scatter * wanted_ * summary.scatter;
-      if (summary.status != Status::interrupted && summary.error <= wanted_) {
+      if (summary.status != Status::converged && summary.status != Status::interrupted &&
+          summary.error <= wanted_) {
         // of itself it is right; what the samples differ by may not be
-        summary.status = exact ? Status::converged : Status::inexact;
+        summary.status = good_enough(summary) ? Status::converged : Status::inexact;
       }
     }
     structure_.communicator().together([&] {

@@ -56,9 +56,7 @@ bool Verification::possible(const substructure::Laws& laws) {
 }
 
 bool Verification::exact(const substructure::Laws& laws) {
-  // what the coarse problem and matrix directions add is not in the tangents
-  return laws.linear() && laws.modes() == 1 && !laws.preconditions() &&
-         laws.structure().macro_size() == 0;
+  return laws.linear() && laws.modes() == 1;
 }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
@@ -70,7 +68,7 @@ Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
 /// Both stages. @return whether the laws have an answer there: too far off they may have none
 bool Verification::evaluate(State& state, Matrix& residual) {
   try {
-    stages_.evaluate({state, residual});
+    stages_.evaluate_alone({state, residual});
   } catch (const NumericalError&) {
     return false;
   }

@@ -396,6 +396,11 @@ def compare(
         # what is mostly rounding is no size to be right about, but a reason to say so
         inexact = "inexact" in found.status
         rounding = max([rounding] + [f for f in floors if f < 0.1 or inexact])
+    if case.kind == "samples":
+        exact = [answers[0].fields for answers in every]
+        first = [answers[0] for answers in every]
+        scatter = measure.spread(model.norms, exact, first, np.asarray(probabilities), 0.0, "samples")
+        rounding = max([rounding] + [e.floor for e in scatter if e.floor < 0.1 or inexact])
     return all_errors, how, rounding, largest
 
 
