@@ -182,9 +182,9 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   for (Index i = 0; i < most_checks && !(summary_.error <= options_.rtol); ++i) {
-    const double before = measured.residual;
+    const double before = summary_.error;
     measured = verify(std::move(measured), false);
-    if (!(measured.residual < before)) {
+    if (i > 0 && !(summary_.error < 0.5 * before)) {
       break;
     }
   }

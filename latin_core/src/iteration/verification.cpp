@@ -18,6 +18,8 @@ constexpr Index depth = 8;
 /// A step below this fraction of the way so far leaves the error known, if it is that much shorter than the last.
 constexpr double shorter = 0.25;
 constexpr double contraction = 0.5;
+/// The same of linear laws, whose steps shorten as the last ones did.
+constexpr double linear_contraction = 0.9;
 /// A step that is no shorter than the last may be this fraction of what is left.
 constexpr double most_left = 20.0;
 /// What the residual falls to with a step that a law has not made useless by another branch.
@@ -143,6 +145,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix residual_before;
   double noise = 0.0;
   double spread = 1.0;
+  const double bearable_left = stages_.laws().linear() ? linear_contraction : contraction;
   bool borrowed = linear_->made();
   if (borrowed) {
     spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
@@ -161,14 +164,18 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     } catch (const NumericalError&) {
       return std::nullopt;  // not stable: its error is anything
     }
-    history_.fit(residual_);
-    history_.step(
-        residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
     // forces that the meshes do not determine may keep a residual
     const double norm = linear_->nodal(residual_).norm();
     if (count == 0) {
       noise = within_rounding * rounding_share * linear_->nodal(state.data).norm();
     }
+    if (norm <= noise) {
+      // what is left of light parts is no combination of what is rounding of heavy ones
+      history_.clear();
+    }
+    history_.fit(residual_);
+    history_.step(
+        residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
     if (!step.allFinite()) {
       return std::nullopt;
     }
@@ -204,12 +211,13 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const auto enough =
           (rest.array() <= least_known.array()) ||
           (ahead.array() <= (count < first_of_rounding ? 0.0 : 1.0) * least_known.array()) ||
-          ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
+          ((ahead.array() <= shorter * distance_.array()) && (left.array() <= bearable_left));
       // tangents of another set say nothing where a law has changed its branch
       borrowed = borrowed && linear_->near(stages_.laws(), better_);
       // steps that lead to the answer are as good as those of the run, and better where it stagnates
-      const bool go_on = count < most_steps && count < first_of_rounding &&
-                         largest(rest) > rtol && largest(left) <= contraction;
+      const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
+                         (rest.array() > least_known.array().max(rtol)).any() &&
+                         largest(left) <= bearable_left;
       if (!go_on && enough.all() && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
           ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
