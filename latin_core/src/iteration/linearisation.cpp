@@ -76,7 +76,22 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, c
 }
 
 bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {
-  Slopes now = slopes_of(laws, state);
+  return take(laws, slopes_of(laws, state), hold);
+}
+
+void Linearisation::take_column(const substructure::Laws& laws, const State& state, Index column,
+                                double hold) {
+  Slopes slopes;
+  for_slopes(laws, state, [&slopes, column](Index each, Matrix now) {
+    if (each == column) {
+      slopes.distinct.push_back(std::move(now));
+    }
+  });
+  slopes.of_column = {0};
+  take(laws, std::move(slopes), hold);
+}
+
+bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold) {
   bool changed = now.distinct.size() != slopes_.size() || hold != hold_;
   for (std::size_t i = 0; i < now.distinct.size() && !changed; ++i) {
     changed = !alike(now.distinct[i], slopes_[i]);

@@ -263,11 +263,25 @@ bool Verification::stays_in_branch(const Matrix& step) const {
          linear_->near(stages_.laws(), {better_.data + step, better_.traces + moved_});
 }
 
+/// Whether steps of a history are searched for one after the other: what one of them leaves decides the next.
+bool Verification::by_steps() const {
+  const substructure::Laws& laws = stages_.laws();
+  return laws.remembers() && laws.steps() > 1 && laws.modes() == 1;
+}
+
+double Verification::norm_of(Columns columns) const {
+  return history_.metric().norm(residual_.middleCols(columns.first, columns.count));
+}
+
 /// A step with bodies held by springs of that fraction of k. @return whether it is one to go on from
-bool Verification::held_step(double hold, double& norm) {
-  Matrix step = residual_;
+bool Verification::held_step(Columns columns, double hold, double& norm) {
+  Matrix step = residual_.middleCols(columns.first, columns.count);
   try {
-    linear_->take(stages_.laws(), better_, hold);
+    if (by_steps()) {
+      linear_->take_column(stages_.laws(), better_, columns.first, hold);
+    } else {
+      linear_->take(stages_.laws(), better_, hold);
+    }
     linear_->correct(step, moved_);
   } catch (const NumericalError&) {
     return false;
@@ -275,12 +289,14 @@ bool Verification::held_step(double hold, double& norm) {
   if (!step.allFinite()) {
     return false;
   }
-  State trial{better_.data + step, Matrix(step.rows(), step.cols())};
-  Matrix residual(step.rows(), step.cols());
+  State trial{better_.data, Matrix(better_.data.rows(), better_.data.cols())};
+  trial.data.middleCols(columns.first, columns.count) += step;
+  Matrix residual(trial.data.rows(), trial.data.cols());
   if (!evaluate(trial, residual)) {
     return false;
   }
-  const double now = history_.metric().norm(residual);
+  const double now =
+      history_.metric().norm(residual.middleCols(columns.first, columns.count));
   if (!(now <= bearable_growth * norm)) {
     return false;
   }
@@ -291,25 +307,34 @@ bool Verification::held_step(double hold, double& norm) {
 }
 
 /// Averaged steps, which come nearer to the answer of every monotone law.
-void Verification::plain_steps(Index count, double& norm) {
+void Verification::plain_steps(Columns columns, Index count, double& norm) {
   for (Index i = 0; i < count; ++i) {
-    better_.data += averaged_share * residual_;
+    better_.data.middleCols(columns.first, columns.count) +=
+        averaged_share * residual_.middleCols(columns.first, columns.count);
     if (!evaluate(better_, residual_)) {
       norm = std::numeric_limits<double>::infinity();
       return;
     }
   }
-  norm = history_.metric().norm(residual_);
+  norm = norm_of(columns);
 }
 
 bool Verification::search(const State& state, const Matrix& residual, double least, Index most) {
   const double first = history_.metric().norm(residual);
   Best best{state, residual, first};
+  const auto again = [&] {
+    better_ = state;
+    residual_ = residual;
+    return stages_.count() + most / 2;
+  };
+  if (by_steps()) {
+    const Index until = again();
+    search_steps(least, until, best);
+  }
   for (const double patience : {0.3, 0.5}) {
     if (best.norm > least) {
-      better_ = state;
-      residual_ = residual;
-      search_once(patience, least, stages_.count() + most / 2, best);
+      const Index until = again();
+      search_once({0, state.data.cols()}, patience, least, until, best);
     }
   }
   better_ = std::move(best.state);
@@ -317,16 +342,52 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
   return best.norm < first;
 }
 
+/// One step of a history after the other, each from where the last one has ended if that is nearer.
+void Verification::search_steps(double least, Index until, Best& best) {
+  const Index steps = better_.data.cols();
+  const double of_each = least / std::sqrt(static_cast<double>(steps));
+  for (Index step = 0; step < steps; ++step) {
+    const Columns column{step, 1};
+    double norm = norm_of(column);
+    if (step > 0 && norm > of_each) {
+      State moved = better_;
+      moved.data.col(step) = moved.data.col(step - 1);
+      Matrix residual(residual_.rows(), steps);
+      if (evaluate(moved, residual) && history_.metric().norm(residual.col(step)) < norm) {
+        better_ = std::move(moved);
+        residual_ = std::move(residual);
+        norm = norm_of(column);
+      }
+    }
+    const Best start{better_, residual_, norm};
+    Best found = start;
+    for (const double patience : {0.3, 0.5}) {
+      if (found.norm > of_each) {
+        better_ = start.state;
+        residual_ = start.residual;
+        search_once(column, patience, of_each, until, found);
+      }
+    }
+    better_ = std::move(found.state);
+    residual_ = std::move(found.residual);
+  }
+  const double norm = history_.metric().norm(residual_);
+  if (norm < best.norm) {
+    best = {better_, residual_, norm};
+  }
+}
+
 /// @param until    number of global stages at which to stop
 /// @param patience how much less the bodies are held after a step that did not make the residual fall
-void Verification::search_once(double patience, double least, Index until, Best& best) {
-  double norm = history_.metric().norm(residual_);
+void Verification::search_once(Columns columns, double patience, double least, Index until,
+                               Best& best) {
+  double norm = norm_of(columns);
   double hold = 1.0;
   for (Index count = 0;
        count < most_of_search && stages_.count() < until && norm > least && std::isfinite(norm);
        ++count) {
     const double before = norm;
-    if (held_step(hold, norm)) {
+    if (held_step(columns, hold, norm)) {
       const double fall = norm / before;
       hold *= fall < 0.5           ? 0.05
               : fall < 0.95        ? 0.3
@@ -336,7 +397,7 @@ void Verification::search_once(double patience, double least, Index until, Best&
     } else if (hold < largest_hold) {
       hold = std::min(5.0 * hold, largest_hold);
     } else {
-      plain_steps(first_pause, norm);
+      plain_steps(columns, first_pause, norm);
       hold = 1.0;
     }
     if (norm < best.norm) {

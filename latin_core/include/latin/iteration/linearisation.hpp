@@ -27,6 +27,8 @@ class Linearisation {
   /// @return whether they have changed
   /// @throws NumericalError if the structure is not stable with them
   bool take(const substructure::Laws& laws, const State& state, double hold = least_hold);
+  /// The same for a single column, of histories that are followed step by step: correct() then takes this one.
+  void take_column(const substructure::Laws& laws, const State& state, Index column, double hold);
   /// Whether the tangents of a state, of c columns or of several sets of them, are so near to these that no motion
   /// is soft in one and stiff in the other.
   [[nodiscard]] bool near(const substructure::Laws& laws, const State& state) const;
@@ -60,6 +62,7 @@ class Linearisation {
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
                                                    const State& state) const;
   [[nodiscard]] static Slopes slopes_of(const substructure::Laws& laws, const State& state);
+  bool take(const substructure::Laws& laws, Slopes now, double hold);
 
   std::vector<std::unique_ptr<substructure::Tangent>>
       tangents_;                ///< of each distinct linearisation

@@ -60,15 +60,23 @@ class Verification {
   [[nodiscard]] std::optional<Found> at_once(const State& state, const Matrix& residual,
                                              const Whole& whole, double rtol, double spread);
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;
-  [[nodiscard]] bool held_step(double hold, double& norm);
+  /// Columns that are searched for: all, or a step of a history with those before it held.
+  struct Columns {
+    Index first;
+    Index count;
+  };
   struct Best {
     State state;
     Matrix residual;
     double norm;
   };
-  void search_once(double patience, double least, Index until, Best& best);
+  [[nodiscard]] bool by_steps() const;
+  [[nodiscard]] double norm_of(Columns columns) const;
+  bool held_step(Columns columns, double hold, double& norm);
+  void search_once(Columns columns, double patience, double least, Index until, Best& best);
+  void search_steps(double least, Index until, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
-  void plain_steps(Index count, double& norm);
+  void plain_steps(Columns columns, Index count, double& norm);
 
   Stages& stages_;
   Gauge gauge_;
