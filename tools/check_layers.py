@@ -33,6 +33,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "vectors",
         "errors",
         "codes",
+        "files",
         "threads",
         "describe",
         "progress",

@@ -23,13 +23,13 @@ from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.files import is_file, replaced
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
     ChaosFileError,
     Tree,
     h5py_module,
     read_tree,
-    replaced,
     write_tree,
 )
 from dolfinx_frontend.uncertainty.checks import common_length
@@ -500,7 +500,7 @@ def save_chaos(
     target = Path(path)
     suffix = _suffix(target)
     tree = _tree(space, basis, fields, meta or {})
-    with replaced(target) as temporary:
+    with replaced(target, ChaosFileError) as temporary:
         _WRITERS[suffix](temporary, tree, _checksum(tree))
 
 
@@ -643,7 +643,7 @@ def load_chaos(path: str | Path) -> ChaosFile:
     """
     source = Path(path)
     suffix = _suffix(source)
-    if not source.is_file():
+    if not is_file(source):
         raise ChaosFileError(f"{source} does not exist or is no file: check the name")
     if suffix != ".json":
         h5py_module()
