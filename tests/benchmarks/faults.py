@@ -2,8 +2,8 @@
 
 Each run draws a computation (a sweep, a sampling, ``errors()``, ``accuracy=``), a fault and its moment from the
 seed, in a process of its own kind: writes to the checkpoint that fail (full, read-only, locked, removed), an
-exception or Ctrl-C at a call of the kernel, an iteration or a statement of the database, kill -9 there, and
-two ranks of which one is killed. ``faulty/`` has the pieces; the library is patched from outside.
+exception or Ctrl-C at a call of the kernel, an iteration or a statement of the database, kill -9 there, the
+same while a result is saved, and two ranks of which one is killed. ``faulty/`` has the pieces; the library is patched from outside.
 
 Afterwards every object that was there before must answer with the same bits, the file must be readable with
 every point that was said to be written, and the same call again must give the numbers of an undisturbed run: to
@@ -40,7 +40,7 @@ def drawn(campaign: int, number: int) -> dict[str, Any]:
     seed = int(hashlib.sha256(f"faults {campaign} {number}".encode()).hexdigest()[:12], 16)
     choice = random.Random(seed)
     work = WORKS[number % len(WORKS)]
-    faults = {"exception": 4, "interrupt": 2, "kill": 3}
+    faults = {"exception": 4, "interrupt": 2, "kill": 3, "save": 2}
     if work in ("sweep", "sampling"):
         faults |= {"write": 4}
     if work == "sampling":
@@ -57,7 +57,7 @@ def one(task: dict[str, Any], seat: Any) -> dict[str, Any]:
         whole = {**task, "folder": str(folder)}
         verdict = seat.run(whole)
         died = verdict["outcome"] == "crashed"
-        if died and "SIGKILL" in verdict["what"] and task["fault"] == "kill":
+        if died and "SIGKILL" in verdict["what"] and task["fault"] in ("kill", "save"):
             kept = re.search(r"died in kept (\d+)", verdict["what"])
             verdict = seat.run({**whole, "resume": True, "kept": int(kept[1]) if kept else 0})
         if verdict["outcome"] == "crashed" and "no end of" in verdict["what"]:

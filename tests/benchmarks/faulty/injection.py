@@ -135,6 +135,34 @@ def pressing(times: int) -> Callable[[str], None]:
 
 
 @contextmanager
+def saving(clock: Clock) -> Iterator[None]:
+    """The moments of a result that is saved."""
+    from dolfinx_frontend.formats import hdf5
+
+    import h5py
+
+    with (
+        mock.patch.object(h5py.Group, "create_dataset", _wrapped(clock, "a dataset", h5py.Group.create_dataset)),
+        mock.patch.object(hdf5, "seal", _wrapped(clock, "the checksum", hdf5.seal)),
+        mock.patch.object(os, "fsync", _wrapped(clock, "the disk", os.fsync)),
+        mock.patch.object(Path, "replace", _wrapped(clock, "the new name", Path.replace)),
+    ):
+        yield
+
+
+@contextmanager
+def limited(size: int) -> Iterator[None]:
+    """No file may become larger than so many bytes, as on a disk that is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
 def telling(tell: Callable[[], None]) -> Iterator[None]:
     """Say after every write to a checkpoint that it is done."""
     before = checkpoints.Checkpoint._write

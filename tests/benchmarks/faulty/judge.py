@@ -54,6 +54,8 @@ def disturb(task: dict[str, Any], say: Callable[[str], None]) -> dict[str, Any]:
     random = np.random.default_rng(task["seed"])
     if fault == "rank":
         return _rank(random, say)
+    if fault == "save":
+        return _save(task, random, say)
     objects, before, truth, ticks = undisturbed(name)
     path = folder / "points"
     clock, ended, out = Clock(int(random.integers(ticks))), "whole", None
@@ -140,8 +142,61 @@ def resumed(
 
 def resume(task: dict[str, Any]) -> dict[str, Any]:
     """After a kill: what is left goes on in this process."""
+    if task["fault"] == "save":
+        return saved(task, "killed while it saved")
     objects, _, truth, _ = undisturbed(task["work"])
     return resumed(task, WORK[task["work"]], objects, truth, "killed")
+
+
+# --- results that are saved ---
+def _stored(path: Path) -> dict[str, np.ndarray]:
+    import dolfinx_frontend as lf
+
+    found = lf.load(path)
+    return {"force": np.array(found.force("layer")), "jump": np.array(found.jump("layer"))}
+
+
+def _save(task: dict[str, Any], random: np.random.Generator, say: Callable[[str], None]) -> dict[str, Any]:
+    """Over a file that is there: afterwards it is the old one or the new one, whole."""
+    from dolfinx_frontend.io import ResultFileError
+
+    objects = undisturbed(task["work"])[0]
+    path, result = Path(task["folder"]) / "result.h5", objects[1]
+    clock = Clock()
+    with injection.saving(clock):
+        result.save(path)
+    truth = _stored(path)
+    np.savez(path.with_suffix(".npz"), **truth)
+    kind = str(random.choice(["size", "kill", "memory", "keyboard", "unknown"]))
+    action = injection.kill if kind == "kill" else injection.raising(kind)
+    clock = Clock(int(random.integers(clock.count)), None if kind == "size" else action)
+    size = int(random.integers(path.stat().st_size)) if kind == "size" else 1 << 40
+    say("save")
+    ended = "whole"
+    try:
+        with injection.limited(size), injection.saving(clock):
+            result.save(path)
+    except ResultFileError as error:
+        ended = "ResultFileError"
+        if str(path) not in str(error):
+            return {**task, "outcome": "raised", "what": f"{kind}: no name in {error}"}
+    except (Exception, KeyboardInterrupt) as error:
+        ended = type(error).__name__
+        if kind == "size":
+            return {**task, "outcome": "raised", "what": f"limit {size}: {ended}: {error}"}
+    return saved(task, f"save, {kind} at tick {clock.at} ({clock.where}), ended: {ended}")
+
+
+def saved(task: dict[str, Any], what: str) -> dict[str, Any]:
+    """Whether the file of a result is whole."""
+    path = Path(task["folder"]) / "result.h5"
+    try:
+        found = _stored(path)
+    except Exception as error:
+        return {**task, "outcome": "unreadable", "what": f"{what} {type(error).__name__}: {error}"}
+    with np.load(path.with_suffix(".npz")) as truth:
+        off = difference(found, dict(truth))
+    return {**task, "outcome": "right" if off == 0.0 else "wrong", "what": what, "difference": off}
 
 
 # --- ranks ---
