@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import io
 from pathlib import Path
 from typing import Any, TypeAlias
 from urllib.parse import unquote
@@ -96,12 +97,13 @@ def write_tree(path: Path, head: Tree, tree: Tree) -> None:
 
     # the layout of HDF5 1.8 has room for long attributes
     layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
-    try:
-        with h5py.File(path, "w", track_order=True, **layout) as file:
-            file.attrs.update(head)
-            put(file, tree)
-    except RuntimeError as error:  # what the library makes of a disk that is full when it closes
-        raise OSError(str(error)) from error
+    # in memory: the library ends the process later if the disk is full while it writes
+    whole = io.BytesIO()
+    with h5py.File(whole, "w", track_order=True, **layout) as file:
+        file.attrs.update(head)
+        put(file, tree)
+    with path.open("wb") as target:
+        target.write(whole.getbuffer())
     seal(path, head["format"])
 
 
