@@ -24,6 +24,7 @@ from latin_core.stochastic import ChaosBasis
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.files import is_file, replaced
+from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
     ChaosFileError,
@@ -64,6 +65,9 @@ class Field:
     shape: tuple[int, ...] | None = None
     description: str = ""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", frozen(np.asarray(self.coefficients)))
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterMap:
@@ -80,6 +84,10 @@ class ParameterMap:
     mean: Array  # (rows,)
     argument: Array | None = None  # (n,)
     value: Array | None = None  # (n,)
+
+    def __post_init__(self) -> None:
+        for name in ("offset", "matrix", "mean", "argument", "value"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, germ_points: Array) -> Array:
         """Values (rows, N) at points (N, L)."""
@@ -141,6 +149,9 @@ class ChaosFile:
     parameters: dict[str, ParameterMap]
     fields: dict[str, Field]
     meta: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def dimension(self) -> int:

@@ -137,7 +137,10 @@ def read_tree(path: Path, form: str) -> Tree:
             elif h5py.check_string_dtype(child.dtype) is not None:
                 node[name] = child.asstr()[()].tolist()
             else:
-                node[name] = child[()]
+                value = child[()]
+                if isinstance(value, np.ndarray):
+                    value.flags.writeable = False  # what is read is handed out
+                node[name] = value
         return node
 
     _check_seal(path, form)
