@@ -129,7 +129,7 @@ class Checkpoint:
             raise CheckpointError(
                 f"checkpoint {self.path}: folder {self.path.parent} does not exist: make it first"
             )
-        mine = json.loads(json.dumps({"version": _VERSION, **header}, sort_keys=True))
+        mine = json.loads(json.dumps({"version": _VERSION, **header}))
         try:
             theirs = self._open(mine)
         except (sqlite3.Error, ValueError, OverflowError, OSError, RecursionError) as error:
@@ -169,7 +169,7 @@ class Checkpoint:
                     self._db.execute("begin")  # all of it or nothing
                     self._db.execute("create table header (text text)")
                     self._db.execute("create table point (number integer primary key, arrays blob)")
-                    text = json.dumps(mine, sort_keys=True)
+                    text = json.dumps(mine)
                     self._db.execute("insert into header values (?)", (text,))
             if self._db.execute("pragma quick_check").fetchone() != ("ok",):
                 raise sqlite3.DatabaseError("damaged")
