@@ -1,4 +1,4 @@
-"""What tells one function of a user from another of the same name: its code and all that the code refers to."""
+"""What tells a function of a user from another of the same name: its code and all that it refers to."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ __all__ = ["code_digest"]
 OURS = ("dolfinx_frontend", "latin_core")
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), type(NotImplemented))
 _FOUND = (types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType, np.ufunc)
+
+_NO_CODE = {"__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__"}
 
 Known = Mapping[type, Callable[[Any], str]]
 
@@ -150,7 +152,8 @@ class _Reader:
 
     def _code(self, code: types.CodeType, doc: str | None, where: str) -> None:
         """A code without its place; the flags that count are those below the compiler's own."""
-        self.say("code", code.co_code, code.co_flags & 0x3FF, code.co_names, code.co_varnames, code.co_freevars)
+        self.say("code", code.co_code, code.co_flags & 0x3FF)
+        self.say(code.co_names, code.co_varnames, code.co_freevars)
         self.say(code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount)
         self.say(getattr(code, "co_exceptiontable", b""))
         for each in code.co_consts:
@@ -161,7 +164,7 @@ class _Reader:
 
     def _globals(self, code: types.CodeType, names: Mapping[str, Any], where: str) -> None:
         """The globals that a code uses; of a user's module what is taken from it."""
-        steps = [step for step in dis.get_instructions(code) if step.opname not in ("CACHE", "EXTENDED_ARG")]
+        steps = [each for each in dis.get_instructions(code) if each.opname not in ("CACHE", "EXTENDED_ARG")]
         for number, step in enumerate(steps):
             if step.opname not in ("LOAD_GLOBAL", "LOAD_NAME"):
                 continue
@@ -230,9 +233,8 @@ class _Reader:
             return
         self.say("class", value.__qualname__)
         self.feed(value.__bases__, where)
-        left_out = ("__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__")
         for name, each in sorted(vars(value).items()):
-            if name in left_out or name.startswith(("__abstract", "_abc_")):
+            if name in _NO_CODE or name.startswith(("__abstract", "_abc_")):
                 continue
             self.say(name)
             for part in self._parts(each):

@@ -91,7 +91,8 @@ def made_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(f"the folder {folder} cannot be made ({error}): choose one that is writable") from error
+        text = f"the folder {folder} cannot be made ({error}): choose one that is writable"
+        raise FileError(text) from error
     return folder
 
 

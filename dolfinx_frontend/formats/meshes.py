@@ -110,7 +110,9 @@ class StoredPart:
         tags = np.array(tree["tags"], dtype=np.int64)
         self.names: dict[str, int] = dict(zip(map(str, tree["faces"]), map(int, tags), strict=True))
         matrix = tree.get("elasticity")
-        self.material = None if matrix is None else StoredMaterial(read_only(np.array(matrix, dtype=np.float64)))
+        self.material = None
+        if matrix is not None:
+            self.material = StoredMaterial(read_only(np.array(matrix, dtype=np.float64)))
         if not (
             self._x.ndim == self._cells.ndim == self._dofs.ndim == self._facets.ndim == nodes.ndim == 2
             and len(self._cells) == len(self._dofs)

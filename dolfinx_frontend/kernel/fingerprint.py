@@ -1,7 +1,7 @@
 """What identifies a run, by name and by value, so that a checkpoint is not carried on with another.
 
-Every array counts with its length, its largest number, its norm and a few random sums, which the file compares
-to ten digits: another order of summation is no other run, another number anywhere is.
+Every array counts with its length, its largest number, its norm and a few random sums, which the file
+compares to ten digits: another order of summation is no other run, another number anywhere is.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.codes import code_digest
 from dolfinx_frontend.plan.plan import Plan
 
@@ -70,7 +71,7 @@ def fingerprint(
     for swept in parameters:
         name = f"values of {swept.interface}.{swept.parameter}"
         facts[name] = [_sums(swept.pattern), _sums(swept.values), swept.columns]
-    known = {Problem: _told}
+    known: dict[type, Callable[[Any], str]] = {Problem: _told}
     for name, interface in problem.interfaces.items():
         functions = interface.law.functions
         if functions is not None:
@@ -125,9 +126,10 @@ def _interface(interface: Interface, times: npt.NDArray[np.float64]) -> Facts:
     for name in columns[0].parameters:
         values = np.concatenate([np.ravel(each.parameters[name]) for each in columns])
         facts[f"{name} {where}"] = _sums(values)
-    load = [law.nominal.load(interface)] if not len(times) else [law.at(t).load(interface, t) for t in times]
-    if load[0] is not None:
-        facts[f"load {where}"] = _sums(np.concatenate([np.ravel(each) for each in load]))
+    loads = [law.nominal.load(interface)] if not len(times) else [law.at(t).load(interface, t) for t in times]
+    given = [np.ravel(load) for load in loads if load is not None]
+    if given:
+        facts[f"load {where}"] = _sums(np.concatenate(given))
     return facts
 
 
@@ -148,10 +150,12 @@ def _sums(values: npt.ArrayLike) -> list[float]:
 
     Those of the numbers that are finite; if some are not, a sum that says which follows.
     """
-    data = np.asarray(values, dtype=np.float64).ravel()
-    finite = np.isfinite(data)
-    kinds = [] if finite.all() else _sums(np.where(finite, 0.0, np.where(np.isnan(data), 3.0, np.sign(data))))
-    data = np.where(finite, data, 0.0)
+    given: Array = np.asarray(values, dtype=np.float64).ravel()
+    finite = np.isfinite(given)
+    kinds: list[float] = []
+    if not finite.all():
+        kinds = _sums(np.where(finite, 0.0, np.where(np.isnan(given), 3.0, np.sign(given))))
+    data: Array = np.where(finite, given, 0.0)
     size = float(np.abs(data).max(initial=0.0))
     if size == 0.0:
         return [float(data.size), 0.0, 0.0, *kinds]
@@ -162,4 +166,4 @@ def _sums(values: npt.ArrayLike) -> list[float]:
         norm += float(block @ block)
         sums += (random.random((SUMS, block.size)) - 0.5) @ block
     norm = norm**0.5
-    return [float(data.size), float(np.log(size)), norm, *(sums / norm).tolist(), *kinds]
+    return [float(data.size), float(np.log(size)), norm, *map(float, sums / norm), *kinds]

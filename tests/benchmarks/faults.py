@@ -1,14 +1,15 @@
 """Faults in the middle of runs: is anything lost, wrong, unreadable, or without an end?
 
-Each run draws a computation (a sweep, a sampling, ``errors()``, ``accuracy=``), a fault and its moment from the
-seed, in a process of its own kind: writes to the checkpoint that fail (full, read-only, locked, removed), an
+Each run draws a computation (a sweep, a sampling, ``errors()``, ``accuracy=``), a fault and its moment from
+its seed, in processes that may die: writes to the checkpoint that fail (full, read-only, locked, removed), an
 exception or Ctrl-C at a call of the kernel, an iteration or a statement of the database, kill -9 there, the
-same while a result is saved, and two ranks of which one is killed. ``faulty/`` has the pieces; the library is patched from outside.
+same while a result is saved, and two ranks of which one is killed. ``faulty/`` has the pieces; the library is
+patched from outside.
 
 Afterwards every object that was there before must answer with the same bits, the file must be readable with
-every point that was said to be written, and the same call again must give the numbers of an undisturbed run: to
-the same bits where there is no checkpoint, to 30 rtol (of 1e-8) where a run goes on from one, because its points
-start from other neighbours.
+every point that was said to be written, and the same call again must give the numbers of an undisturbed run:
+to the same bits where there is no checkpoint, to 30 rtol (of 1e-8) where a run goes on from one, because its
+points start from other neighbours.
 
 Outcomes: ``right``, ``wrong``, ``lost``, ``changed``, ``unreadable``, ``raised``, ``crashed``, ``hung``.
 """

@@ -1,12 +1,12 @@
 """Damaged files in all readers: each is refused with one clear error, or read right.
 
-Results, checkpoints, chaos files and meshes are cut short, zeroed, overwritten, spliced; each file from its own
-seed. Readers run in processes that may die. ``faulty/readers.py`` has the files, the damages and the readers.
+Results, checkpoints, chaos files and meshes are cut short, zeroed, overwritten, spliced; each file from its
+own seed. Readers run in processes that may die. ``faulty/readers.py`` has files, damages and readers.
 
-Outcomes: ``refused`` (the reader's own error, with the file's name, the file untouched), ``right`` (read, and it
-says what the good file says), ``another mesh`` (formats of meshes have no checksum: a changed digit is another
-mesh, and one that can be assembled). Failures: ``wrong``, ``raised`` (another error), ``unnamed``, ``changed``
-(the reader wrote to the file), ``crashed``, ``hung``.
+Outcomes: ``refused`` (the reader's own error, with the file's name, the file untouched), ``right`` (read, and
+it says what the good file says), ``another mesh`` (formats of meshes have no checksum: a changed digit is
+another mesh, and one that can be assembled). Failures: ``wrong``, ``raised`` (another error), ``unnamed``,
+``changed`` (the reader wrote to the file), ``crashed``, ``hung``.
 """
 
 from __future__ import annotations
@@ -102,8 +102,10 @@ def fuzz(todo: list[dict[str, Any]], jobs: int, quiet: bool = False) -> list[dic
                         before = len(verdicts)
                         verdicts.extend(found)
                         if not quiet and before // 1000 < len(verdicts) // 1000:
-                            said = ", ".join(f"{n} {o}" for o, n in Counter(v["outcome"] for v in verdicts).items())
-                            print(f"  {len(verdicts)} files, {perf_counter() - began:.0f} s: {said}", flush=True)
+                            done = Counter(v["outcome"] for v in verdicts)
+                            said = ", ".join(f"{count} {outcome}" for outcome, count in done.items())
+                            spent = perf_counter() - began
+                            print(f"  {len(verdicts)} files, {spent:.0f} s: {said}", flush=True)
             finally:
                 seat.close()
 

@@ -63,7 +63,7 @@ DIFFERENT = [
     ("def h(a):\n    return lambda x: a * x\nf = h(1)", "def h(a):\n    return lambda x: a * x\nf = h(2)"),
     ("def f(x):\n    return (lambda y: y + 1)(x)", "def f(x):\n    return (lambda y: y + 2)(x)"),
     ("def f(x):\n    return x in {1, 2}", "def f(x):\n    return x in {1, 3}"),
-    ("def f(x):\n    try:\n        return g\n    except NameError:\n        return x", "def f(x):\n    return x"),
+    ("def f(x):\n    try:\n        return g\n    finally:\n        return x", "def f(x):\n    return x"),
     ("f = abs", "f = max"),
     ("f = np.sin", "f = np.cos"),
     ("f = math.sin", "f = math.cos"),

@@ -13,7 +13,18 @@ from typing import Any
 
 import pytest
 
-from dolfinx_frontend import Elastic, LinearElastic, ResultFileError, Scene, assemble, figures, geometry, io, load, solve
+from dolfinx_frontend import (
+    Elastic,
+    LinearElastic,
+    ResultFileError,
+    Scene,
+    assemble,
+    figures,
+    geometry,
+    io,
+    load,
+    solve,
+)
 from dolfinx_frontend.common.files import FileError, replaced, write_text
 
 

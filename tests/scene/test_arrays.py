@@ -1,7 +1,7 @@
 """Arrays of a user are copied on the way in; what is handed out is a copy, or cannot be written to.
 
-On the way in: no array that can be reached from an object, by whatever private way, is one that was given. On
-the way out: every array that can be reached by public names is written to, and nothing has changed afterwards.
+On the way in: no array that can be reached from an object, by whatever private way, is one that was given.
+On the way out: every array that can be reached by public names is written to, and nothing has changed after.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ def reachable(root: Any) -> Iterator[np.ndarray]:
             todo += gc.get_referents(each)
 
 
-def blocks(law: Any = None, pull: Any = (1.0, 0.2), held: Any = 0.0, force: Any = None, bed: bool = False) -> lf.Scene:
+def blocks(
+    law: Any = None, pull: Any = (1.0, 0.2), held: Any = 0.0, force: Any = None, bed: bool = False
+) -> lf.Scene:
     scene = lf.Scene()
     for name, x0 in (("left", 0.0), ("right", 1.0)):
         part = geometry.box((1.0, 1.0), (2, 4), origin=(x0, 0.0))
@@ -106,7 +108,10 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
     ),
     "Chaos.indices": ((np.array([[0, 0], [1, 0]]),), lambda a: lf.Chaos(order=1, indices=a)),
     "sweep": ((array(3),), lambda a: lf.sweep(joined(), {"layer.normal": a}, progress=False)),
-    "sample": ((array(3, 2), array(3)), lambda a, b: lf.sample(joined(springs()), a, b, "quadrature", progress=False)),
+    "sample": (
+        (array(3, 2), array(3)),
+        lambda a, b: lf.sample(joined(springs()), a, b, "quadrature", progress=False),
+    ),
     "chaos.sample": ((array(3, 2), array(3)), lambda a, b: chaos().sample(a, b, "quadrature")),
     "FromSamples": ((array(60),), lambda a: lf.FromSamples("k", a)),
     "Correlated": (
@@ -117,8 +122,9 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
 NO_ARRAYS = (
     "Beta Cut Errors Estimate FromDistribution Gamma IndefiniteError Interface Law LinearElastic LogNormal "
     "Material NearlyIndefiniteWarning Normal Options Perfect Plan Preload Quantity RandomField RandomLaws "
-    "ResultFileError Resultant SavedResult SceneError SceneWarning StochasticResult Substructure Symmetry Table "
-    "TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures geometry io "
+    "ResultFileError Resultant SavedResult SceneError SceneWarning StochasticResult Substructure Symmetry "
+    "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
+    "geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
     "tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
 )

@@ -100,7 +100,11 @@ OTHERS: dict[str, tuple[Callable[[], lf.Problem], Callable[[], lf.Problem], str]
         lambda: plates(lf.Elastic(normal=30.0, tangential=FIELD[::-1].copy())),
         "in: tangential of 'layer':",
     ),
-    "material": (plates, lambda: plates(material=lf.LinearElastic(E=100.0, nu=0.31)), "stiffness of part 'left'"),
+    "material": (
+        plates,
+        lambda: plates(material=lf.LinearElastic(E=100.0, nu=0.31)),
+        "stiffness of part 'left'",
+    ),
     "axes of a material": (
         lambda: plates(material=orthotropic((100.0, 10.0, 10.0))),
         lambda: plates(material=orthotropic((10.0, 100.0, 10.0))),
@@ -352,7 +356,8 @@ def test_a_pipe_is_no_file(tmp_path: Path) -> None:
 # --- two runs on one file ------------------------------------------------------------------------
 def test_two_runs_of_one_program(tmp_path: Path) -> None:
     path = tmp_path / "points"
-    with closing(Checkpoint(path, {})), pytest.raises(CheckpointError, match="another run in this program: wait"):
+    told = "another run in this program: wait"
+    with closing(Checkpoint(path, {})), pytest.raises(CheckpointError, match=told):
         Checkpoint(path, {})
     Checkpoint(path, {}).close()
 

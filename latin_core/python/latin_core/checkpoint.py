@@ -224,7 +224,7 @@ class Checkpoint:
         )
 
     def _lock(self) -> None:
-        """Keep other processes out until this one ends, however it ends; without, where there are no locks."""
+        """Keep other processes out until this one ends, however it ends; nothing, where there are no locks."""
         if sys.platform != "linux":
             return
         import fcntl
@@ -291,7 +291,8 @@ class Checkpoint:
         self._find_again()
         self._db.execute(f"pragma busy_timeout = {int(1000 * patience)}")
         with self._db:
-            self._db.executemany("insert or replace into point values (?, ?)", list(self._waiting.items()))
+            points = list(self._waiting.items())
+            self._db.executemany("insert or replace into point values (?, ?)", points)
         self._waiting.clear()
 
     def _find_again(self) -> None:

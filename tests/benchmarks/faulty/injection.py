@@ -1,7 +1,7 @@
 """Faults from outside: the library's calls are wrapped and counted, and at one of them something happens.
 
-Nothing in the library knows of it. A *tick* is a moment before or after a call of the kernel, an iteration, or
-a statement of a checkpoint's database.
+Nothing in the library knows of it. A *tick* is a moment before or after a call of the kernel, an iteration,
+or a statement of a checkpoint's database.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import latin_core
 from dolfinx_frontend.kernel import running
 from latin_core import checkpoint as checkpoints
 
-CALLS = ("solve", "sweep", "displacements", "response_to", "local_fields", "resolve_samples", "laws", "flexibility")
+CALLS = ("solve", "sweep", "laws", "displacements", "response_to", "local_fields", "resolve_samples")
 
 
 class Injected(Exception):
@@ -142,7 +142,7 @@ def saving(clock: Clock) -> Iterator[None]:
     import h5py
 
     with (
-        mock.patch.object(h5py.Group, "create_dataset", _wrapped(clock, "a dataset", h5py.Group.create_dataset)),
+        mock.patch.object(h5py.Group, "create_dataset", _wrapped(clock, "data", h5py.Group.create_dataset)),
         mock.patch.object(hdf5, "seal", _wrapped(clock, "the checksum", hdf5.seal)),
         mock.patch.object(os, "fsync", _wrapped(clock, "the disk", os.fsync)),
         mock.patch.object(Path, "replace", _wrapped(clock, "the new name", Path.replace)),

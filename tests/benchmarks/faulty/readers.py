@@ -94,7 +94,7 @@ def _in_result(path: Path) -> str:
 
 def _in_chaos(path: Path) -> str:
     found = load_chaos(path)
-    values: list[Any] = [found.alpha, found.beta, found.indices, list(found.germ_names), list(found.parameters)]
+    values: list[Any] = [found.alpha, found.beta, found.indices, list(found.germ_names)]
     for name, field in found.fields.items():
         values += [name, field.unit, field.coefficients]
     for name, parameter in found.parameters.items():
@@ -122,7 +122,8 @@ def _in_mesh(path: Path) -> str:
     values: list[Any] = []
     scene = lf.Scene()
     for name, part in found.parts.items():
-        values += [name, sorted(part.names), part.mesh.geometry.x, part.facet_tags.indices, part.facet_tags.values]
+        tags = part.facet_tags
+        values += [name, sorted(part.names), part.mesh.geometry.x, tags.indices, tags.values]
         scene.substructure(name, part, lf.LinearElastic(E=1.0, nu=0.3), degree=1)
         if part.names:
             scene.fix(f"{name}:{sorted(part.names)[0]}", name=f"hold {name}")
@@ -130,7 +131,8 @@ def _in_mesh(path: Path) -> str:
     return _numbers(*values)
 
 
-KINDS: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], str], tuple[type[Exception], ...]]] = {
+Kind = tuple[str, Callable[[Path], None], Callable[[Path], str], tuple[type[Exception], ...]]
+KINDS: dict[str, Kind] = {
     "result": (".h5", _result("deterministic"), _in_result, (ResultFileError,)),
     "result of a chaos": (".h5", _result("chaos"), _in_result, (ResultFileError,)),
     "result of samples": (".h5", _result("samples"), _in_result, (ResultFileError,)),
@@ -146,10 +148,13 @@ KINDS: dict[str, tuple[str, Callable[[Path], None], Callable[[Path], str], tuple
 """Kind -> ending, how a good file is written, digest of what a file says, errors that refuse one."""
 
 
+DAMAGES = ("cut", "byte", "bytes", "zeros", "noise", "swapped", "missing", "doubled", "digit")
+
+
 def damaged(good: bytes, random: np.random.Generator) -> tuple[bytes, str]:
     """A file with one damage, and its name."""
     size = len(good)
-    kind = str(random.choice(["cut", "byte", "bytes", "zeros", "noise", "swapped", "missing", "doubled", "digit"]))
+    kind = str(random.choice(DAMAGES))
     at = int(random.integers(size))
     length = int(min(2 ** random.integers(0, 13), size - at))
     new = bytearray(good)
@@ -166,7 +171,8 @@ def damaged(good: bytes, random: np.random.Generator) -> tuple[bytes, str]:
         new[at : at + length] = random.bytes(length)
     elif kind == "swapped":
         other = int(random.integers(size - length + 1))
-        new[at : at + length], new[other : other + length] = good[other : other + length], good[at : at + length]
+        new[at : at + length] = good[other : other + length]
+        new[other : other + length] = good[at : at + length]
     elif kind == "missing":
         del new[at : at + length]
     elif kind == "doubled":

@@ -1,4 +1,4 @@
-"""What is disturbed: a sweep, a sampling, ``errors()`` and ``accuracy=``, each on a problem of a second or less."""
+"""What is disturbed: a sweep, a sampling, ``errors()`` and ``accuracy=``, each of a second or less."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TIGHT = Options(rtol=RTOL)
 GRID = {"layer.friction": [0.1, 0.2, 0.3, 0.5], "layer.stiffness": [50.0, 200.0, 800.0]}
 SAMPLES = 12
 WITHIN = 30.0 * RTOL
-"""Difference of two runs to a tolerance: their errors add up, estimates are within 3 of them, norms differ by 5."""
+"""Difference of two runs: their errors add up, estimates are within 3 of them, norms differ by 5."""
 
 
 def blocks(law: Any, comm: Any = None) -> lf.Problem:
@@ -26,7 +26,8 @@ def blocks(law: Any, comm: Any = None) -> lf.Problem:
     scene = lf.Scene()
     for rank, (name, x0) in enumerate((("left", 0.0), ("right", 1.0))):
         part = geometry.box((1.0, 1.0), (4, 4), origin=(x0, 0.0))
-        scene.substructure(name, part, lf.LinearElastic(E=100.0, nu=0.3), degree=1, rank=rank if comm else None)
+        material = lf.LinearElastic(E=100.0, nu=0.3)
+        scene.substructure(name, part, material, degree=1, rank=rank if comm else None)
     # means over the facets: at points, forces that stick are not determined by the two blocks
     scene.interface("layer", "left:x1", "right:x0", law, space="facets")
     scene.fix("left:x0", name="wall")
