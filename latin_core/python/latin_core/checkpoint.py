@@ -224,7 +224,7 @@ class Checkpoint:
         )
 
     def _lock(self) -> None:
-        """Keep other processes out until this one ends, however it ends; nothing, where there are no locks."""
+        """Keep other processes out until this one ends, however it ends; where there are locks."""
         if sys.platform != "linux":
             return
         import fcntl
