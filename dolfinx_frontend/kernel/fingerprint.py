@@ -71,21 +71,27 @@ def fingerprint(
     for swept in parameters:
         name = f"values of {swept.interface}.{swept.parameter}"
         facts[name] = [_sums(swept.pattern), _sums(swept.values), swept.columns]
-    known: dict[type, Callable[[Any], str]] = {Problem: _told}
     for name, interface in problem.interfaces.items():
         functions = interface.law.functions
         if functions is not None:
             who = f"interface {name!r}, law {functions.label!r}"
             given = (functions.force, functions.resolve, functions.compiled, functions.tangent)
-            facts[f"code of the law of {name!r}"] = code_digest(given, who, known)
+            facts[f"code of the law of {name!r}"] = code_digest(given, who, KNOWN)
     for name, function in (outputs or {}).items():
-        facts[f"code of output {name!r}"] = code_digest(function, f"output {name!r}", known)
+        facts[f"code of output {name!r}"] = code_digest(function, f"output {name!r}", KNOWN)
     return facts
 
 
-def _told(problem: Problem) -> str:
-    """A problem that a function of the user refers to."""
-    return hashlib.sha256(json.dumps(_problem(problem, np.zeros(0))).encode()).hexdigest()
+def _told(facts: Facts) -> str:
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
+
+
+# what a function of the user may refer to
+KNOWN: dict[type, Callable[[Any], str]] = {
+    Problem: lambda problem: _told(_problem(problem, np.zeros(0))),
+    Interface: lambda interface: _told(_interface(interface, np.zeros(0))),
+    Substructure: lambda part: _told(_part(part)),
+}
 
 
 def _problem(problem: Problem, times: npt.NDArray[np.float64]) -> Facts:

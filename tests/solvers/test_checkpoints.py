@@ -154,16 +154,31 @@ def test_another_output_of_the_same_name(tmp_path: Path) -> None:
         swept(problem, path, outputs={"q": output(0)["outputs"]["q"], "r": output(1)["outputs"]["q"]})
 
 
+def resultant_of(block: Any, weights: Any) -> Any:
+    return block.force("layer")[..., 0] @ weights
+
+
 def test_outputs_may_know_the_problem(tmp_path: Path) -> None:
     """A function that uses the areas of an interface has the problem in it."""
 
     def resultant(problem: lf.Problem) -> dict[str, Any]:
         def total(block: Any) -> Any:
-            return block.force("layer")[..., 0] @ problem.interfaces["layer"].weights
+            return resultant_of(block, problem.interfaces["layer"].weights)
 
         return {"outputs": {"total": total}}
 
+    def mean(interface: Any, part: Any) -> dict[str, Any]:
+        return {"outputs": {"mean": lambda block: resultant_of(block, interface.weights) / part.volume}}
+
     path, problem = tmp_path / "points", plates()
+    one, other = problem.interfaces["layer"], problem.interfaces["pull"]
+    swept(problem, tmp_path / "mean", **mean(one, problem.substructures["left"]))
+    again = plates()
+    known = mean(again.interfaces["layer"], again.substructures["left"])
+    assert swept(problem, tmp_path / "mean", **known).points.order == []
+    for changed in (mean(other, problem.substructures["left"]), mean(one, problem.substructures["right"])):
+        with pytest.raises(CheckpointError, match="in: code of output 'mean':"):
+            swept(problem, tmp_path / "mean", **changed)
     swept(problem, path, **resultant(problem))
     assert swept(problem, path, **resultant(plates())).points.order == []
     with pytest.raises(CheckpointError, match="code of output 'total'"):
