@@ -24,6 +24,7 @@ _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), typ
 _FOUND = (types.BuiltinFunctionType, types.MethodDescriptorType, types.WrapperDescriptorType, np.ufunc)
 
 _NO_CODE = {"__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__"}
+_NO_CODE |= {"__annotations__", "__annotate__", "__annotate_func__", "__annotations_cache__"}
 
 Known = Mapping[type, Callable[[Any], str]]
 
@@ -271,7 +272,12 @@ class _Reader:
         except Exception as error:
             raise self._refused(value, where) from error
         self.feed(type(value), where)
+        wrapped = getattr(value, "__wrapped__", None)  # a function with a cache, say
+        if wrapped is not None:
+            self.feed(wrapped, where)
         if isinstance(recipe, str):
+            if wrapped is None and _library(getattr(value, "__module__", None)) is None:
+                raise self._refused(value, where)
             self.say("named", recipe)
             return
         call, arguments, *rest = recipe

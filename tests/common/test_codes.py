@@ -38,11 +38,32 @@ def digest(value: Any) -> str:
     return code_digest(value, "f")
 
 
+DATA = """
+import abc, dataclasses
+class Base(abc.ABC):
+    @abc.abstractmethod
+    def __call__(self, x): ...
+@dataclasses.dataclass
+class Data(Base):
+    k: float
+    more: list = dataclasses.field(default_factory=list)
+    def __call__(self, x):
+        return self.k * x
+"""
+KIND = """
+import enum
+class Kind(enum.Enum):
+    SOFT = 1
+    HARD = 2
+"""
+
 SAME = [
     ("f = lambda x: 2 * x", "f = lambda x: 2 * x"),
     ("def f(x):\n    return 2 * x", "\n\n# further down\ndef f(x):\n    # said\n    return 2 * x"),
     ("f = Spring(2.0)", "f = Spring(2.0)"),
     ("def f(x):\n    return np.max(x)", "def f(x):\n    return np.max(x)\n\nunused = 3"),
+    (DATA + "f = Data(1.0, [1, 2])", DATA + "f = Data(1.0, [1, 2])"),
+    (KIND + "f = Kind.SOFT", KIND + "f = Kind.SOFT"),
 ]
 DIFFERENT = [
     ("f = lambda x: 2 * x", "f = lambda x: 3 * x"),
@@ -64,6 +85,17 @@ DIFFERENT = [
     ("def f(x):\n    return (lambda y: y + 1)(x)", "def f(x):\n    return (lambda y: y + 2)(x)"),
     ("def f(x):\n    return x in {1, 2}", "def f(x):\n    return x in {1, 3}"),
     ("def f(x):\n    try:\n        return g\n    finally:\n        return x", "def f(x):\n    return x"),
+    (
+        "import functools\n@functools.lru_cache\ndef f(x):\n    return x",
+        "import functools\n@functools.lru_cache\ndef f(x):\n    return -x",
+    ),
+    (
+        "import functools\nW = lambda g: functools.wraps(g)(lambda x: g(x))\n@W\ndef f(x):\n    return x",
+        "import functools\nW = lambda g: functools.wraps(g)(lambda x: g(x))\n@W\ndef f(x):\n    return -x",
+    ),
+    (DATA + "f = Data(1.0, [1, 2])", DATA + "f = Data(1.0, [1, 3])"),
+    (DATA + "f = Data(1.0, [1, 2])", DATA.replace("self.k", "2 * self.k") + "f = Data(1.0, [1, 2])"),
+    (KIND + "f = Kind.SOFT", KIND + "f = Kind.HARD"),
     ("f = abs", "f = max"),
     ("f = np.sin", "f = np.cos"),
     ("f = math.sin", "f = math.cos"),
