@@ -32,6 +32,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "groups",
         "vectors",
         "errors",
+        "codes",
+        "files",
         "threads",
         "describe",
         "progress",

@@ -21,7 +21,7 @@ from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import locked, locked_matrix
+from dolfinx_frontend.common.frozen import locked, locked_matrix, read_only
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
@@ -116,7 +116,7 @@ class Substructure:
     @cached_property
     def diagonal(self) -> Array:
         """Diagonal of K, (n,)."""
-        return np.asarray(self.matrix.diagonal(), dtype=np.float64)
+        return read_only(np.asarray(self.matrix.diagonal(), dtype=np.float64))
 
     @cached_property
     def strainless(self) -> tuple[Array, Array]:
@@ -130,7 +130,8 @@ class Substructure:
         together = modes @ np.sqrt(1.0 + np.arange(modes.shape[1]))
         if not free(together[:, None])[0]:  # a material with a foundation, say
             modes = modes[:, free(modes)]
-        return modes, np.asarray(np.linalg.inv(modes.T @ modes), dtype=np.float64)
+        inverse = np.asarray(np.linalg.inv(modes.T @ modes), dtype=np.float64)
+        return read_only(modes), read_only(inverse)
 
 
 _STRAINLESS = 1e-10

@@ -47,6 +47,12 @@ def locked_matrix(matrix: sp.csr_matrix, own: bool = False) -> sp.csr_matrix:
     return matrix
 
 
+def _locked_value(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return read_only(value)
+    return tuple(map(_locked_value, value)) if type(value) is tuple else value
+
+
 def locked(record: Any) -> None:
     """Make the arrays of a frozen dataclass read-only; for its ``__post_init__``."""
     for each in dataclasses.fields(record):
@@ -56,5 +62,4 @@ def locked(record: Any) -> None:
         elif sp.issparse(value):
             object.__setattr__(record, each.name, locked_matrix(value))
         elif isinstance(value, dict):
-            arrays = {k: read_only(v) if isinstance(v, np.ndarray) else v for k, v in value.items()}
-            object.__setattr__(record, each.name, arrays)
+            object.__setattr__(record, each.name, {key: _locked_value(v) for key, v in value.items()})

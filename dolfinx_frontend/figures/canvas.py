@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.files import made_folder, replaced
 
 
 LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
@@ -32,12 +33,13 @@ def save(figure: Any, path: str | Path) -> Path:
     from PIL import Image
 
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    made_folder(target.parent)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
     # a palette makes the file three times smaller
     picture = Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE)
-    picture.save(target, format="png", optimize=True, dpi=(_DPI, _DPI))
+    with replaced(target) as temporary:
+        picture.save(temporary, format="png", optimize=True, dpi=(_DPI, _DPI))
     return target
 
 

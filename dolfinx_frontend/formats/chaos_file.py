@@ -23,13 +23,14 @@ from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.files import is_file, replaced
+from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
     ChaosFileError,
     Tree,
     h5py_module,
     read_tree,
-    replaced,
     write_tree,
 )
 from dolfinx_frontend.uncertainty.checks import common_length
@@ -64,6 +65,9 @@ class Field:
     shape: tuple[int, ...] | None = None
     description: str = ""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", frozen(np.asarray(self.coefficients)))
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterMap:
@@ -80,6 +84,10 @@ class ParameterMap:
     mean: Array  # (rows,)
     argument: Array | None = None  # (n,)
     value: Array | None = None  # (n,)
+
+    def __post_init__(self) -> None:
+        for name in ("offset", "matrix", "mean", "argument", "value"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, germ_points: Array) -> Array:
         """Values (rows, N) at points (N, L)."""
@@ -141,6 +149,9 @@ class ChaosFile:
     parameters: dict[str, ParameterMap]
     fields: dict[str, Field]
     meta: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def dimension(self) -> int:
@@ -500,7 +511,7 @@ def save_chaos(
     target = Path(path)
     suffix = _suffix(target)
     tree = _tree(space, basis, fields, meta or {})
-    with replaced(target) as temporary:
+    with replaced(target, ChaosFileError) as temporary:
         _WRITERS[suffix](temporary, tree, _checksum(tree))
 
 
@@ -643,7 +654,7 @@ def load_chaos(path: str | Path) -> ChaosFile:
     """
     source = Path(path)
     suffix = _suffix(source)
-    if not source.is_file():
+    if not is_file(source):
         raise ChaosFileError(f"{source} does not exist or is no file: check the name")
     if suffix != ".json":
         h5py_module()

@@ -1,18 +1,17 @@
-"""Trees of values in HDF5 files, sealed by a checksum, and files that are replaced in one step."""
+"""Trees of values in HDF5 files, sealed by a checksum."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib
-import os
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+import io
 from pathlib import Path
 from typing import Any, TypeAlias
 from urllib.parse import unquote
 
 import numpy as np
+
+from dolfinx_frontend.common.files import FileError
 
 __all__ = ["ChaosFileError"]
 
@@ -33,7 +32,7 @@ DAMAGE = (
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
 
 
-class ChaosFileError(ValueError):
+class ChaosFileError(FileError):
     """A file that is no chaos file, is damaged or of another version, or cannot be written."""
 
 
@@ -98,9 +97,13 @@ def write_tree(path: Path, head: Tree, tree: Tree) -> None:
 
     # the layout of HDF5 1.8 has room for long attributes
     layout: Tree = {"libver": ("v108", "v108"), "userblock_size": _USER_BLOCK}
-    with h5py.File(path, "w", track_order=True, **layout) as file:
+    # in memory: the library ends the process later if the disk is full while it writes
+    whole = io.BytesIO()
+    with h5py.File(whole, "w", track_order=True, **layout) as file:
         file.attrs.update(head)
         put(file, tree)
+    with path.open("wb") as target:
+        target.write(whole.getbuffer())
     seal(path, head["format"])
 
 
@@ -134,34 +137,12 @@ def read_tree(path: Path, form: str) -> Tree:
             elif h5py.check_string_dtype(child.dtype) is not None:
                 node[name] = child.asstr()[()].tolist()
             else:
-                node[name] = child[()]
+                value = child[()]
+                if isinstance(value, np.ndarray):
+                    value.flags.writeable = False  # what is read is handed out
+                node[name] = value
         return node
 
     _check_seal(path, form)
     with h5py.File(path, "r") as file:
         return get(file)
-
-
-@contextmanager
-def replaced(target: Path) -> Iterator[Path]:
-    """A new file beside the target, which takes its place when the context ends without an error.
-
-    All or nothing: an existing file stays until the new one is complete on the disk.
-
-    Raises
-    ------
-    ChaosFileError
-        It cannot be written.
-    """
-    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")
-    try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise ChaosFileError(
-            f"{target} cannot be written ({error}): choose a folder that exists, is writable and has room"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
+from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.materials import matrix_stress
 
@@ -109,7 +110,9 @@ class StoredPart:
         tags = np.array(tree["tags"], dtype=np.int64)
         self.names: dict[str, int] = dict(zip(map(str, tree["faces"]), map(int, tags), strict=True))
         matrix = tree.get("elasticity")
-        self.material = None if matrix is None else StoredMaterial(np.array(matrix, dtype=np.float64))
+        self.material = None
+        if matrix is not None:
+            self.material = StoredMaterial(read_only(np.array(matrix, dtype=np.float64)))
         if not (
             self._x.ndim == self._cells.ndim == self._dofs.ndim == self._facets.ndim == nodes.ndim == 2
             and len(self._cells) == len(self._dofs)

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.files import made_folder, write_text
 
 __all__ = ["CELLS", "Blocks", "Grid", "check_target", "vertices", "write_blocks"]
 
@@ -96,7 +97,8 @@ class Grid:
         count, width = self.cells.shape
         offsets = width * np.arange(1, count + 1, dtype=np.int64)
         types = np.full(count, self.type, dtype=np.uint8)
-        path.write_text(
+        write_text(
+            path,
             '<?xml version="1.0"?>\n'
             f'<VTKFile type="UnstructuredGrid" version="{_version(self.type)}" '
             f'byte_order="{sys.byteorder.capitalize()}Endian" header_type="UInt64" '
@@ -108,7 +110,6 @@ class Grid:
             f"      <PointData>\n{arrays(self.point_data)}      </PointData>\n"
             f"      <CellData>\n{arrays(self.cell_data)}      </CellData>\n"
             "    </Piece>\n  </UnstructuredGrid>\n</VTKFile>\n",
-            encoding="utf-8",
         )
 
 
@@ -149,7 +150,7 @@ def _file_name(number: int, name: str) -> str:
 def _write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
     """Grids in a folder beside their index, a ``.vtm`` file, which the first rank writes."""
     folder = target.with_suffix("")
-    folder.mkdir(parents=True, exist_ok=True)
+    made_folder(folder)
     number = 0
 
     def lines(of: Blocks, indent: str) -> list[str]:
@@ -172,7 +173,7 @@ def _write_index(target: Path, blocks: Blocks, rank: int = 0) -> Path:
     if rank == 0:
         text = ['<?xml version="1.0"?>', '<VTKFile type="vtkMultiBlockDataSet" version="1.0">']
         text += ["  <vtkMultiBlockDataSet>", *inside, "  </vtkMultiBlockDataSet>", "</VTKFile>", ""]
-        target.write_text("\n".join(text), encoding="utf-8")
+        write_text(target, "\n".join(text))
     return target
 
 
@@ -190,11 +191,11 @@ def _write_series(
 ) -> Path:
     """One index a time step in a folder beside the collection, a ``.pvd`` file."""
     folder = target.with_suffix("")
-    folder.mkdir(parents=True, exist_ok=True)
+    made_folder(folder)
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
     for step, time in enumerate(times):
         index = _write_index(folder / f"step_{step:04d}.vtm", blocks(step), rank)
         lines.append(f'    <DataSet timestep="{float(time)!r}" file="{folder.name}/{index.name}"/>')
     if rank == 0:
-        target.write_text("\n".join([*lines, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")
+        write_text(target, "\n".join([*lines, "  </Collection>", "</VTKFile>", ""]))
     return target

@@ -1,5 +1,6 @@
 """Files: saved results, chaos files, fields for ParaView."""
 
+from dolfinx_frontend.common.files import FileError
 from dolfinx_frontend.formats.chaos_file import ChaosFile, Field, ParameterMap, load_chaos, save_chaos
 from dolfinx_frontend.io.facets import facet_fields
 from dolfinx_frontend.formats.hdf5 import ChaosFileError
@@ -13,6 +14,7 @@ __all__ = [
     "ChaosFile",
     "ChaosFileError",
     "Field",
+    "FileError",
     "ParameterMap",
     "ResultFileError",
     "SavedInterface",

@@ -20,6 +20,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
@@ -221,6 +222,9 @@ class Acting:
 
     load: Array
     offset: Array
+
+    def __post_init__(self) -> None:
+        locked(self)
 
 
 class Built(NamedTuple):

@@ -194,7 +194,8 @@ class Solver:
             start,
         )
         self._over_ranks(points)
-        blocks = [points.iterations, points.error, points.seconds, points.status, points.states]
+        blocks: list[Any] = [points.iterations, points.error, points.seconds, points.status, points.states]
+        blocks += [points.worst, points.largest]
         blocks += [*points.forces.values(), *points.jumps.values(), *points.outputs.values()]
         for block in blocks:
             if block is not None:

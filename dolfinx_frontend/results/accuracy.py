@@ -15,6 +15,7 @@ from latin_core import Summary
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
 
 __all__ = [
@@ -76,6 +77,9 @@ class Accuracy:
     places: tuple[str, ...]
     steps: tuple[int, ...] | None = field(default=None)
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     @property
     def largest(self) -> float:
         """The largest error that is known, or NaN."""
@@ -123,6 +127,9 @@ class Corrected:
     displacements: Mapping[str, Array] = field(repr=False)
     springs: Mapping[str, tuple[Array, Array]] = field(repr=False)
     corrections: int = 0
+
+    def __post_init__(self) -> None:
+        locked(self)
 
 
 def known(errors: Array) -> Array:

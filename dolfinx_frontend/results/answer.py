@@ -119,6 +119,9 @@ class Block:
     germs: Array | None = None
     weights: Array | None = None
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     def __len__(self) -> int:
         return self.count
 

@@ -16,6 +16,7 @@ from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import unknown_name
+from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
@@ -523,10 +524,13 @@ def load(path: str | Path) -> SavedResult:
         The file does not exist, is no saved result, is of another version, truncated or damaged.
     """
     source = Path(path)
-    if not source.is_file():
+    if not is_file(source):
         raise ResultFileError(f"{source} does not exist or is no file: check the name")
-    with source.open("rb") as file:
-        first = file.read(len(chaos_file.FORMAT))
+    try:
+        with source.open("rb") as file:
+            first = file.read(len(chaos_file.FORMAT))
+    except OSError as error:
+        raise ResultFileError(f"{source} cannot be read ({error})") from error
     if first == chaos_file.FORMAT.encode():
         raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
     try:

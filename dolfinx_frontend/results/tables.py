@@ -17,6 +17,7 @@ import numpy.typing as npt
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.files import write_text
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
 
@@ -90,7 +91,7 @@ class Table:
         for row in zip(*self.columns.values(), strict=True):
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
         if path is not None:
-            Path(path).write_text(text.getvalue(), encoding="utf-8")
+            write_text(Path(path), text.getvalue())
         return text.getvalue()
 
     def to_pandas(self) -> Any:

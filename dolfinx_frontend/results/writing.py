@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.files import FileError, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
 from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
@@ -23,7 +24,7 @@ SUFFIXES = (".h5", ".hdf5")
 NO_FIELDS = "the file was saved without fields: save it with fields=True"
 
 
-class ResultFileError(ValueError):
+class ResultFileError(FileError):
     """A file that is no saved result, is damaged or of another version, or cannot be written."""
 
 
@@ -44,9 +45,9 @@ def write(path: str | Path, tree: Tree) -> None:
     """
     target = _target(path)
     try:
-        with hdf5.replaced(target) as temporary:
+        with replaced(target, ResultFileError) as temporary:
             hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)
-    except ChaosFileError as error:  # no h5py, or the file cannot be written
+    except ChaosFileError as error:  # no h5py
         raise ResultFileError(str(error)) from error
 
 

@@ -182,6 +182,7 @@ def check_times(times: npt.ArrayLike) -> Array:
         raise SceneError(
             f"times increase, but {data[where]:g} is followed by {data[where + 1]:g}"
         )
+    data.setflags(write=False)
     return data
 
 

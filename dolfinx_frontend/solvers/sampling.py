@@ -203,11 +203,7 @@ def sample_on(
     header = None
     if checkpoint is not None:
         problem.on_one_rank("a checkpoint")
-        header = {
-            "fingerprint": fingerprint(problem, plan, parameters),
-            "criterion": plan.options.criterion,
-            "rtol": plan.options.rtol,
-        }
+        header = {"run": "sampling", **fingerprint(problem, plan, parameters)}
     iterations = 0
     shown = progress and problem.rank == 0
 

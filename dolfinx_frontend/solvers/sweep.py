@@ -156,11 +156,11 @@ def sweep(
     header = None
     if checkpoint is not None:
         header = {
-            "fingerprint": fingerprint(problem, plan, parameters),
+            "run": "sweep",
             "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
-            "rtol": plan.options.rtol,
-            "criterion": plan.options.criterion,
-            "kept": [keep_fields, *(outputs or {})],
+            "keep_fields": keep_fields,
+            "outputs": list(outputs or {}),
+            **fingerprint(problem, plan, parameters, outputs),
         }
     started = perf_counter()
     first = 0.0

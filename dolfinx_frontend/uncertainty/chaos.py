@@ -10,6 +10,7 @@ from latin_core.stochastic import IndexSet
 
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.uncertainty.checks import checked_number, is_whole
 
 __all__ = ["Chaos"]
@@ -90,6 +91,8 @@ class Chaos:
                 checked_number("Chaos", "weights", "weight", value, positive=True)
             if not named:
                 object.__setattr__(self, "weights", tuple(self.weights))
+        for name in ("weights", "quadrature", "indices"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def _check_points(self) -> None:
         checked_number("Chaos", "tolerance", "tolerance", self.tolerance, positive=True)

@@ -42,7 +42,7 @@ from latin_core._core import (
     python_law,
     snake_order,
 )
-from latin_core.checkpoint import Checkpoint, CheckpointError
+from latin_core.checkpoint import Checkpoint, CheckpointError, CheckpointWarning
 from latin_core.options import Options
 from latin_core.sweep import SweepPoints, SweptParameter, sweep
 
@@ -68,6 +68,7 @@ __all__ = [
     "Body",
     "Checkpoint",
     "CheckpointError",
+    "CheckpointWarning",
     "InputError",
     "Interface",
     "Iteration",

@@ -1,15 +1,26 @@
 """Checkpoint file of a long run: one SQLite database, one transaction a finished point.
 
 A point is either in the file whole or not at all, whatever kills the run, and appending costs the
-size of the point, not of the file.
+size of the point, not of the file. A file that cannot be written while the run goes on (a full disk,
+a lock, a removed folder) does not end the run: its points wait in memory, and every next one tries again.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import io
 import json
+import logging
+import os
 import sqlite3
+import stat
+import struct
+import sys
+import threading
+import uuid
+import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -18,10 +29,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Checkpoint", "CheckpointError"]
+__all__ = ["Checkpoint", "CheckpointError", "CheckpointWarning"]
 
-_VERSION = 2
+_VERSION = 3
 _DIGEST = hashlib.sha256().digest_size
+_MAGIC = b"SQLite format 3\x00"
+_SAME = 1e-10
+"""Difference up to which two numbers of a header are the same: another order of summation is no other run."""
+_PATIENCE = 5.0
+"""Seconds to wait for a database that another program has locked, before it is said."""
+_LOCK_BYTE = 0x40000000 + 4096
+"""Where the lock of a running sweep lies: beside the bytes that SQLite locks for moments."""
+
+_log = logging.getLogger(__name__)
+_in_use: set[tuple[int, int] | None] = set()
+_in_use_guard = threading.Lock()
 
 
 def _digest(number: int, arrays: bytes) -> bytes:
@@ -30,7 +52,50 @@ def _digest(number: int, arrays: bytes) -> bytes:
 
 
 class CheckpointError(ValueError):
-    """The file cannot be used: not a checkpoint, damaged, of another version or of another run."""
+    """The file cannot be used: not a checkpoint, damaged, in use, of another version or of another run."""
+
+
+class CheckpointWarning(UserWarning):
+    """Finished points could not be written to the file of a run, which goes on without."""
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two facts of a header agree; numbers to ten digits, or to 1e-10 where they are below 1."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if type(one) is float and type(other) is float:
+        return one == other or abs(one - other) <= _SAME * max(1.0, abs(one), abs(other))
+    return type(one) is type(other) and bool(one == other)
+
+
+def _told(name: str, theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> str:
+    """A fact in which two headers differ, with its values if they are short."""
+
+    def shown(facts: Mapping[str, Any]) -> str:
+        value = facts[name] if name in facts else None
+        return "none" if value is None else str(value)
+
+    values = shown(theirs), shown(mine)
+    plain = all(isinstance(facts.get(name), (str, int, float, type(None))) for facts in (theirs, mine))
+    if plain and max(map(len, values)) <= 32 and not name.startswith("code"):
+        return f"{name} (in the file {values[0]}, in this run {values[1]})"
+    return name
+
+
+def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str]:
+    names = list(mine) + [name for name in theirs if name not in mine]
+    return [
+        _told(name, theirs, mine)
+        for name in names
+        if name not in theirs or name not in mine or not _same(theirs[name], mine[name])
+    ]
+
+
+def _busy(error: BaseException) -> bool:
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    return code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
 class Checkpoint:
@@ -41,68 +106,226 @@ class Checkpoint:
     path
         File to create, or to continue.
     header
-        What the run is (JSON-able). A file with another header belongs to another run and is
-        refused, untouched.
+        What the run is (JSON-able): facts by name, which are named if they differ. A file with
+        another header belongs to another run and is refused, untouched. Floats agree to ten digits.
+
+    Raises
+    ------
+    CheckpointError
+        The file cannot be opened, is damaged, used by another run at this time, or of another run.
     """
 
     def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
         self.path = Path(path)
-        mine = json.dumps({"version": _VERSION, **header}, sort_keys=True)
+        self._file = os.path.abspath(self.path)
+        self._waiting: dict[int, bytes] = {}
+        self._warned = False
+        self._descriptor = -1
+        self._key: tuple[int, int] | None = None
+        self._db: Any = None
+        if self.path.name == ":memory:":
+            raise CheckpointError("checkpoint ':memory:' would be gone with the run: give the name of a file")
         if not self.path.parent.is_dir():
             raise CheckpointError(
                 f"checkpoint {self.path}: folder {self.path.parent} does not exist: make it first"
             )
+        mine = json.loads(json.dumps({"version": _VERSION, **header}))
         try:
             theirs = self._open(mine)
-        except (sqlite3.Error, UnicodeDecodeError, OverflowError, OSError) as error:
+        except (sqlite3.Error, ValueError, OverflowError, OSError, RecursionError) as error:
+            self._release()
+            if isinstance(error, CheckpointError):
+                raise
+            if _busy(error):
+                raise CheckpointError(
+                    f"checkpoint {self.path} is locked by another program ({error}): close that, or wait"
+                ) from error
             raise CheckpointError(
                 f"checkpoint {self.path} cannot be read ({error}): move it away to start from the beginning"
             ) from error
-        if theirs != mine:
-            self._db.close()
+        except BaseException:
+            self._release()
+            raise
+        different = _differences(theirs, mine)
+        if different:
+            self._release()
+            if theirs.get("version") != _VERSION:
+                different = different[:1]  # the facts of another version have other names
+            more = f", and {len(different) - 6} more" if len(different) > 6 else ""
             raise CheckpointError(
-                f"checkpoint {self.path} belongs to another run or version: give another file "
-                f"name, or move it away\n  in the file: {theirs[:300]}\n"
-                f"  this run:    {mine[:300]}"
+                f"checkpoint {self.path} belongs to another run or version, they differ in: "
+                f"{'; '.join(different[:6])}{more}: give another file name, or move it away"
             )
 
-    def _open(self, mine: str) -> str:
+    # --- opening and closing ---
+    def _open(self, mine: Mapping[str, Any]) -> dict[str, Any]:
         """Connect to the file and return its header; a new one is given mine."""
-        if self.path.exists() and self.path.stat().st_size > 0:
-            with self.path.open("rb") as file:
-                if file.read(16) != b"SQLite format 3\x00":
-                    raise sqlite3.DatabaseError("not a checkpoint file")
-        self._db = sqlite3.connect(self.path)
+        made = not os.path.exists(self._file)
         try:
+            self._claim(made)
+            self._db = sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
             if self._db.execute("select count(*) from sqlite_master").fetchone() == (0,):
                 with self._db:
                     self._db.execute("begin")  # all of it or nothing
                     self._db.execute("create table header (text text)")
-                    self._db.execute(
-                        "create table point (number integer primary key, arrays blob)"
-                    )
-                    self._db.execute("insert into header values (?)", (mine,))
+                    self._db.execute("create table point (number integer primary key, arrays blob)")
+                    text = json.dumps(mine)
+                    self._db.execute("insert into header values (?)", (text,))
             if self._db.execute("pragma quick_check").fetchone() != ("ok",):
                 raise sqlite3.DatabaseError("damaged")
             row = self._db.execute("select text from header").fetchone()
-            if row is None:
-                raise sqlite3.DatabaseError("not a checkpoint file")
-            return str(row[0])
-        except (sqlite3.Error, UnicodeDecodeError, OverflowError):
-            self._db.close()
+        except BaseException:
+            if made and self._key is not None:  # nothing but what was made here a moment ago
+                with contextlib.suppress(OSError):
+                    os.unlink(self._file)
             raise
+        if row is None:
+            raise sqlite3.DatabaseError("not a checkpoint file")
+        theirs = json.loads(str(row[0]))
+        if not isinstance(theirs, dict):
+            raise sqlite3.DatabaseError("not a checkpoint file")
+        return theirs
 
+    def _claim(self, made: bool) -> None:
+        """Open the file and mark it as in use, in this process and for others.
+
+        One descriptor for all that is done besides SQLite: closing any other one of the same file would
+        drop SQLite's own locks.
+        """
+        with _in_use_guard:
+            if not made:
+                status = os.stat(self._file)
+                if not stat.S_ISREG(status.st_mode):
+                    raise OSError(errno.EINVAL, "no file")
+                if (status.st_dev, status.st_ino) in _in_use:
+                    raise self._used("in this program")
+            try:
+                self._descriptor = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o666)
+            except OSError as error:
+                if made:
+                    raise CheckpointError(
+                        f"checkpoint {self.path} cannot be written ({error}): choose a folder that is "
+                        "writable and has room"
+                    ) from error
+                if not isinstance(error, PermissionError) and error.errno != errno.EROFS:
+                    raise
+                self._descriptor = os.open(self._file, os.O_RDONLY)
+            status = os.fstat(self._descriptor)
+            self._key = (status.st_dev, status.st_ino)
+            _in_use.add(self._key)
+        self._lock()
+        if status.st_size > 0 and os.pread(self._descriptor, len(_MAGIC), 0) != _MAGIC:
+            raise sqlite3.DatabaseError("not a checkpoint file")
+
+    def _used(self, where: str) -> CheckpointError:
+        return CheckpointError(
+            f"checkpoint {self.path} is in use by another run {where}: wait for its end, or give another "
+            "file name"
+        )
+
+    def _lock(self) -> None:
+        """Keep other processes out until this one ends, however it ends; where there are locks."""
+        if sys.platform != "linux":
+            return
+        import fcntl
+
+        wanted = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCK_BYTE, 1, 0)
+        try:
+            fcntl.fcntl(self._descriptor, fcntl.F_OFD_SETLK, wanted)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES):
+                with _in_use_guard:
+                    _in_use.discard(self._key)
+                self._key = None
+                raise self._used("of another program") from error
+
+    def _release(self) -> None:
+        self._drop(self._db, self._descriptor, self._key)
+        self._db, self._descriptor, self._key = None, -1, None
+
+    @staticmethod
+    def _drop(db: Any, descriptor: int, key: tuple[int, int] | None) -> None:
+        if db is not None:
+            with contextlib.suppress(sqlite3.Error):
+                db.close()
+        if descriptor >= 0:
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+        with _in_use_guard:
+            _in_use.discard(key)
+
+    # --- writing ---
     def append(self, number: int, arrays: Mapping[str, npt.ArrayLike]) -> None:
-        """Write one finished point; when this returns, it is on the disk."""
+        """Write one finished point; when this returns, it is on the disk.
+
+        If it cannot be written it waits in memory, with one warning for the run; the next calls and
+        :meth:`close` try again.
+        """
         buffer = io.BytesIO()
         named: dict[str, Any] = {name: np.asarray(value) for name, value in arrays.items()}
         np.savez(buffer, **named)
         blob = buffer.getvalue()
-        with self._db:
-            self._db.execute(
-                "insert or replace into point values (?, ?)", (number, _digest(number, blob) + blob)
-            )
+        self._waiting[number] = _digest(number, blob) + blob
+        self._try(_PATIENCE if not self._warned else 0.0)
 
+    def _try(self, patience: float) -> None:
+        try:
+            self._write(patience)
+        except (sqlite3.Error, OSError) as error:
+            if not self._warned:
+                self._warned = True
+                why = "another program has locked it" if _busy(error) else error
+                warnings.warn(
+                    f"checkpoint {self.path} cannot be written ({why}): the run goes on, its points are kept "
+                    "in memory, and writing is tried again",
+                    CheckpointWarning,
+                    stacklevel=3,
+                )
+        else:
+            if self._warned:
+                self._warned = False
+                _log.info("checkpoint %s can be written again, all finished points are in it", self.path)
+
+    def _write(self, patience: float) -> None:
+        """All that waits, in one transaction."""
+        self._find_again()
+        self._db.execute(f"pragma busy_timeout = {int(1000 * patience)}")
+        with self._db:
+            points = list(self._waiting.items())
+            self._db.executemany("insert or replace into point values (?, ?)", points)
+        self._waiting.clear()
+
+    def _find_again(self) -> None:
+        """Make the file anew, with all its points, if somebody has removed it."""
+        try:
+            status = os.stat(self._file)
+        except FileNotFoundError:
+            pass
+        else:
+            if (status.st_dev, status.st_ino) != self._key:
+                raise OSError(errno.EEXIST, "another file has taken its place")
+            return
+        new = os.path.join(os.path.dirname(self._file), f".{uuid.uuid4().hex}")
+        try:
+            with contextlib.closing(sqlite3.connect(new)) as copy:
+                self._db.backup(copy)  # the removed file can be read as long as it is open
+            os.link(new, self._file)  # unlike a replacement, takes no other file's place
+        finally:
+            with contextlib.suppress(OSError):
+                os.unlink(new)
+        before = self._db, self._descriptor, self._key
+        try:
+            self._claim(False)
+            self._db = sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
+        except BaseException:
+            new_one = self._descriptor if self._descriptor != before[1] else -1
+            self._drop(None, new_one, self._key if self._key != before[2] else None)
+            self._db, self._descriptor, self._key = before
+            raise
+        self._drop(*before)
+        _log.warning("checkpoint %s was removed while the run goes on: it is there again, whole", self.path)
+
+    # --- reading ---
     def __iter__(self) -> Iterator[tuple[int, dict[str, npt.NDArray[Any]]]]:
         """Finished points as (number, arrays), by number."""
         query = "select number, arrays from point order by number"
@@ -123,6 +346,12 @@ class Checkpoint:
             OSError,
             EOFError,
         ) as error:
+            if isinstance(error, CheckpointError):
+                raise
+            if _busy(error):
+                raise CheckpointError(
+                    f"checkpoint {self.path} is locked by another program ({error}): close that, or wait"
+                ) from error
             raise CheckpointError(
                 f"checkpoint {self.path} is damaged ({error}): move it away to start from the beginning"
             ) from error
@@ -131,5 +360,12 @@ class Checkpoint:
         return f"Checkpoint({str(self.path)!r})"
 
     def close(self) -> None:
-        """Release the file."""
-        self._db.close()
+        """Write what waits, if that is possible now, and release the file."""
+        try:
+            if self._waiting:
+                self._try(_PATIENCE)
+            if self._waiting:
+                text = "checkpoint %s lacks %d points that could not be written; they are in the result"
+                _log.warning(text, self.path, len(self._waiting))
+        finally:
+            self._release()

@@ -52,6 +52,9 @@ class SweptParameter:
                     f"swept parameter {self.interface}.{self.parameter}: {name} has shape {shape}, "
                     "an array of two dimensions is wanted"
                 )
+            own = np.array(getattr(self, name), dtype=np.float64)  # in the order it has
+            own.flags.writeable = False
+            object.__setattr__(self, name, own)
 
     def __repr__(self) -> str:
         return f"SweptParameter({self.interface}.{self.parameter}, {self.values.shape[1]} points)"

@@ -26,14 +26,14 @@ STARTS = 120.0
 
 
 class Worker:
-    """One process."""
+    """One process of a benchmark that is started with ``--worker``."""
 
-    def __init__(self) -> None:
+    def __init__(self, main: Path = MAIN) -> None:
         self.log = tempfile.TemporaryFile()
         self.read, write = os.pipe()
         environment = {**os.environ, "CAMPAIGN_PIPE": str(write)}
         self.process = subprocess.Popen(
-            [sys.executable, str(MAIN), "--worker"],
+            [sys.executable, str(main), "--worker"],
             stdin=subprocess.PIPE,
             stdout=self.log,
             stderr=self.log,
@@ -75,8 +75,8 @@ class Worker:
 class Seat:
     """A place at which one worker after another sits."""
 
-    def __init__(self, limit: float) -> None:
-        self.limit = limit
+    def __init__(self, limit: float, main: Path = MAIN) -> None:
+        self.limit, self.main = limit, main
         self.worker: Worker | None = None
 
     def run(self, task: dict[str, Any]) -> dict[str, Any]:
@@ -91,7 +91,7 @@ class Seat:
         if self.worker is not None and self.worker.served >= SERVES:
             self.close()
         if self.worker is None:
-            self.worker = Worker()
+            self.worker = Worker(self.main)
         worker, phase, started = self.worker, "start", None
         worker.served += 1
         attempt = 0

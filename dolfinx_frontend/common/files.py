@@ -1,0 +1,104 @@
+"""Files that are written whole or not at all, and errors that name them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+__all__ = ["FileError", "is_file", "made_folder", "replaced", "write_text"]
+
+
+class FileError(ValueError):
+    """A file that cannot be read or written; the message names it."""
+
+
+def _refused(target: Path, error: BaseException, kind: type[FileError]) -> FileError:
+    why = f"{type(error).__name__}: {error}" if not str(error) else error
+    return kind(
+        f"{target} cannot be written ({why}): choose a folder that exists, is writable and has room"
+    )
+
+
+@contextmanager
+def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
+    """A new file beside the target, which takes its place when the context ends without an error.
+
+    All or nothing: an existing file stays until the new one is complete on the disk. The new one has
+    its permissions; a link stays a link, to the new file.
+
+    Raises
+    ------
+    FileError
+        It cannot be written; of the given kind.
+    """
+    try:
+        real = Path(os.path.realpath(target))
+        temporary = real.with_name(f".{uuid.uuid4().hex}{real.suffix}")
+        before = os.stat(real) if real.exists() else None
+        whole = before is None or stat.S_ISREG(before.st_mode)
+        if before is not None and stat.S_ISDIR(before.st_mode):
+            raise IsADirectoryError("it is a folder")
+        if before is not None and not os.access(real, os.W_OK):
+            raise PermissionError("it is write-protected")
+    except OSError as error:
+        raise _refused(target, error, kind) from error
+    if not whole:  # a terminal, a pipe
+        temporary = real
+    try:
+        yield temporary
+        if not whole:
+            return
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        if before is not None:
+            with contextlib.suppress(OSError):  # another user's file: the group may be another one
+                os.chown(temporary, before.st_uid, before.st_gid)
+            os.chmod(temporary, stat.S_IMODE(before.st_mode))
+        temporary.replace(real)
+    except OSError as error:
+        raise _refused(target, error, kind) from error
+    finally:
+        with contextlib.suppress(OSError):
+            if whole:
+                temporary.unlink(missing_ok=True)
+
+
+def write_text(target: Path, text: str) -> None:
+    """Write a text in UTF-8, whole or not at all.
+
+    Raises
+    ------
+    FileError
+        It cannot be written.
+    """
+    with replaced(target) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def made_folder(folder: Path) -> Path:
+    """A folder, made with those above it if it is not there.
+
+    Raises
+    ------
+    FileError
+        It cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        text = f"the folder {folder} cannot be made ({error}): choose one that is writable"
+        raise FileError(text) from error
+    return folder
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file of that name; a name that cannot be one has none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False

@@ -1,0 +1,1 @@
+"""Pieces of ``faults.py`` and ``fuzz.py``."""

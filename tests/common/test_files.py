@@ -1,0 +1,141 @@
+"""Files are replaced whole, keep their permissions and links, and errors name them."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dolfinx_frontend import (
+    Elastic,
+    LinearElastic,
+    ResultFileError,
+    Scene,
+    assemble,
+    figures,
+    geometry,
+    io,
+    load,
+    solve,
+)
+from dolfinx_frontend.common.files import FileError, replaced, write_text
+
+
+@pytest.fixture(scope="module")
+def result() -> Any:
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        part = geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
+        scene.substructure(name, part, LinearElastic(E=100.0, nu=0.3), degree=1)
+    scene.interface("layer", "left:x1", "right:x0", Elastic(normal=30.0, tangential=10.0))
+    scene.fix("left:x0")
+    scene.traction("right:x1", (1.0, 0.2))
+    return solve(assemble(scene))
+
+
+@contextmanager
+def full_disk(size: int) -> Iterator[None]:
+    """No file may become larger than so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+WRITERS = {
+    "result.h5": lambda result, path: result.save(path),
+    "parts.vtm": io.write_fields,
+    "table.csv": lambda result, path: result.table().to_csv(path),
+    "figure.png": lambda result, path: figures.interface_figure(result, "layer", path),
+}
+
+
+@pytest.mark.parametrize("name", ["result.h5", "table.csv"])
+def test_permissions_and_links_stay(name: str, result: Any, tmp_path: Path) -> None:
+    real, link = tmp_path / "real" / name, tmp_path / name
+    real.parent.mkdir()
+    real.write_bytes(b"before")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    WRITERS[name](result, link)
+    assert link.is_symlink() and real.read_bytes()[:6] != b"before"
+    assert stat.S_IMODE(real.stat().st_mode) == 0o640
+    assert sorted(os.listdir(real.parent)) == [name]
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_what_was_there(name: str, result: Any, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"before")
+    with full_disk(100), pytest.raises(FileError, match="cannot be written.*folder that exists, is writable"):
+        WRITERS[name](result, path)
+    assert path.read_bytes() == b"before"
+    assert [each for each in tmp_path.rglob("*") if each.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_where_nothing_can_be_written(name: str, result: Any, tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("no folder")
+    with pytest.raises(FileError, match="file"):
+        WRITERS[name](result, blocked / name)
+    (tmp_path / name).mkdir()
+    with pytest.raises(FileError, match=name):
+        WRITERS[name](result, tmp_path / name)
+
+
+def test_read_only_files_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "kept"
+    path.write_text("before")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # for root, all is writable
+    with pytest.raises(FileError, match="kept cannot be written.*write-protected"):
+        write_text(path, "after")
+    assert path.read_text() == "before"
+
+
+def test_an_interrupted_write_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "kept"
+    path.write_text("before")
+    with pytest.raises(KeyboardInterrupt), replaced(path) as new:
+        new.write_text("half")
+        raise KeyboardInterrupt
+    assert path.read_text() == "before" and os.listdir(tmp_path) == ["kept"]
+
+
+def test_pipes_are_written_to(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_text(pipe, "through")
+    assert os.read(reader, 100) == b"through" and stat.S_ISFIFO(pipe.stat().st_mode)
+    os.close(reader)
+
+
+@pytest.mark.parametrize("name", ["no.h5", "x" * 300 + ".h5", "nul\0.h5"])
+def test_names_that_cannot_be_read(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ResultFileError, match="does not exist or is no file"):
+        load(tmp_path / name)
+    with pytest.raises(io.ChaosFileError, match="does not exist or is no file"):
+        io.load_chaos(tmp_path / name)
+
+
+def test_a_file_that_cannot_be_opened(result: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "result.h5"
+    result.save(path)
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(ResultFileError, match="result.h5 cannot be read.*Permission denied"):
+        load(path)
