@@ -34,6 +34,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "errors",
         "threads",
         "describe",
+        "checks",
         "progress",
         "release",
         "compat",
