@@ -11,8 +11,9 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_kind, check_known
 from dolfinx_frontend.common.describe import columns
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 
@@ -196,13 +197,13 @@ class Problem:
         """
         out = {name: i.law for name, i in self.interfaces.items()}
         for name, law in (laws or {}).items():
-            if name not in out:
-                raise unknown_name("interface", name, out)
+            check_known("interface", name, out)
+            check_kind(f"interface {name!r}", "law", law, Law, "give a law, e.g. Perfect()")
             out[name] = law
         for key, value in (values or {}).items():
+            known = [f"{name}.{each}" for name, law in out.items() for each in law.parameters()]
+            check_known("parameter", key, known)
             name, _, parameter = key.rpartition(".")
-            if name not in out or parameter not in out[name].parameters():
-                raise unknown_name("parameter", key, self.law_parameters)
             out[name] = out[name].with_(**{parameter: value})
         return out
 

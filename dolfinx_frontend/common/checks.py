@@ -8,6 +8,7 @@ numbers, whatever Python converts them to.
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -38,6 +39,9 @@ __all__ = [
 ]
 
 W = TypeVar("W", bound=str)
+
+_NOT_IN_NAMES = ("Cc", "Cs", "Zl", "Zp")
+"""Control characters, halves of surrogate pairs, separators of lines and paragraphs."""
 
 
 def is_real(value: object) -> bool:
@@ -86,11 +90,14 @@ def checked_number(
     raise _refuse(where, what, value, f"; it must be {wanted}")
 
 
-def checked_whole(where: str, what: str, value: Any, least: int | None = None) -> int:
-    """A whole number, at least `least`."""
-    if is_whole(value) and (least is None or value >= least):
+def checked_whole(
+    where: str, what: str, value: Any, least: int | None = None, most: int | None = None
+) -> int:
+    """A whole number, from `least` to `most`."""
+    if is_whole(value) and (least is None or value >= least) and (most is None or value <= most):
         return int(value)
-    raise _refuse(where, what, value, "; give a whole number" + ("" if least is None else f" >= {least}"))
+    limits = "" if least is None else f" >= {least}" if most is None else f" in {least}..{most}"
+    raise _refuse(where, what, value, f"; give a whole number{limits}")
 
 
 def checked_seed(where: str, value: Any) -> Any:
@@ -113,7 +120,7 @@ def checked_reals(where: str, what: str, values: Any, wanted: str) -> Array:
     if _all_real(values):
         try:
             return np.array(values, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):  # rows of different lengths, integers beyond all floats
+        except (TypeError, ValueError, OverflowError):  # rows of different lengths, very large integers
             pass
     raise _refuse(where, what, values, f": {wanted}")
 
@@ -136,19 +143,21 @@ def checked_flag(where: str, what: str, value: Any) -> bool:
     raise _refuse(where, what, value, "; give True or False")
 
 
-def checked_word(where: str, what: str, value: Any, words: Sequence[W]) -> W:
+def checked_word(where: str, what: str, value: W, words: Sequence[W]) -> W:
     """One of some words."""
     if isinstance(value, str) and value in words:
-        return words[list(words).index(value)]
+        return value
     raise _refuse(where, what, value, f"; use {' or '.join(map(repr, words))}")
 
 
-def checked_name(where: str, value: Any, without: str = "") -> str:
-    """A name: a text that is not empty, that can be printed in one line, without some characters."""
-    if isinstance(value, str) and value.strip() and value.isprintable() and not set(without) & set(value):
+def checked_name(where: str, value: Any, colon: bool = True) -> str:
+    """A name: a text that is not empty, without control characters; `colon`: it may have one."""
+    if isinstance(value, str) and value.strip() and not any(
+        (each == ":" and not colon) or unicodedata.category(each) in _NOT_IN_NAMES for each in value
+    ):
         return value
-    end = f", without {' or '.join(map(repr, without))}" if without else ""
-    raise _refuse(where, "name", value, f"; a name is a string, not empty, without control characters{end}")
+    wanted = "; a name is a string, not empty, without control characters"
+    raise _refuse(where, "name", value, wanted if colon else f"{wanted} and without a colon")
 
 
 def check_known(kind: str, name: Any, known: Iterable[str], where: str = "") -> None:
@@ -173,7 +182,9 @@ def check_kind(where: str, what: str, value: Any, kind: type | tuple[type, ...],
         raise SceneError(f"{where}: {what} = {shown} is of type {type(value).__name__}; {wanted}")
 
 
-def check_optional_kind(where: str, what: str, value: Any, kind: type | tuple[type, ...], wanted: str) -> None:
+def check_optional_kind(
+    where: str, what: str, value: Any, kind: type | tuple[type, ...], wanted: str
+) -> None:
     """As :func:`check_kind`, where None means that nothing was given."""
     if value is not None:
         check_kind(where, what, value, kind, wanted)

@@ -25,8 +25,9 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
@@ -293,8 +294,7 @@ class _Dual:
     ) -> _Dual | None:
         """The dual problem; None where the scene prescribes the quantity. Collective."""
         problem, plan, name = result.problem, result.plan, quantity.interface
-        if name not in problem.interfaces:
-            raise unknown_name("interface", name, problem.interfaces, "problem")
+        check_known("interface", name, problem.interfaces, "problem")
         loads: dict[str, Array] = {}
         jump: dict[str, Array] = {}
         lift: dict[str, Array] = {}

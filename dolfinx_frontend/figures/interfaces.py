@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import unknown_name
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS
 from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
@@ -78,8 +78,7 @@ def interface_figure(
     from matplotlib.colors import Normalize
 
     numbers, found = facet_fields(result, interface, step)
-    if quantity not in found:
-        raise unknown_name("quantity", quantity, found, f"interface {interface!r}")
+    check_known("quantity", quantity, found, f"interface {interface!r}")
     values = found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
     problem = result.problem
     described = problem.interfaces[interface]
@@ -129,8 +128,7 @@ def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | No
     described = problem.interfaces[interface]
     own = problem.substructures[described.sides[0].substructure]
     for name in hide or ():
-        if name not in problem.substructures:
-            raise unknown_name("part", name, problem.substructures, "hide")
+        check_known("part", name, problem.substructures, "hide")
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
     elif hide is None:

@@ -22,7 +22,8 @@ import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
     ChaosFileError,
@@ -154,9 +155,8 @@ class ChaosFile:
         )
 
     def _field(self, name: str) -> tuple[Array, tuple[int, ...]]:
-        found = self.fields.get(name)
-        if found is None:
-            raise unknown_name("field", name, self.fields, str(self.path))
+        check_known("field", name, self.fields, str(self.path))
+        found = self.fields[name]
         rows = len(found.coefficients)
         return found.coefficients, (rows,) if found.shape is None else found.shape
 
@@ -215,9 +215,8 @@ class ChaosFile:
 
     def parameter(self, name: str, germ_points: npt.ArrayLike) -> Array:
         """A physical parameter (N,), or random field (N, points), at points (N, L) of the germs."""
-        found = self.parameters.get(name)
-        if found is None:
-            raise unknown_name("parameter", name, self.parameters, str(self.path))
+        check_known("parameter", name, self.parameters, str(self.path))
+        found = self.parameters[name]
         values = found.at(np.atleast_2d(np.asarray(germ_points, dtype=np.float64))).T
         return values[:, 0] if len(found.offset) == 1 else values
 
@@ -235,8 +234,7 @@ class ChaosFile:
         numbers = {n: p for n, p in self.parameters.items() if len(p.offset) == 1}
         given = {}
         for name, value in values.items():
-            if name not in numbers:
-                raise unknown_name("parameter", name, numbers, str(self.path))
+            check_known("parameter", name, numbers, str(self.path))
             given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
         count = common_length(given, f"{self.path}: ")
         points = np.zeros((count, self.dimension))

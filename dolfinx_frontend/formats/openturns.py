@@ -12,7 +12,8 @@ import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.chaos_file import one_dimensional
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
@@ -140,8 +141,7 @@ def to_openturns(
         )
     if names and len(names) != len(block):
         raise SceneError(f"to_openturns: {len(names)} names for {len(block)} rows")
-    if inputs not in ("parameters", "germs"):
-        raise unknown_name("inputs", str(inputs), ("parameters", "germs"), "to_openturns")
+    check_known("inputs", inputs, ("parameters", "germs"), "to_openturns")
     size = space.dimension
     of_germs: list[Any] = [ot.Normal(0.0, 1.0)] * size
     of_inputs = list(of_germs)

@@ -15,6 +15,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 
@@ -76,8 +77,7 @@ class Part:
         SceneError
             The part has no such face.
         """
-        if name not in self.names:
-            raise unknown_name("face", name, self.names)
+        check_known("face", name, self.names)
         return np.asarray(self.facet_tags.find(self.names[name]), dtype=np.int32)
 
     def volume(self) -> float:

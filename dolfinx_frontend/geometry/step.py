@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
@@ -240,8 +241,7 @@ class StepAssembly:
 
     def sides(self, interface: str) -> tuple[str, str]:
         """The two faces of a proposed interface, ``"part:face"``."""
-        if interface not in self.touches:
-            raise unknown_name("interface", interface, self.touches, str(self.path.name))
+        check_known("interface", interface, self.touches, str(self.path.name))
         return self._faces[interface]
 
     def faces(self, pattern: str = "*") -> str:

@@ -9,14 +9,22 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_names,
+    checked_number,
+    checked_numbers,
+)
 from dolfinx_frontend.common.describe import record
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
@@ -26,7 +34,7 @@ from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
-__all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
+__all__ = ["Decision", "Direction", "Method", "Plan", "check_problem", "make_plan"]
 
 _log = logging.getLogger(__name__)
 Method = Literal["auto", "direct", "accelerated", "latin"]
@@ -79,14 +87,14 @@ class Direction:
 
     def __post_init__(self) -> None:
         for name, value in (("factor", self.factor), ("length", self.length)):
-            if value is not None and not (np.isfinite(value) and value > 0.0):
-                raise SceneError(f"search direction: {name} is {value}: it must be positive")
+            if value is not None:
+                checked_number("search direction", name, value, above=0.0)
+        check_kind("search direction", "given", self.given, Mapping, "give {interface: number or numbers}")
         for name, value in self.given.items():
-            data = np.asarray(value, dtype=float)
-            if not (np.all(np.isfinite(data)) and np.all(data > 0.0)):
-                raise SceneError(
-                    f"search direction of interface {name!r} must be positive and finite, got {value!r}"
-                )
+            where = "search direction of interface"
+            data = checked_numbers(where, repr(name), value, "give positive, finite numbers")
+            if not np.all(data > 0.0):
+                raise SceneError(f"{where} {name!r} must be positive and finite, got {value!r}")
         object.__setattr__(self, "given", frozen(self.given))
 
 
@@ -180,11 +188,26 @@ class Plan:
         return "\n".join(lines)
 
 
+def check_problem(where: str, problem: object, plan: object = None) -> None:
+    """Refuse what is no problem (a scene that was not assembled), no plan, or a plan of another problem.
+
+    Raises
+    ------
+    SceneError
+        Which of them, and what would do.
+    """
+    check_kind(where, "problem", problem, Problem, "assemble the scene first: problem = assemble(scene)")
+    check_optional_kind(where, "plan", plan, Plan, "give what make_plan(problem) returned")
+    if isinstance(plan, Plan) and isinstance(problem, Problem):
+        for name in (*plan.active, *plan.eliminated):
+            check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
+
+
 def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
-    for name in given:
-        if name not in problem.interfaces:
-            raise unknown_name("interface", name, problem.interfaces, where)
-    return set(given)
+    names = checked_names(where, "interfaces", given)
+    for name in names:
+        check_known("interface", name, problem.interfaces, where)
+    return set(names)
 
 
 def _one_column(problem: Problem) -> str:
@@ -239,10 +262,12 @@ def make_plan(
     SceneError
         Unknown method or interface, or an interface that cannot be modelled as asked.
     """
-    if method not in ("auto", "direct", "accelerated", "latin"):
+    check_problem("plan", problem)
+    if not isinstance(method, str) or method not in get_args(Method):
         raise SceneError(
             f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
         )
+    check_optional_kind("plan", "options", options, Options, "give Options(rtol=...)")
     moments = None if times is None else check_times(times)
     if problem.amplitudes and moments is None:
         changing = [name for name, i in problem.interfaces.items() if i.law.varying]
@@ -259,6 +284,8 @@ def make_plan(
         )
     chosen, options, reason = _iteration(kept, method, options)
     if not isinstance(direction, Direction):
+        if direction is not None:
+            checked_number("plan", "direction", direction, above=0.0)
         direction = Direction(factor=direction)
     _names(problem, direction.given, "search direction")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
@@ -325,11 +352,12 @@ def _wanted(
     for name, interface in problem.interfaces.items():
         if set(interface.law.varying) - set(interface.law.loading):
             reasons.setdefault(name, "its law changes in time")
-    if active == "all" or (active is None and method == "latin"):
+    everything = isinstance(active, str) and active == "all"
+    if everything or (active is None and method == "latin"):
         for name in problem.interfaces:
-            reasons.setdefault(name, _ASKED if active == "all" else _PAPER)
+            reasons.setdefault(name, _ASKED if everything else _PAPER)
     elif active is not None:
-        for name in _names(problem, active, "plan"):
+        for name in _names(problem, checked_names("plan", "active", active, ", or 'all'"), "plan"):
             reasons.setdefault(name, _ASKED)
     elif method == "accelerated":
         for name, interface in problem.interfaces.items():

@@ -35,7 +35,8 @@ from scipy.sparse import linalg as sparse_linalg
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
 from dolfinx_frontend.reference.cholesky import Cholesky
@@ -412,8 +413,7 @@ class SSFEMSolution:
         return self.random.space
 
     def _modes(self, substructure: str) -> Array:
-        if substructure not in self.coefficients:
-            raise unknown_name("substructure", substructure, self.coefficients, "solution")
+        check_known("substructure", substructure, self.coefficients, "solution")
         return self.coefficients[substructure]
 
     def mean(self, substructure: str) -> Array:
@@ -426,8 +426,7 @@ class SSFEMSolution:
 
     def jump_coefficients(self, interface: str) -> Array:
         """Modes (m, d, P + 1) of the jump w_2 - w_1 in the local frame, length."""
-        if interface not in self.problem.interfaces:
-            raise unknown_name("interface", interface, self.problem.interfaces, "solution")
+        check_known("interface", interface, self.problem.interfaces, "solution")
         return spring_jump(self.problem, interface, self.coefficients)
 
     def force_coefficients(self, interface: str) -> Array:
@@ -482,8 +481,7 @@ def ssfem(
         more memory than there is; a random field that is prescribed at nodes; an operator that is
         not positive definite.
     """
-    if solver not in ("cg", "direct"):
-        raise unknown_name("solver", str(solver), ("cg", "direct"), "ssfem")
+    check_known("solver", solver, ("cg", "direct"), "ssfem")
     began = perf_counter()
     system = _System(problem, chaos)
     matrices = system.matrices() if solver == "direct" else []

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import checked_reals
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
@@ -263,7 +264,7 @@ def chunks(count: int, numbers: int) -> Iterator[slice]:
 
 def one_number_a_sample(values: npt.ArrayLike, count: int, name: str) -> Array:
     """Values (n,) of a quantity of interest, or an error that says what its function returned."""
-    data = np.asarray(values, dtype=np.float64)
+    data = checked_reals(f"quantity {name!r}", "function(fields)", values, "return one number per sample")
     if data.shape != (count,):
         raise SceneError(
             f"quantity {name!r}: the function returned shape {data.shape} for {count} samples; "

@@ -14,8 +14,9 @@ from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_known, checked_whole
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
 from dolfinx_frontend.formats.openturns import to_openturns
@@ -371,7 +372,7 @@ class ChaosResult(Result, StochasticResult):
 
     def mode(self, part: str, index: int, step: int = -1) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
-        if not 0 <= index < self.modes:
+        if not 0 <= checked_whole("mode", "index", index) < self.modes:
             raise SceneError(f"mode: there is no mode {index}, the chaos has {self.modes}")
         step = check_step(self.times, step, "mode")
         block = stepped(self.coefficients(part)[..., index], self.times)
@@ -392,8 +393,7 @@ class ChaosResult(Result, StochasticResult):
 
     def _columns_of(self, name: str) -> tuple[Array, Array]:
         """Force and jump of an active interface, (m, components, P + 1, steps) each."""
-        if name not in self.plan.active:
-            raise unknown_name("active interface", name, self.plan.active, "chaos result")
+        check_known("active interface", name, self.plan.active, "chaos result")
         points = self.problem.here(name).num_points
         force, jump = (
             block.reshape(points, -1, self.modes, self.steps) for block in self._kernel_fields(name)
@@ -412,7 +412,7 @@ class ChaosResult(Result, StochasticResult):
 
     def at(self, germs: npt.ArrayLike) -> Block:
         """Fields at points (N, L) of the germs."""
-        points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+        points = self.space.checked_points(germs, "at")
         psi = self.basis.evaluate(points)
 
         def displacement(part: str, unknowns: Ints | None) -> Array:
@@ -451,7 +451,8 @@ class ChaosResult(Result, StochasticResult):
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """So many random samples (None: 4096), some at a time."""
-        yield from map(self.at, self._in_parts(self.space.sample(samples or SAMPLES, seed)))
+        count = SAMPLES if samples is None else samples
+        yield from map(self.at, self._in_parts(self.space.sample(count, seed)))
 
     def _in_parts(self, germs: Array) -> Iterator[Array]:
         steps = 1 if self.times is None else len(self.times)
@@ -495,7 +496,7 @@ class ChaosResult(Result, StochasticResult):
         return {
             "chaos": content(self.space, self.basis, *self._fields_of(known, parts)),
             "nonlinear": list(self.collocations),
-            "germs": self.space.sample(samples or SAMPLES, seed),
+            "germs": self.space.sample(SAMPLES if samples is None else samples, seed),
         }
 
     def save(

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_names, checked_numbers
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
@@ -56,9 +57,10 @@ class Measures:
         if point is None:
             return self.values
         d = len(self.centre)
-        to = np.asarray(point, dtype=np.float64)
-        if to.shape != (d,) or not np.all(np.isfinite(to)):
-            raise SceneError(f"table: about = {point!r}; give a point of {d} coordinates")
+        wanted = f"give a point of {d} coordinates"
+        to = checked_numbers("table", "about", point, wanted, dimensions=1)
+        if to.shape != (d,):
+            raise SceneError(f"table: about = {point!r}; {wanted}")
         force = [self.values[f"force_{a}"] for a in "xyz"[:d]]
         values = dict(self.values)
         for name, share in _cross(self.centre - to, force).items():
@@ -101,8 +103,7 @@ class Readings:
         for name in names:
             if name in self.missing:
                 raise SceneError(f"table: interface {name!r}: {self.missing[name]}")
-            if name not in self.interfaces:
-                raise unknown_name("interface", name, self.interfaces, "table")
+            check_known("interface", name, self.interfaces, "table")
         return replace(self, interfaces={n: self.interfaces[n] for n in names}, missing={})
 
     @property
@@ -224,10 +225,9 @@ def known_interfaces(
     """The wanted interfaces (None: all), whose force is known at their points."""
     if wanted is None:
         return list(answer.known)
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    chosen = [wanted] if isinstance(wanted, str) else checked_names(where, "interfaces", wanted)
     for name in chosen:
-        if name not in answer.known:
-            raise unknown_name("interface with a known force", name, answer.known, where)
+        check_known("interface with a known force", name, answer.known, where)
     return chosen
 
 
@@ -253,10 +253,9 @@ def read(
     """
     every, times = answer.problem.interfaces, answer.times
     wanted = every if interfaces is None else interfaces
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    chosen = [wanted] if isinstance(wanted, str) else checked_names("table", "interfaces", wanted)
     for name in chosen:
-        if name not in every:
-            raise unknown_name("interface", name, every, "table")
+        check_known("interface", name, every, "table")
     blocks = list(answer.blocks(samples, seed))
     found: dict[str, Measures] = {}
     missing: dict[str, str] = {}

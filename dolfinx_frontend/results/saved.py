@@ -14,8 +14,8 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
@@ -321,8 +321,7 @@ class SavedResult(Face):
         return self.problem.substructures[part].function(unknowns, name)
 
     def _stored(self, name: str, what: str) -> Array:
-        if name not in self.interfaces:
-            raise unknown_name("interface", name, self.interfaces, str(self.path))
+        check_known("interface", name, self.interfaces, str(self.path))
         found: Array | None = getattr(self.interfaces[name], what)
         if found is None:
             raise ResultFileError(

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
 from dolfinx_frontend.common.describe import columns
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
 
@@ -52,8 +53,7 @@ class Table:
 
     def __getitem__(self, column: str) -> npt.NDArray[Any]:
         """Entries of a column."""
-        if column not in self.columns:
-            raise unknown_name("column", column, self.columns, "table")
+        check_known("column", column, self.columns, "table")
         return np.asarray(self.columns[column])
 
     def value(self, column: str, interface: str, **labels: Any) -> float:
@@ -183,9 +183,8 @@ def _statistics(
 
 
 def _check_quantiles(quantiles: Sequence[float]) -> None:
-    for q in quantiles:
-        if not 0.0 < q < 1.0:
-            raise SceneError(f"table: quantile {q:g} must be between 0 and 1")
+    for q in checked_numbers("table", "quantiles", quantiles, "give probabilities", dimensions=1):
+        checked_number("table", "quantile", float(q), above=0.0, below=1.0)
 
 
 def _collect(

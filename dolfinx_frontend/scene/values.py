@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import is_real
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Combination, Varying
 
@@ -114,9 +116,13 @@ def evaluate(
                 "an array, a callable of the points (m, d), or a parameter with a mean"
             )
     try:
-        data = np.asarray(value, dtype=np.float64)
+        given = np.asarray(value)
+        # a complex number would lose a part, a text may be read as a number, None as NaN
+        if given.dtype.kind not in "biufO" or (given.dtype.kind == "O" and not all(map(is_real, given.flat))):
+            raise TypeError
+        data = given.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as err:
-        raise SceneError(f"{what}: {value!r} is not a number or an array of numbers") from err
+        raise SceneError(f"{what}: {short(value)} is not a number or an array of numbers") from err
     if not np.all(np.isfinite(data)):
         raise SceneError(f"{what}: contains NaN or infinity; give finite numbers")
     if components == 1:

@@ -21,13 +21,19 @@ from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_number,
+    checked_numbers,
+    checked_path,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
-from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
@@ -101,6 +107,7 @@ def sample(
     estimator: Estimator = not_measured,
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
+    check_problem("sampling", problem, plan)
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError("sampling: nothing is random: give a law a random parameter")
@@ -135,7 +142,7 @@ def sample_chaos(
     rtol: float | None = None,
 ) -> SampleResult:
     """As :meth:`ChaosResult.sample`, which calls it."""
-    points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+    points = result.space.checked_points(germs, "sampling")
     every = -(-len(points) // STARTS)
     psi = result.basis.evaluate(points[::every])
     columns = np.kron(psi.T, np.eye(result.steps))  # modes to one point's time steps each
@@ -147,6 +154,7 @@ def sample_chaos(
     }
     plan = result.plan
     if rtol is not None:
+        checked_number("sampling", "rtol", rtol, above=0.0, below=1.0)
         plan = replace(plan, options=plan.options.with_(rtol=rtol))
     return sample_on(
         result.solver,
@@ -188,20 +196,24 @@ def sample_on(
         Seconds that the solver took.
     """
     problem = random.problem
-    points = frozen(np.atleast_2d(np.asarray(germs, dtype=np.float64)))
-    weights = None if weights is None else frozen(np.asarray(weights, dtype=np.float64))
-    if points.shape[1] != random.space.dimension:
+    check_running("sampling", callback, progress, keep_states=keep_states)
+    points = frozen(random.space.checked_points(germs, "sampling"))
+    if not len(points):
+        raise SceneError("sampling: germs = []: give one point at least")
+    check_known("kind", kind, ("random", "qmc", "quadrature"), "sampling")
+    if weights is not None:
+        weights = frozen(checked_numbers("sampling", "weights", weights, "give one finite number per point"))
+    if (weights is None) == (kind == "quadrature"):
         raise SceneError(
-            f"sampling: points of {points.shape[1]} germs, the problem has "
-            f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
+            f"sampling: kind = {kind!r} {'without' if weights is None else 'with'} weights; a quadrature has "
+            "weights, samples have none"
         )
     if weights is not None and weights.shape != (len(points),):
         raise SceneError(f"sampling: weights of shape {weights.shape} for {len(points)} points; one each")
-    if not np.all(np.isfinite(points)):
-        raise SceneError("sampling: points of the germs are finite numbers")
     parameters = _swept(random, plan, points)
     header = None
     if checkpoint is not None:
+        checkpoint = checked_path("sampling", checkpoint, "checkpoint")
         problem.on_one_rank("a checkpoint")
         header = {
             "fingerprint": fingerprint(problem, plan, parameters),

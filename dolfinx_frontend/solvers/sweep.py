@@ -14,14 +14,24 @@ from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_callable,
+    checked_name,
+    checked_names,
+    checked_numbers,
+    checked_path,
+)
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
-from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
@@ -33,14 +43,14 @@ _log = logging.getLogger(__name__)
 
 
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
+    check_kind("sweep", "grid", grid, Mapping, "give {'interface.parameter': values}")
     axes = {}
     for key, values in grid.items():
-        names = (key,) if isinstance(key, str) else tuple(key)
-        data = np.asarray(values, dtype=np.float64)
-        if data.ndim != 1 or data.size == 0 or not np.all(np.isfinite(data)):
-            raise SceneError(
-                f"sweep over {', '.join(names)}: give a list of finite numbers, got {values!r}"
-            )
+        names = (key,) if isinstance(key, str) else tuple(checked_names("sweep", "axis", key))
+        where, wanted = f"sweep over {', '.join(names)}", "give a list of finite numbers"
+        data = checked_numbers(where, "values", values, wanted, dimensions=1)
+        if not data.size:
+            raise SceneError(f"{where}: values = []: {wanted}")
         axes[names] = frozen(data)
     if not axes:
         raise SceneError("sweep: the grid is empty; give {'interface.parameter': values}")
@@ -52,8 +62,7 @@ def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tup
     targets: dict[str, tuple[str, str]] = {}
     for name in (name for key in axes for name in key):
         interface, _, parameter = name.rpartition(".")
-        if interface not in problem.interfaces or name not in problem.law_parameters:
-            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
+        check_known("parameter", name, problem.law_parameters, "sweep")
         if name in targets:
             raise SceneError(f"sweep: {name!r} is on two axes")
         targets[name] = (interface, parameter)
@@ -137,8 +146,15 @@ def sweep(
     KeyboardInterrupt
         At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     """
+    check_problem("sweep", problem, plan)
+    check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
     if checkpoint is not None:
+        checkpoint = checked_path("sweep", checkpoint, "checkpoint")
         problem.on_one_rank("a checkpoint")
+    check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
+    for name, function in (outputs or {}).items():
+        checked_name("sweep: outputs", name)
+        checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:

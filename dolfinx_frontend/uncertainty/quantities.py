@@ -354,7 +354,7 @@ class Quantity:
             width = 2.0 * float(stats.iqr(values)) / np.cbrt(len(values))
             span = float(np.ptp(values))
             bins = math.ceil(min(max(span / width, 1.0), 1000.0)) if width > 0.0 else 1
-        elif np.ndim(bins):  # type: ignore[arg-type]
+        elif np.ndim(bins):
             bins = checked_numbers(where, "bins", bins, "give increasing edges (bins + 1,)", dimensions=1)
             if len(bins) < 2 or np.any(np.diff(bins) <= 0.0):
                 raise SceneError(f"{where}: bins = {short(bins)}: give increasing edges (bins + 1,)")

@@ -280,16 +280,16 @@ def test_criterion_is_what_is_stopped_on(problem):
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"rtol": 0.0}, r"rtol is 0\.0+: it must lie in \(0, 1\)"),
-        ({"rtol": 1.5}, r"rtol is 1\.50+"),
+        ({"rtol": 0.0}, r"rtol is 0\.0: it must lie in \(0, 1\)"),
+        ({"rtol": 1.5}, r"rtol is 1\.5"),
         ({"rtol": np.nan}, r"rtol is nan"),
-        ({"max_iterations": 0}, r"max_iterations is 0: it must be at least 1"),
-        ({"acceleration": -1}, r"acceleration is -1: it must lie in 0\.\.100"),
+        ({"max_iterations": 0}, r"max_iterations is 0: it must be a whole number, at least 1"),
+        ({"acceleration": -1}, r"acceleration is -1: it must be a whole number, in 0\.\.100"),
         ({"acceleration": 101}, r"acceleration is 101"),
-        ({"relaxation": 0.0}, r"relaxation is 0\.0+: it must lie in \(0, 1\]"),
-        ({"relaxation": 1.1}, r"relaxation is 1\.10+"),
-        ({"operator": "inverse"}, r"operator 'inverse': use 'automatic', 'condensed' or"),
-        ({"backend": "lu"}, r"backend 'lu': use 'automatic' or one of .*mumps"),
+        ({"relaxation": 0.0}, r"relaxation is 0\.0: it must lie in \(0, 1\]"),
+        ({"relaxation": 1.1}, r"relaxation is 1.1"),
+        ({"operator": "inverse"}, r"operator 'inverse' is not known: use 'automatic', 'condensed' or"),
+        ({"backend": "lu"}, r"backend 'lu' is not known: use 'automatic', 'cholmod' or 'mumps'"),
     ],
 )
 def test_options_out_of_range(problem, change, message):
