@@ -8,6 +8,7 @@ numbers, whatever Python converts them to.
 from __future__ import annotations
 
 import math
+import os
 import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -199,6 +200,7 @@ def checked_callable(where: str, what: str, value: Any, wanted: str) -> Any:
 
 def checked_path(where: str, value: Any, what: str = "path") -> Path:
     """The path of a file or folder."""
-    if isinstance(value, Path) or (isinstance(value, str) and value and "\0" not in value):
-        return Path(value)
+    given = os.fspath(value) if isinstance(value, os.PathLike) else value
+    if isinstance(given, str) and given and "\0" not in given:
+        return Path(given)
     raise _refuse(where, what, value, "; give the name of a file")

@@ -26,7 +26,7 @@ from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
-from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
@@ -130,8 +130,11 @@ def discretisation_error(
         A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
         converge.
     """
+    if not hasattr(result, "without_recovery"):
+        raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
+    check_step(result.times, step, "discretisation_error")
     problem = result.problem
     quantity = interest(problem.interfaces, quantity)
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_path
 
 
 LINES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
@@ -31,7 +32,7 @@ def sheet(width: float, height: float) -> Any:
 def save(figure: Any, path: str | Path) -> Path:
     from PIL import Image
 
-    target = Path(path)
+    target = checked_path("figure", path)
     target.parent.mkdir(parents=True, exist_ok=True)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.checks import check_known, checked_path
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
@@ -495,7 +495,7 @@ def save_chaos(
         Another suffix, fields that do not fit the basis or are not finite, a folder that does not
         exist or cannot be written to.  An existing file is then as it was.
     """
-    target = Path(path)
+    target = checked_path("save_chaos", path)
     suffix = _suffix(target)
     tree = _tree(space, basis, fields, meta or {})
     with replaced(target) as temporary:
@@ -639,7 +639,7 @@ def load_chaos(path: str | Path) -> ChaosFile:
     ChaosFileError
         The file does not exist, is no chaos file, is of a newer version, truncated or damaged.
     """
-    source = Path(path)
+    source = checked_path("load_chaos", path)
     suffix = _suffix(source)
     if not source.is_file():
         raise ChaosFileError(f"{source} does not exist or is no file: check the name")

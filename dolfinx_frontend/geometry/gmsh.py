@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
@@ -250,7 +251,7 @@ def _check_faces(
 
 def read_msh(path: str | Path, gdim: int | None = None) -> Assembly:
     """The parts of a gmsh file with physical groups, see :func:`from_gmsh`."""
-    if not Path(path).is_file():
+    if not checked_path("read_msh", path).is_file():
         raise SceneError(f"there is no mesh file {str(path)!r}")
     with gmsh_session("file") as gmsh:
         gmsh.merge(str(path))

@@ -26,7 +26,13 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_flag,
+    checked_number,
+    checked_path,
+)
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
@@ -478,11 +484,15 @@ def read_step(
         A file that cannot be read as STEP or holds no solid; solids that overlap (which, and how much); parts
         that do not touch (with the nearest distances); a cut that does not cut in two.
     """
-    file = Path(path)
-    planes = (cuts,) if isinstance(cuts, Cut) else tuple(cuts)
+    file = checked_path("read_step", path)
+    several = isinstance(cuts, Sequence) and not isinstance(cuts, (str, Cut))
+    planes = tuple(cast(Sequence[Cut], cuts)) if several else (cast(Cut, cuts),)
+    for each in planes:
+        check_kind("read_step", "cuts", each, Cut, "give Cut(parts, normal), or several")
+    checked_flag("read_step", "imprint", imprint)
     for name, value in (("gap", gap), ("tolerance", tolerance)):
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise SceneError(f"{name} = {value!r} must be >= 0 and finite")
+        if value is not None:
+            checked_number("read_step", name, value, least=0.0)
     with gmsh_session(file.stem, OPTIONS) as gmsh:
         loaded = load(gmsh, file, planes, imprint, tolerance)
         solids = solids_of(gmsh.model, loaded)

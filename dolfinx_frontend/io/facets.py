@@ -14,7 +14,7 @@ from dolfinx_frontend.assembly.averages import means
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
-from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.contact import OPEN, SLIPS
 from dolfinx_frontend.results.points import interface_fields
 from dolfinx_frontend.results.readings import known_interfaces
@@ -47,6 +47,7 @@ def facet_fields(
     SceneError
         An interface that is unknown or whose force is not known, no such step.
     """
+    check_answer("facet_fields", "result", result)
     known_interfaces(result, interface, "facet_fields")
     at = check_step(result.times, step, "facet_fields")
     side = result.problem.here(interface).sides[0]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import checked_reals
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
@@ -29,6 +30,7 @@ __all__ = [
     "Of",
     "OfPart",
     "Surface",
+    "check_answer",
     "chunks",
     "one_number_a_sample",
     "stepped",
@@ -244,6 +246,19 @@ class Answer(Protocol):
 
     def everywhere(self, interface: str, read: Callable[[], T]) -> T:
         """What the rank of an interface's first side reads, on all ranks; collective."""
+
+
+def check_answer(where: str, what: str, value: object) -> None:
+    """Refuse what is no answer.
+
+    Raises
+    ------
+    SceneError
+        Where it was given, and what would do.
+    """
+    if not callable(getattr(value, "moment_blocks", None)):
+        shown = short(value).partition("\n")[0]
+        raise SceneError(f"{where}: {what} = {shown} is no answer; give what solve, a sweep or load returned")
 
 
 def timed(plan: Plan, block: Array) -> Array:

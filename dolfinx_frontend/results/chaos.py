@@ -563,8 +563,9 @@ class ChaosResult(Result, StochasticResult):
         points
             Deterministic solves at independent points of the germs; 0: only the decay.
         """
+        checked_whole("truncation", "points", points, 0)
         decay, deviation = self._decay(interface)
-        if points <= 0:
+        if points == 0:
             return TruncationError(decay, np.nan, 0, interface)
         return self.compared(interface, [self.sample(self.space.sample(points, seed))])
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_callable, checked_name
+from dolfinx_frontend.common.checks import check_known, checked_callable, checked_flag, checked_name
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
@@ -473,4 +473,5 @@ class Face(ABC):
         ResultFileError
             The file cannot be written.
         """
+        checked_flag("save", "fields", fields)
         writing.save(self, path, fields, samples, seed)

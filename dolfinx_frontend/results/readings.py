@@ -99,7 +99,7 @@ class Readings:
         """Some of the interfaces."""
         if names is None:
             return self
-        names = [names] if isinstance(names, str) else names
+        names = [names] if isinstance(names, str) else checked_names("table", "interfaces", names)
         for name in names:
             if name in self.missing:
                 raise SceneError(f"table: interface {name!r}: {self.missing[name]}")

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.checks import check_known, checked_path
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
@@ -521,7 +521,7 @@ def load(path: str | Path) -> SavedResult:
     ResultFileError
         The file does not exist, is no saved result, is of another version, truncated or damaged.
     """
-    source = Path(path)
+    source = checked_path("load", path)
     if not source.is_file():
         raise ResultFileError(f"{source} does not exist or is no file: check the name")
     with source.open("rb") as file:

@@ -15,7 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_number,
+    checked_numbers,
+    checked_path,
+)
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.readings import Readings
@@ -90,7 +95,7 @@ class Table:
         for row in zip(*self.columns.values(), strict=True):
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
         if path is not None:
-            Path(path).write_text(text.getvalue(), encoding="utf-8")
+            checked_path("to_csv", path).write_text(text.getvalue(), encoding="utf-8")
         return text.getvalue()
 
     def to_pandas(self) -> Any:
