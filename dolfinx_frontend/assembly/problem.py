@@ -11,13 +11,18 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_kind, check_known
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_number,
+)
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["Problem"]
+__all__ = ["Problem", "check_is_problem"]
 
 T = TypeVar("T")
 
@@ -149,6 +154,7 @@ class Problem:
 
     def at(self, time: float) -> Problem:
         """The problem at one time of a load history: nothing in it changes any more."""
+        checked_number("Problem.at", "time", time)
         if not self.amplitudes:
             return self
         return Problem(
@@ -196,6 +202,8 @@ class Problem:
             Unknown interface or parameter.
         """
         out = {name: i.law for name, i in self.interfaces.items()}
+        check_optional_kind("laws", "laws", laws, Mapping, "give {interface: law}")
+        check_optional_kind("laws", "values", values, Mapping, "give {'interface.parameter': value}")
         for name, law in (laws or {}).items():
             check_known("interface", name, out)
             check_kind(f"interface {name!r}", "law", law, Law, "give a law, e.g. Perfect()")
@@ -237,3 +245,14 @@ class Problem:
                 sides += " (matching)" if i.matching is not None else " (non-matching)"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
         return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
+
+
+def check_is_problem(where: str, problem: object) -> None:
+    """Refuse what is no problem, for example a scene that was not assembled.
+
+    Raises
+    ------
+    SceneError
+        Where it was given, and what to do.
+    """
+    check_kind(where, "problem", problem, Problem, "assemble the scene first: problem = assemble(scene)")

@@ -22,7 +22,15 @@ import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_path
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_name,
+    checked_numbers,
+    checked_path,
+    checked_reals,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
@@ -64,6 +72,9 @@ class Field:
     unit: str = ""
     shape: tuple[int, ...] | None = None
     description: str = ""
+
+    def __post_init__(self) -> None:
+        checked_reals("Field", "coefficients", self.coefficients, "give numbers (rows, P + 1)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,14 +171,20 @@ class ChaosFile:
         rows = len(found.coefficients)
         return found.coefficients, (rows,) if found.shape is None else found.shape
 
-    def modes(self, germ_points: npt.ArrayLike) -> Array:
-        """All modes at points (N, L): (N, P + 1)."""
-        xi = np.atleast_2d(np.asarray(germ_points, dtype=np.float64))
-        if xi.shape[1] != self.dimension:
+    def _checked_points(self, germ_points: npt.ArrayLike) -> Array:
+        """Points (N, L) of the germs."""
+        wanted = "give points of finite numbers, one row each"
+        xi = np.atleast_2d(checked_numbers(str(self.path), "germ_points", germ_points, wanted))
+        if xi.ndim != 2 or xi.shape[1] != self.dimension:
             raise SceneError(
-                f"{self.path}: points have {xi.shape[1]} coordinates, the chaos has "
+                f"{self.path}: points have {xi.shape[-1]} coordinates, the chaos has "
                 f"{self.dimension} germs: {', '.join(self.germ_names)}"
             )
+        return xi
+
+    def modes(self, germ_points: npt.ArrayLike) -> Array:
+        """All modes at points (N, L): (N, P + 1)."""
+        xi = self._checked_points(germ_points)
         psi = np.ones((len(xi), len(self.indices)))
         for germ in range(self.dimension):
             degrees = self.indices[:, germ]
@@ -217,7 +234,7 @@ class ChaosFile:
         """A physical parameter (N,), or random field (N, points), at points (N, L) of the germs."""
         check_known("parameter", name, self.parameters, str(self.path))
         found = self.parameters[name]
-        values = found.at(np.atleast_2d(np.asarray(germ_points, dtype=np.float64))).T
+        values = found.at(self._checked_points(germ_points)).T
         return values[:, 0] if len(found.offset) == 1 else values
 
     def germ_points(self, values: Mapping[str, npt.ArrayLike]) -> Array:
@@ -233,9 +250,11 @@ class ChaosFile:
         """
         numbers = {n: p for n, p in self.parameters.items() if len(p.offset) == 1}
         given = {}
+        check_kind(str(self.path), "values", values, Mapping, "give {parameter: values}")
         for name, value in values.items():
             check_known("parameter", name, numbers, str(self.path))
-            given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
+            where = f"{self.path}: parameter {name!r}"
+            given[name] = np.atleast_1d(checked_numbers(where, "value", value, "give one number per point"))
         count = common_length(given, f"{self.path}: ")
         points = np.zeros((count, self.dimension))
         matrix = np.zeros((len(numbers), self.dimension))
@@ -496,6 +515,13 @@ def save_chaos(
         exist or cannot be written to.  An existing file is then as it was.
     """
     target = checked_path("save_chaos", path)
+    check_kind("save_chaos", "space", space, RandomSpace, "give the germs, e.g. result.space")
+    check_kind("save_chaos", "basis", basis, ChaosBasis, "give the modes, e.g. result.basis")
+    check_kind("save_chaos", "fields", fields, Mapping, "give {name: Field}")
+    for name, field_ in fields.items():
+        checked_name("save_chaos", name)
+        check_kind("save_chaos", f"fields[{name!r}]", field_, Field, "give a Field")
+    check_optional_kind("save_chaos", "meta", meta, Mapping, "give {name: words, numbers or lists}")
     suffix = _suffix(target)
     tree = _tree(space, basis, fields, meta or {})
     with replaced(target) as temporary:

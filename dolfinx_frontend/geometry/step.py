@@ -17,12 +17,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -32,8 +32,11 @@ from dolfinx_frontend.common.checks import (
     checked_flag,
     checked_number,
     checked_path,
+    checked_reals,
+    is_real,
+    is_whole,
 )
-from dolfinx_frontend.common.describe import columns
+from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate, some
@@ -142,9 +145,8 @@ class StepAssembly:
         Where two parts share a face the smaller of their sizes holds on it. The default of a part is
         2 volume / area: the thickness of a plate, the radius of a bar.
         """
-        if not (isinstance(size, (int, float)) and math.isfinite(size) and size > 0.0):
-            raise SceneError(f"size of {pattern!r}: {size!r} must be positive and finite")
-        if "|" in pattern:
+        size = checked_number(f"size of {pattern!r}", "size", size, above=0.0)
+        if isinstance(pattern, str) and "|" in pattern:
             self._local |= dict.fromkeys(self._interfaces(pattern, "size"), float(size))
         else:
             names = matching(pattern, self.solids, "part", "size")
@@ -220,7 +222,7 @@ class StepAssembly:
         SceneError
             No part, or no face of a part, fits; a face has a name already.
         """
-        pattern, colon, face = name.partition(":")
+        pattern, colon, face = name.partition(":") if isinstance(name, str) else ("", "", "")
         if not colon or not face or ":" in face:
             raise SceneError(f"face {name!r}: write 'part:face'")
         found = []
@@ -306,10 +308,11 @@ class StepAssembly:
         SceneError
             gmsh cannot mesh a part, or curved cells are folded.
         """
-        if order not in (1, 2):
+        if not is_whole(order) or order not in (1, 2):
             raise SceneError(f"order = {order!r} must be 1 (straight) or 2 (curved)")
-        if per_turn < 3:
+        if not is_whole(per_turn) or per_turn < 3:
             raise SceneError(f"per_turn = {per_turn!r}: a circle needs three cells at least")
+        checked_flag("mesh", "progress", progress)
         with self._model({"Mesh.MeshSizeFromCurvature": float(per_turn)}) as (gmsh, loaded):
             model = gmsh.model
             self._check_same(model, loaded)
@@ -549,14 +552,15 @@ def _fits(
     where: Callable[[Surface], bool] | None,
 ) -> bool:
     if normal is not None:
-        wanted = np.asarray(normal, dtype=np.float64)
+        wanted = checked_reals("face", "normal", normal, "give three numbers")
         length = float(np.linalg.norm(wanted)) if wanted.shape == (3,) else 0.0
         if not length > 0.0:
             raise SceneError(f"normal = {normal!r}; give three numbers")
         if float(surface.normal @ wanted) < _ANGLE * length:
             return False
     if at is not None:
-        if len(at) != 3:
+        several = isinstance(at, (list, tuple, np.ndarray)) and len(at) == 3
+        if not several or not all(value is None or is_real(value) for value in at):
             raise SceneError(f"at = {at!r}; give three coordinates, None for any")
         for axis, value in enumerate(at):
             if value is None:
@@ -565,9 +569,12 @@ def _fits(
             if max(abs(surface.low[axis] - value), abs(surface.high[axis] - value)) > small:
                 return False
     if radius is not None:
+        radius = checked_number("face", "radius", radius, above=0.0)
         own = surface.radius
         if own is None or abs(own - radius) > 1e-6 * max(abs(radius), own):
             return False
+    if tags is not None and not (isinstance(tags, Iterable) and all(map(is_whole, tags))):
+        raise SceneError(f"face: tags = {short(tags)}; give the numbers of faces, as faces() shows them")
     if tags is not None and surface.tag not in tags:
         return False
     return where is None or bool(where(surface))

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from dolfinx_frontend.assembly.averages import means
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
 from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.contact import OPEN, SLIPS
@@ -48,7 +49,7 @@ def facet_fields(
         An interface that is unknown or whose force is not known, no such step.
     """
     check_answer("facet_fields", "result", result)
-    known_interfaces(result, interface, "facet_fields")
+    check_known("interface with a known force", interface, result.known, "facet_fields")
     at = check_step(result.times, step, "facet_fields")
     side = result.problem.here(interface).sides[0]
     part = result.problem.substructures[side.substructure].part

@@ -22,7 +22,12 @@ import numpy as np
 from dolfinx import fem, plot
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import checked_path, checked_whole
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_optional_kind,
+    checked_path,
+    checked_whole,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, write_blocks
 from dolfinx_frontend.io.facets import InterfaceWriter, vector_values
@@ -114,6 +119,10 @@ def write_fields(
     times = None if isinstance(fields, Mapping) else fields.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_fields")
+    wanted = "give the scene, or {part: material}"
+    check_optional_kind("write_fields", "materials", materials, (Scene, Mapping), wanted)
+    wanted = "give the numbers of chaos modes"
+    check_kind("write_fields", "modes", modes, (list, tuple, range), wanted)
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     if isinstance(fields, Mapping):

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.checks import (
     check_kind,
     check_known,
@@ -196,7 +196,7 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
     SceneError
         Which of them, and what would do.
     """
-    check_kind(where, "problem", problem, Problem, "assemble the scene first: problem = assemble(scene)")
+    check_is_problem(where, problem)
     check_optional_kind(where, "plan", plan, Plan, "give what make_plan(problem) returned")
     if isinstance(plan, Plan) and isinstance(problem, Problem):
         for name in (*plan.active, *plan.eliminated):

@@ -33,9 +33,15 @@ from petsc4py import PETSc as _PETSc
 from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_callable,
+    checked_number,
+    checked_whole,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
@@ -482,6 +488,10 @@ def ssfem(
         not positive definite.
     """
     check_known("solver", solver, ("cg", "direct"), "ssfem")
+    _check_request("ssfem", problem, chaos, rtol)
+    checked_whole("ssfem", "max_iterations", max_iterations, 1)
+    if callback is not None:
+        checked_callable("ssfem", "callback", callback, "give a function of iteration and residual")
     began = perf_counter()
     system = _System(problem, chaos)
     matrices = system.matrices() if solver == "direct" else []
@@ -606,8 +616,16 @@ def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> f
     normal stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share
     of the mean strain energy that a displacement can have in the springs.
     """
+    _check_request("smallest_eigenvalue", problem, chaos, rtol)
     system = _System(problem, chaos)
     return _smallest(system, system.factor(), rtol)
+
+
+def _check_request(where: str, problem: object, chaos: object, rtol: object) -> None:
+    """Refuse what is no problem, no request of a chaos, or no tolerance."""
+    check_is_problem(where, problem)
+    check_kind(where, "chaos", chaos, Chaos, "give Chaos(order)")
+    checked_number(where, "rtol", rtol, above=0.0, below=1.0)
 
 
 def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> float:

@@ -14,7 +14,7 @@ from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_whole
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_whole
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -234,6 +234,7 @@ class ChaosResult(Result, StochasticResult):
 
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; collective."""
+        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
         if quantity.interface in self.collocations:
             sums = Accumulator()
             for block in self.moment_blocks():

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_path
+from dolfinx_frontend.common.checks import check_known, checked_flag, checked_path
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
@@ -491,6 +491,7 @@ class SavedResult(Face):
         self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
     ) -> None:
         """Write what was read to another file, with or without fields."""
+        checked_flag("save", "fields", fields)
         write(path, self._tree if fields else _without_fields(self._tree))
 
     def __repr__(self) -> str:
