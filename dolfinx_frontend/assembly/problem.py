@@ -19,6 +19,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import OneProcess
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 
@@ -28,7 +29,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Problem:
+class Problem(OneProcess):
     """An assembled scene.
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
@@ -38,6 +39,10 @@ class Problem:
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
     distribution: Distribution | None = field(default=None, repr=False)
+
+    @property
+    def _instead(self) -> str:
+        return "its meshes and function spaces live in this process; assemble its scene where it is needed"
 
     @cached_property
     def parts(self) -> Mapping[str, PartSummary]:

@@ -198,18 +198,7 @@ def deformed_figure(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    if not isinstance(displacements, (Mapping, Sequence)):
-        check_answer("deformed_figure", "displacements", displacements)
-        parts = displacements.problem.substructures
-        displacements = {name: displacements.displacement(name, step) for name in parts}
-    given = displacements.values() if isinstance(displacements, Mapping) else displacements
-    functions = list(given)
-    wanted = "give an answer, or one displacement per part"
-    if not functions:
-        raise SceneError(f"deformed_figure: displacements = {short(displacements)}; {wanted}")
-    for function in functions:
-        check_kind("deformed_figure", "displacements", function, fem.Function, wanted)
-    names = list(displacements) if isinstance(displacements, Mapping) else [""] * len(functions)
+    names, functions = _named_functions(displacements, step)
     if lift is not None and not set(lift) <= set(names):
         raise ValueError(f"lift names parts that are not drawn: {sorted(set(lift) - set(names))}")
     skins = [skin_of(u.function_space.mesh, None, u)[0] for u in functions]
@@ -244,3 +233,21 @@ def deformed_figure(
         draw_solid(figure, [axis], joined(solids), [view], renderer)
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
     return save(figure, path)
+
+
+def _named_functions(
+    displacements: Answer | Mapping[str, fem.Function] | Sequence[fem.Function], step: int
+) -> tuple[list[str], list[fem.Function]]:
+    """Names of the parts (empty if they are not known) and their displacements."""
+    if not isinstance(displacements, (Mapping, Sequence)):
+        check_answer("deformed_figure", "displacements", displacements)
+        parts = displacements.problem.substructures
+        displacements = {name: displacements.displacement(name, step) for name in parts}
+    named = isinstance(displacements, Mapping)
+    functions = list(displacements.values() if isinstance(displacements, Mapping) else displacements)
+    wanted = "give an answer, or one displacement per part"
+    if not functions:
+        raise SceneError(f"deformed_figure: displacements = {short(displacements)}; {wanted}")
+    for function in functions:
+        check_kind("deformed_figure", "displacements", function, fem.Function, wanted)
+    return list(displacements) if named else [""] * len(functions), functions

@@ -26,7 +26,6 @@ from dolfinx_frontend.common.checks import (
     check_kind,
     check_known,
     check_optional_kind,
-    checked_name,
     checked_numbers,
     checked_path,
     checked_reals,
@@ -519,7 +518,6 @@ def save_chaos(
     check_kind("save_chaos", "basis", basis, ChaosBasis, "give the modes, e.g. result.basis")
     check_kind("save_chaos", "fields", fields, Mapping, "give {name: Field}")
     for name, field_ in fields.items():
-        checked_name("save_chaos", name)
         check_kind("save_chaos", f"fields[{name!r}]", field_, Field, "give a Field")
     check_optional_kind("save_chaos", "meta", meta, Mapping, "give {name: words, numbers or lists}")
     suffix = _suffix(target)

@@ -19,6 +19,7 @@ from dolfinx_frontend.common.checks import check_kind, check_known, is_real, is_
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import OneProcess
 
 __all__ = ["FREE", "Assembly", "Connection", "Part"]
 
@@ -33,7 +34,7 @@ _CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Part:
+class Part(OneProcess):
     """One mesh with named faces.
 
     Attributes
@@ -49,6 +50,10 @@ class Part:
     mesh: dmesh.Mesh
     facet_tags: dmesh.MeshTags
     names: dict[str, int]
+
+    @property
+    def _instead(self) -> str:
+        return "its mesh lives in this process; make it in the process that needs it"
 
     def __post_init__(self) -> None:
         check_kind("Part", "mesh", self.mesh, dmesh.Mesh, "give a dolfinx mesh")

@@ -18,7 +18,6 @@ from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
 from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.contact import OPEN, SLIPS
 from dolfinx_frontend.results.points import interface_fields
-from dolfinx_frontend.results.readings import known_interfaces
 from dolfinx_frontend.scene.amplitudes import check_step
 
 __all__ = ["InterfaceWriter", "facet_fields", "vector_values"]

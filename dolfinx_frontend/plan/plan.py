@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
     check_known,
@@ -262,19 +263,8 @@ def make_plan(
     SceneError
         Unknown method or interface, or an interface that cannot be modelled as asked.
     """
-    check_problem("plan", problem)
-    if not isinstance(method, str) or method not in get_args(Method):
-        raise SceneError(
-            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
-        )
-    check_optional_kind("plan", "options", options, Options, "give Options(rtol=...)")
-    moments = None if times is None else check_times(times)
-    if problem.amplitudes and moments is None:
-        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
-        changing += [name for name, s in problem.substructures.items() if s.varying_loads]
-        raise SceneError(
-            f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
-        )
+    _check_request(problem, method, options)
+    moments = _moments_in_time(problem, times)
     reasons, eliminated = _split(problem, _wanted(problem, method, active, vary))
     kept = tuple(name for name in problem.interfaces if name in reasons)
     if method == "direct" and kept:
@@ -283,23 +273,10 @@ def make_plan(
             f"({reasons[kept[0]]}); use 'auto'"
         )
     chosen, options, reason = _iteration(kept, method, options)
-    if not isinstance(direction, Direction):
-        if direction is not None:
-            checked_number("plan", "direction", direction, above=0.0)
-        direction = Direction(factor=direction)
-    _names(problem, direction.given, "search direction")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
-    newton = (
-        random is None
-        and problem.distribution is None
-        and chosen == "accelerated"
-        and options.newton > 0
-        and not all(problem.interfaces[n].law.superposes for n in kept)
-    )
+    newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
-    if direction.factor is None:
-        factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
-        direction = Direction(_MACRO_FACTOR if macro else factor, direction.length, direction.given)
+    direction = _search_direction(problem, direction, chosen, bool(macro))
     patterns, history, why = _history(problem, kept, moments, problem.amplitudes)
     steps = len(moments) if history == "steps" and moments is not None else 1
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
@@ -310,11 +287,8 @@ def make_plan(
         options = options.with_(newton=0)
         decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
-        decisions.append(_of_direction(direction, chosen))
-        decisions += reach
-        decisions.append(
-            Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
-        )
+        tolerance = Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
+        decisions += [_of_direction(direction, chosen), *reach, tolerance]
     here = [name for name in kept if name in problem.own.interfaces]
     cost = predict(problem.own, here, columns, options, paired, newton)
     decisions.append(
@@ -337,6 +311,48 @@ def make_plan(
         balanced,
         paired,
     )
+
+
+def _check_request(problem: Problem, method: object, options: object) -> None:
+    check_problem("plan", problem)
+    if not isinstance(method, str) or method not in get_args(Method):
+        raise SceneError(
+            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
+        )
+    check_optional_kind("plan", "options", options, Options, "give Options(rtol=...)")
+
+
+def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | None:
+    """Times (T,) of a load history; None: there is none, and nothing that would need one."""
+    if times is not None:
+        return check_times(times)
+    if problem.amplitudes:
+        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
+        changing += [name for name, s in problem.substructures.items() if s.varying_loads]
+        raise SceneError(
+            f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
+        )
+    return None
+
+
+def _takes_newton_steps(problem: Problem, kept: Sequence[str], options: Options) -> bool:
+    nonlinear = not all(problem.interfaces[n].law.superposes for n in kept)
+    return problem.distribution is None and options.newton > 0 and nonlinear
+
+
+def _search_direction(
+    problem: Problem, given: Direction | float | None, chosen: str, macro: bool
+) -> Direction:
+    """The search direction with its factor, for an iteration with or without a coarse problem."""
+    if not isinstance(given, Direction):
+        if given is not None:
+            checked_number("plan", "direction", given, above=0.0)
+        given = Direction(factor=given)
+    _names(problem, given.given, "search direction")
+    if given.factor is not None:
+        return given
+    factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
+    return Direction(_MACRO_FACTOR if macro else factor, given.length, given.given)
 
 
 def _wanted(

@@ -20,7 +20,7 @@ forms and factorises it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Literal
@@ -498,16 +498,7 @@ def ssfem(
     seconds = {"assembly": perf_counter() - began}
     began = perf_counter()
     if solver == "direct":
-        q: Array = np.empty_like(system.load)
-        try:
-            factors = [Cholesky(A) for A in matrices]
-            seconds["factor"] = perf_counter() - began
-            began = perf_counter()
-            for part, factor in zip(system.slices, factors, strict=True):
-                q[part] = factor.solve(system.load[part].ravel()).reshape(-1, system.columns)
-        except SceneError as error:
-            raise system.indefinite() from error
-        seconds["iterations"] = perf_counter() - began
+        q = _direct(system, matrices, seconds)
         converged, spectrum = True, (float("nan"), float("nan"))
         residuals: Array = np.zeros(1)
     else:
@@ -544,6 +535,22 @@ def ssfem(
         seconds,
         system.springs,
     )
+
+
+def _direct(system: _System, matrices: Sequence[sp.csr_matrix], seconds: dict[str, float]) -> Array:
+    """The solution (n, P + 1) by Cholesky factors of the operator's blocks."""
+    q: Array = np.empty_like(system.load)
+    began = perf_counter()
+    try:
+        factors = [Cholesky(A) for A in matrices]
+        seconds["factor"] = perf_counter() - began
+        began = perf_counter()
+        for part, factor in zip(system.slices, factors, strict=True):
+            q[part] = factor.solve(system.load[part].ravel()).reshape(-1, system.columns)
+    except SceneError as error:
+        raise system.indefinite() from error
+    seconds["iterations"] = perf_counter() - began
+    return q
 
 
 def _conjugate_gradients(

@@ -7,7 +7,7 @@ where it is made.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn, SupportsIndex
 
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -52,6 +52,22 @@ class Scene:
     def __init__(self) -> None:
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
+        """A scene of its own; parts and laws, which never change, are shared."""
+        other = Scene()
+        other.substructures.update(self.substructures)
+        other.interfaces.update(self.interfaces)
+        return other
+
+    def __copy__(self) -> Scene:
+        return self.__deepcopy__({})
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise TypeError(
+            "a Scene cannot be pickled: its meshes live in this process; describe it in the process that "
+            "needs it"
+        )
 
     def substructure(
         self,

@@ -25,7 +25,6 @@ from dolfinx_frontend.common.checks import (
     check_known,
     checked_number,
     checked_numbers,
-    checked_path,
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -38,7 +37,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.sweep import warn_unconverged
+from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
@@ -197,29 +196,10 @@ def sample_on(
     """
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
-    points = frozen(random.space.checked_points(germs, "sampling"))
-    if not len(points):
-        raise SceneError("sampling: germs = []: give one point at least")
-    check_known("kind", kind, ("random", "qmc", "quadrature"), "sampling")
-    if weights is not None:
-        weights = frozen(checked_numbers("sampling", "weights", weights, "give one finite number per point"))
-    if (weights is None) == (kind == "quadrature"):
-        raise SceneError(
-            f"sampling: kind = {kind!r} {'without' if weights is None else 'with'} weights; a quadrature has "
-            "weights, samples have none"
-        )
-    if weights is not None and weights.shape != (len(points),):
-        raise SceneError(f"sampling: weights of shape {weights.shape} for {len(points)} points; one each")
+    points, of_rule = _checked_rule(random, germs, weights, kind)
     parameters = _swept(random, plan, points)
-    header = None
-    if checkpoint is not None:
-        checkpoint = checked_path("sampling", checkpoint, "checkpoint")
-        problem.on_one_rank("a checkpoint")
-        header = {
-            "fingerprint": fingerprint(problem, plan, parameters),
-            "criterion": plan.options.criterion,
-            "rtol": plan.options.rtol,
-        }
+    file = checkpoint_path("sampling", problem, checkpoint)
+    header = None if file is None else _header(problem, plan, parameters)
     iterations = 0
     shown = progress and problem.rank == 0
 
@@ -237,20 +217,20 @@ def sample_on(
             parameters,
             _short_steps(points),
             plan.options.with_(scatter=True),
-            checkpoint=checkpoint,
+            checkpoint=file,
             header=header,
             progress=done,
             callback=interrupt.watch(callback),
             keep_states=keep_states,
             start=start,
         )
-    report_points("sampling", interrupt, swept, checkpoint)
+    report_points("sampling", interrupt, swept, file)
     return SampleResult(
         problem,
         plan,
         random,
         points,
-        weights,
+        of_rule,
         kind,
         swept,
         {"setup": setup, "solve": perf_counter() - began},
@@ -258,6 +238,36 @@ def sample_on(
         solver.laws,
         estimator=estimator,
     )
+
+
+def _header(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> dict[str, Any]:
+    """What a checkpoint says of its sampling."""
+    return {
+        "fingerprint": fingerprint(problem, plan, parameters),
+        "criterion": plan.options.criterion,
+        "rtol": plan.options.rtol,
+    }
+
+
+def _checked_rule(
+    random: RandomLaws, germs: npt.ArrayLike, weights: npt.ArrayLike | None, kind: Kind
+) -> tuple[Array, Array | None]:
+    """Copies of the points (N, L) of the germs and their weights (N,), which fit each other and the kind."""
+    points = frozen(random.space.checked_points(germs, "sampling"))
+    if not len(points):
+        raise SceneError("sampling: germs = []: give one point at least")
+    check_known("kind", kind, ("random", "qmc", "quadrature"), "sampling")
+    if (weights is None) == (kind == "quadrature"):
+        raise SceneError(
+            f"sampling: kind = {kind!r} {'without' if weights is None else 'with'} weights; a quadrature has "
+            "weights, samples have none"
+        )
+    if weights is None:
+        return points, None
+    of_rule = checked_numbers("sampling", "weights", weights, "give one finite number per point")
+    if of_rule.shape != (len(points),):
+        raise SceneError(f"sampling: weights of shape {of_rule.shape} for {len(points)} points; one each")
+    return points, frozen(of_rule)
 
 
 def frozen(values: Array) -> Array:

@@ -36,7 +36,7 @@ from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
 
-__all__ = ["sweep", "warn_unconverged"]
+__all__ = ["checkpoint_path", "sweep", "warn_unconverged"]
 
 Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
@@ -76,6 +76,9 @@ def _swept(
     targets: Mapping[str, tuple[str, str]],
 ) -> list[SweptParameter]:
     """The swept values at all points of the grid."""
+    missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
+    if missing:
+        raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     mesh = np.meshgrid(*axes.values(), indexing="ij")
     parameters = []
     for key, values in zip(axes, mesh, strict=True):
@@ -148,39 +151,23 @@ def sweep(
     """
     check_problem("sweep", problem, plan)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
-    if checkpoint is not None:
-        checkpoint = checked_path("sweep", checkpoint, "checkpoint")
-        problem.on_one_rank("a checkpoint")
-    check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
-    for name, function in (outputs or {}).items():
-        checked_name("sweep: outputs", name)
-        checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
+    file = checkpoint_path("sweep", problem, checkpoint)
+    _check_outputs(outputs)
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
         plan = make_plan(problem, method, active, swept, direction, options, times=times)
-    missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
-    if missing:
-        raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
     solver = Solver(problem, plan)
     setup = perf_counter() - began
+    readings = {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()}
     order = snake_order([len(values) for values in axes.values()])
-    header = None
-    if checkpoint is not None:
-        header = {
-            "fingerprint": fingerprint(problem, plan, parameters),
-            "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
-            "rtol": plan.options.rtol,
-            "criterion": plan.options.criterion,
-            "kept": [keep_fields, *(outputs or {})],
-        }
+    header = None if file is None else _header(problem, plan, parameters, axes, [keep_fields, *readings])
     started = perf_counter()
-    first = 0.0
-    iterations = 0
+    first, iterations = 0.0, 0
     shown = progress and problem.rank == 0
 
     def point_done(point: int, summary: Any) -> None:
@@ -197,18 +184,50 @@ def sweep(
             parameters,
             order,
             plan.options,
-            checkpoint=checkpoint,
+            checkpoint=file,
             header=header,
             progress=point_done,
             callback=interrupt.watch(callback),
             keep_states=keep_states,
             keep_fields=keep_fields,
-            outputs={name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
+            outputs=readings,
         )
-    report_points("sweep", interrupt, points, checkpoint)
+    report_points("sweep", interrupt, points, file)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
     return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
+
+
+def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None) -> Path | None:
+    """The file of finished points that a user gave, if there is one and there can be one."""
+    if checkpoint is None:
+        return None
+    problem.on_one_rank("a checkpoint")
+    return checked_path(where, checkpoint, "checkpoint")
+
+
+def _check_outputs(outputs: object) -> None:
+    check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
+    for name, function in outputs.items() if isinstance(outputs, Mapping) else ():
+        checked_name("sweep: outputs", name, colon=False)
+        checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
+
+
+def _header(
+    problem: Problem,
+    plan: Plan,
+    parameters: Sequence[SweptParameter],
+    axes: Mapping[tuple[str, ...], Array],
+    kept: Sequence[object],
+) -> dict[str, Any]:
+    """What a checkpoint says of its sweep."""
+    return {
+        "fingerprint": fingerprint(problem, plan, parameters),
+        "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
+        "rtol": plan.options.rtol,
+        "criterion": plan.options.criterion,
+        "kept": list(kept),
+    }
 
 
 def _reading(

@@ -111,9 +111,9 @@ def test_plan_refuses(problem):
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_directions_are_positive(problem, bad):
-    with pytest.raises(SceneError, match=f"factor is {bad}: it must be positive"):
+    with pytest.raises(SceneError, match=f"direction = {bad:g}; it must be a positive number"):
         make_plan(problem, direction=bad)
-    with pytest.raises(SceneError, match=f"length is {bad}"):
+    with pytest.raises(SceneError, match=f"length = {bad:g}"):
         Direction(length=bad)
     with pytest.raises(SceneError, match="'layer' must be positive and finite"):
         Direction(given={"layer": bad})
@@ -247,7 +247,7 @@ def test_start_does_not_change_the_answer(problem, reference):
 
 def test_start_of_another_plan(problem):
     other = solve(problem, active="all")
-    with pytest.raises(InputError, match=r"start state has shape \(\d+, 1\), this problem needs"):
+    with pytest.raises(SceneError, match=r"start has a state of shape \(\d+, 1\), this plan has"):
         solve(problem, "accelerated", start=other)
 
 
