@@ -27,7 +27,9 @@ NO_NUMBERS = {"'a'": "a", "None": None, "True": True, "1j": 1j, "b'1'": b"1", "'
 """What is no number, by what a message shows of it."""
 NOT_FINITE = {"nan": np.nan, "inf": np.inf, "-inf": -np.inf}
 NO_WHOLE_NUMBERS = {"2.5": 2.5, "'a'": "a", "None": None, "True": True, "1j": 1j, "nan": np.nan, "[1]": [1]}
-NO_NAMES = {"3": 3, "None": None, "''": "", "' '": " ", r"'a\\nb'": "a\nb", r"'a\\x00b'": "a\0b", "['a']": ["a"]}
+NO_NAMES = {
+    "3": 3, "None": None, "''": "", "' '": " ", r"'a\\nb'": "a\nb", r"'a\\x00b'": "a\0b", "['a']": ["a"],
+}
 
 
 def refused(action: Callable[[], object], *words: str, error: type[Exception] = SceneError) -> str:

@@ -109,7 +109,9 @@ def test_reference_solvers(fixed: lf.Problem, random: lf.Problem) -> None:
         refused(lambda wrong=wrong: reference.ssfem(random, request, rtol=wrong), "rtol = ")
         refused(lambda wrong=wrong: reference.smallest_eigenvalue(random, request, wrong), "rtol = ")
     for wrong in ("a", None, 0, 1.5, True):
-        refused(lambda wrong=wrong: reference.ssfem(random, request, max_iterations=wrong), "max_iterations = ")
+        refused(
+            lambda wrong=wrong: reference.ssfem(random, request, max_iterations=wrong), "max_iterations = "
+        )
 
 
 def test_figures(fixed: lf.Problem, tmp_path: Path) -> None:
@@ -118,7 +120,9 @@ def test_figures(fixed: lf.Problem, tmp_path: Path) -> None:
     for wrong in JUNK:
         refused(lambda wrong=wrong: figures.interface_figure(wrong, "layer", path), "result = ")
         refused(lambda wrong=wrong: figures.interface_figure(once, wrong, path), repr(wrong))
-        refused(lambda wrong=wrong: figures.interface_figure(once, "layer", path, quantity=wrong), repr(wrong))
+        refused(
+            lambda wrong=wrong: figures.interface_figure(once, "layer", path, quantity=wrong), repr(wrong)
+        )
         refused(lambda wrong=wrong: figures.deformed_figure(wrong, path), "displacements = ")
         refused(lambda wrong=wrong: figures.assembly_figure(wrong, path), "assembly = ")
         refused(lambda wrong=wrong: figures.density_figure(wrong, path, "x"), "densities = ")
@@ -126,7 +130,9 @@ def test_figures(fixed: lf.Problem, tmp_path: Path) -> None:
         refused(lambda wrong=wrong: figures.convergence_figure(wrong, path), "histories = ")
         refused(lambda wrong=wrong: figures.interface_map(wrong, [1.0], path, "x"), "points = ")
         refused(lambda wrong=wrong: figures.interface_map(np.eye(3), wrong, path, "x"), "values")
-        refused(lambda wrong=wrong: figures.response_surface([0, 1], [0, 1], wrong, ("x", "y", "z"), path), "z")
+        refused(
+            lambda wrong=wrong: figures.response_surface([0, 1], [0, 1], wrong, ("x", "y", "z"), path), "z"
+        )
     for wrong in (3, None, True, ["a"], 1.5):
         refused(lambda wrong=wrong: figures.interface_figure(once, "layer", wrong), f"path = {wrong!r}")
     for wrong in ("a", 0.5, True, 1):

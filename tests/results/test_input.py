@@ -1,4 +1,4 @@
-"""Whatever an answer is asked: what is no name, step, count or function is refused with its name and value."""
+"""Whatever an answer is asked: what is no name, step, count or function is refused by name and value."""
 
 from __future__ import annotations
 
@@ -71,7 +71,9 @@ def test_names(answer: Any, name: Any) -> None:
 
 @pytest.mark.parametrize("step", [2, "a", 0.5, True, 1j, np.nan, [0], "0"])
 def test_steps(answer: Any, step: Any) -> None:
-    reads: list[Any] = [answer.table, *(lambda step, r=r: r("p0", step) for r in (answer.displacement, answer.stress))]
+    reads: list[Any] = [
+        answer.table, *(lambda step, r=r: r("p0", step) for r in (answer.displacement, answer.stress)),
+    ]
     if answer.statistics != "grid":
         reads.append(lambda step: answer.std("p0", step))
     for read in reads:
@@ -151,7 +153,8 @@ def test_a_chaos(answers: dict[str, Any], tmp_path: Path) -> None:
         if wrong is not None:
             refused(lambda wrong=wrong: chaos.table(samples=wrong), f"samples = {shown}")
             refused(
-                lambda wrong=wrong: chaos.quantity(lambda b: np.zeros(len(b)), samples=wrong), f"samples = {shown}"
+                lambda wrong=wrong: chaos.quantity(lambda b: np.zeros(len(b)), samples=wrong),
+                f"samples = {shown}",
             )
             refused(lambda wrong=wrong: chaos.save(tmp_path / "a.h5", samples=wrong), f"samples = {shown}")
         if wrong != 0:

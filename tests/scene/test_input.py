@@ -1,4 +1,4 @@
-"""Whatever a scene is given: what is no number, name or law is refused with its name, its value and a remedy."""
+"""Whatever a scene is given: what is no number, name or law is refused with name, value and remedy."""
 
 from __future__ import annotations
 
@@ -100,8 +100,12 @@ def test_values_that_functions_return() -> None:
 def test_amplitudes() -> None:
     for shown, wrong in NO_NUMBERS.items():
         if shown != "[1.0]":
-            refused(lambda wrong=wrong: lf.Amplitude([0.0, wrong], [0.0, 1.0]), "Amplitude", "times = ", shown)
-            refused(lambda wrong=wrong: lf.Amplitude([0.0, 1.0], [0.0, wrong]), "Amplitude", "values = ", shown)
+            refused(
+                lambda wrong=wrong: lf.Amplitude([0.0, wrong], [0.0, 1.0]), "Amplitude", "times = ", shown
+            )
+            refused(
+                lambda wrong=wrong: lf.Amplitude([0.0, 1.0], [0.0, wrong]), "Amplitude", "values = ", shown
+            )
         refused(lambda wrong=wrong: lf.Amplitude(lambda t: wrong)(1.0), "time 1")
     for shown, wrong in NOT_FINITE.items():
         refused(lambda wrong=wrong: lf.Amplitude([0.0, 1.0], [0.0, wrong]), "values = ", shown)
@@ -166,7 +170,9 @@ def test_settings_of_parts_and_interfaces() -> None:
         refused(lambda wrong=wrong: made.interface("j", "a:x1", lf.Symmetry(), space=wrong), "space = ")
         refused(lambda wrong=wrong: made.interface("j", "a:x1", lf.Symmetry(), overlap=wrong), "overlap = ")
     for wrong in ("ab", ["a", "b"], [1.0], [1.0, 1j], [1.0, np.nan], [1.0, None], 3.0, True):
-        refused(lambda wrong=wrong: made.substructure("b", PART, STEEL, body_force=wrong), "'b'", "body_force")
+        refused(
+            lambda wrong=wrong: made.substructure("b", PART, STEEL, body_force=wrong), "'b'", "body_force"
+        )
     for wrong in (3, None, "steel"):
         refused(lambda wrong=wrong: made.substructure("b", PART, wrong), "'b'", "not a material")
         refused(lambda wrong=wrong: made.substructure("b", wrong, STEEL), "'b'", "not a part")

@@ -59,7 +59,10 @@ def test_spaces_and_bases() -> None:
 def test_what_lives_in_its_process() -> None:
     scene, assembled = problem(RANDOM[0])
     result = lf.solve(assembled, progress=False)
-    found = [scene, scene.substructures["p0"].part, assembled, result, lf.monte_carlo(assembled, 2, progress=False)]
+    samples = lf.monte_carlo(assembled, 2, progress=False)
+    found = [
+        scene, scene.substructures["p0"].part, assembled, result, samples,
+    ]
     for each in found:
         with pytest.raises(TypeError, match=f"a {type(each).__name__} cannot be pickled: it"):
             pickle.dumps(each)

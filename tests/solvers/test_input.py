@@ -68,7 +68,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "acceleration": {**NO_WHOLE_NUMBERS, "-1": -1, "101": 101},
     "newton": {"'yes'": "yes", "None": None, "2.5": 2.5, "-1": -1},
     "scatter": {"'no'": "no", "1": 1, "None": None},
-    **{word: {"'x'": "x", "None": None, "3": 3, "['a']": ["a"]} for word in ("criterion", "macro", "directions")},
+    **{w: {"'x'": "x", "None": None, "['a']": ["a"]} for w in ("criterion", "macro", "directions")},
     **{word: {"'x'": "x", "None": None, "3": 3} for word in ("operator", "precision", "backend")},
 }
 
@@ -143,7 +143,9 @@ def test_settings_of_a_run(call: str, random: lf.Problem, moving: lf.Problem) ->
 
 def test_settings_of_samplings(random: lf.Problem, tmp_path: Any) -> None:
     for call in ("sweep", "sample", "monte_carlo"):
-        refused(lambda call=call: CALLS[call](random, keep_states="yes"), "keep_states = 'yes'", "True or False")
+        refused(
+            lambda call=call: CALLS[call](random, keep_states="yes"), "keep_states = 'yes'", "True or False"
+        )
         for wrong in (3, True, "", ["a"]):
             refused(lambda call=call, wrong=wrong: CALLS[call](random, checkpoint=wrong), "checkpoint = ")
     refused(lambda: lf.sample(random, [[0.0]], progress="no"), "progress = 'no'")
@@ -183,7 +185,9 @@ def test_points_and_seeds(random: lf.Problem) -> None:
 
 
 def test_nothing_is_random(problem: lf.Problem) -> None:
-    for call in ("sample", "monte_carlo", "quasi_monte_carlo", "tensor_quadrature", "sparse_quadrature", "chaos"):
+    for call in (
+        "sample", "monte_carlo", "quasi_monte_carlo", "tensor_quadrature", "sparse_quadrature", "chaos",
+    ):
         refused(lambda call=call: CALLS[call](problem), "nothing is random")
 
 
@@ -225,11 +229,13 @@ def test_accuracy(problem: lf.Problem, random: lf.Problem) -> None:
     for shown, wrong in {**NO_NUMBERS, **NOT_FINITE, "0": 0, "1": 1.0, "-0.1": -0.1}.items():
         if wrong is not None:
             shown = "[1]" if shown == "[1.0]" else shown
-            refused(lambda wrong=wrong: lf.solve(problem, accuracy=wrong), f"accuracy = {shown}", "1e-10..0.5")
+            refused(
+                lambda wrong=wrong: lf.solve(problem, accuracy=wrong), f"accuracy = {shown}", "1e-10..0.5"
+            )
     for wrong in (3, ["layer"], 1.0, True):
         refused(lambda wrong=wrong: lf.solve(problem, accuracy=0.1, quantity=wrong), "quantity = ")
     refused(lambda: lf.solve(problem, accuracy=0.1, quantity="layr"), "'layr'", "'layer'")
-    refused(lambda: lf.solve(problem, accuracy=0.1, meshes="no"), "meshes = 'no'")  # type: ignore[call-overload]
+    refused(lambda: lf.solve(problem, accuracy=0.1, meshes="no"), "meshes = 'no'")  # type: ignore
     refused(lambda: lf.solve(problem, accuracy="a", chaos=2), "accuracy = 'a'", "chaos")  # type: ignore
     for wrong in (3, None, "x", ["prove"]):
         refused(lambda wrong=wrong: lf.solve(random, chaos=1, indefinite=wrong), f"indefinite = {wrong!r}")

@@ -41,7 +41,10 @@ def test_numbers(kind: str, name: str) -> None:
     if name == "covariance":
         return
     for shown, wrong in WRONG.items():
-        refused(lambda wrong=wrong: make("k", **{**given, name: wrong}), kind.split()[0], "'k'", f"{name} = {shown}")
+        refused(
+            lambda wrong=wrong: make("k", **{**given, name: wrong}), kind.split()[0], "'k'",
+            f"{name} = {shown}"
+        )
 
 
 @pytest.mark.parametrize("kind", GIVEN)
@@ -69,7 +72,9 @@ def test_fields() -> None:
 
 
 def test_samples_and_distributions() -> None:
-    for wrong in ("abc", ["a", "b"], [1.0, None], [1.0, np.nan], 1.0, [], [[1.0, 2.0]], [1j, 2.0], [True, False]):
+    for wrong in (
+        "abc", ["a", "b"], [1.0, None], [1.0, np.nan], 1.0, [], [[1.0, 2.0]], [1j, 2.0], [True, False],
+    ):
         refused(lambda wrong=wrong: lf.FromSamples("k", wrong), "'k'", "samples = ")
     for wrong in (3, None, "normal", len):
         refused(lambda wrong=wrong: lf.FromDistribution("k", wrong), "'k'", "unknown distribution")
@@ -82,7 +87,9 @@ def test_correlations() -> None:
     for wrong in (3, None, "ab", a):
         refused(lambda wrong=wrong: lf.Correlated(wrong, [[1.0]]), "parameters = ")
     refused(lambda: lf.Correlated([a, 3], np.eye(2)), "3")  # type: ignore[list-item]
-    for matrix in ("ab", [["a", 0.0], [0.0, 1.0]], [[1.0, np.nan], [np.nan, 1.0]], None, [[1.0, 1j], [1j, 1.0]]):
+    for matrix in (
+        "ab", [["a", 0.0], [0.0, 1.0]], [[1.0, np.nan], [np.nan, 1.0]], None, [[1.0, 1j], [1j, 1.0]],
+    ):
         refused(lambda matrix=matrix: lf.Correlated([a, b], matrix), "matrix = ")
     for space in (3, None, ["normal"], "other"):
         refused(lambda space=space: lf.Correlated([a, b], np.eye(2), space), repr(space))
@@ -170,7 +177,9 @@ def test_sobol_indices() -> None:
         return x.sum(axis=1)
 
     for wrong in (0, 1, -4, 2.0, "a", None, True):
-        refused(lambda wrong=wrong: sobol_of(total, space, wrong), f"n = {wrong!r}" if wrong != 2.0 else "n = 2")
+        refused(
+            lambda wrong=wrong: sobol_of(total, space, wrong), f"n = {wrong!r}" if wrong != 2.0 else "n = 2"
+        )
     for wrong in ("a", -1, 1.5):
         refused(lambda wrong=wrong: sobol_of(total, space, 4, wrong), "seed = ")
     for wrong in (0, "a", 1.5):
