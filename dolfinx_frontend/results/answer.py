@@ -121,6 +121,7 @@ class Block:
     _contact: Callable[[str], ContactValues | None] = lambda _: None
     germs: Array | None = None
     weights: Array | None = None
+    _force: Callable[[str], Array] | None = None
 
     def __len__(self) -> int:
         return self.count
@@ -135,7 +136,7 @@ class Block:
         A nonlinear law of a chaos is evaluated again at every sample, with the parameters of the
         sample: it holds exactly, so that a contact never pulls.
         """
-        return self._both(interface)[0]
+        return self._both(interface)[0] if self._force is None else self._force(interface)
 
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1, (n, [T,] m, components), length, local frame."""

@@ -28,6 +28,7 @@ from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chun
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.results.moments import Accumulator, of_modes
+from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
@@ -103,6 +104,13 @@ class TruncationError:
             f"{percent(self.resultant_std)} (standard deviation), per point within "
             f"{percent(self.mean)} and {percent(self.std)}"
         )
+
+
+def _at_points(block: Array, psi: Array) -> Array:
+    """Columns (m, components, modes, steps) at points with modes psi (n, modes): (m, components, n, steps)."""
+    m, components, modes, steps = block.shape
+    flat = np.moveaxis(block, 2, 3).reshape(-1, modes)
+    return np.swapaxes((flat @ psi.T).reshape(m, components, steps, len(psi)), 2, 3)
 
 
 def percent(share: float) -> str:
@@ -430,15 +438,20 @@ class ChaosResult(Result, StochasticResult):
             parameters = partial(self._parameters_at, name, points)
             return law_contact(self.problem, self.plan, name, len(points), parameters)
 
-        return Block(len(points), both, displacement, contact, points)
+        def force(name: str) -> Array:
+            self._check_interface(name)
+            if name in self.plan.active and name not in self.collocations:  # the jump costs as much again
+                return np.moveaxis(timed(self.plan, _at_points(self._columns_of(name)[0], psi)), -1, 0)
+            return both(name)[0]
+
+        return Block(len(points), both, displacement, contact, points, _force=force)
 
     def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)
 
     def _sampled(self, name: str, points: Array, psi: Array) -> tuple[Array, Array]:
         """Force and jump (n, [T,] m, components) of an active interface at points of the germs."""
-        blocks = self._columns_of(name)  # (m, components, modes, steps) each
-        force, jump = (np.einsum("pcjs,nj->pcns", block, psi) for block in blocks)
+        force, jump = (_at_points(block, psi) for block in self._columns_of(name))
         if name in self.collocations:
             shape = force.shape
             free = jump + self._flexibility(name)[..., None, None] * force
@@ -454,6 +467,22 @@ class ChaosResult(Result, StochasticResult):
         """So many random samples (None: 4096), some at a time."""
         count = SAMPLES if samples is None else samples
         yield from map(self.at, self._in_parts(self.space.sample(count, seed)))
+
+    def readings(
+        self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
+    ) -> Readings:
+        """The numbers behind the tables, a number per sample and time step; the last ones are kept."""
+        given = interfaces if interfaces is None or isinstance(interfaces, str) else tuple(interfaces)
+        key = (given, samples, seed)
+        if key not in self._readings:
+            found = super().readings(interfaces, samples, seed)
+            self._readings.clear()
+            self._readings[key] = found
+        return self._readings[key]
+
+    @cached_property
+    def _readings(self) -> dict[Any, Readings]:
+        return {}
 
     def _in_parts(self, germs: Array) -> Iterator[Array]:
         steps = 1 if self.times is None else len(self.times)

@@ -27,6 +27,8 @@ __all__ = ["Measures", "Readings", "known_interfaces", "measure", "read"]
 
 ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] to have it)"
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
+ROUNDED = 1e-14
+"""Products of unit vectors up to this are those of orthogonal ones."""
 PLANE = 1e-9
 """Normals within this of each other are those of a plane."""
 
@@ -137,6 +139,28 @@ def _summed(fields: Array, rows: Mapping[str, Array]) -> dict[str, Array]:
     return dict(zip(rows, np.moveaxis(sums, -1, 0), strict=True))
 
 
+def _normal_and_shear(force: Array, out: Array, tangents: Array) -> tuple[Array, Array]:
+    """Normal part (..., m) of forces (..., m, components), and size of the tangential one.
+
+    Component by component, because many samples lie side by side in memory; those of local frames are normal
+    or tangential, so that most products are nothing.
+    """
+    each = [force[..., c] for c in range(force.shape[-1])]
+    normal, square = np.zeros(force.shape[:-1]), np.zeros(force.shape[:-1])
+    for c, f in enumerate(each):
+        if np.abs(out[:, c]).max() > ROUNDED:
+            normal = normal + f * out[:, c]
+    gram = np.einsum("pcd,ped->pce", tangents, tangents)
+    if np.abs(gram - gram * np.eye(len(each))).max() <= ROUNDED:
+        for c, f in enumerate(each):
+            if gram[:, c, c].max() > ROUNDED:
+                square = square + gram[:, c, c] * f * f
+    else:
+        for axis in range(tangents.shape[2]):
+            square = square + sum(f * tangents[:, c, axis] for c, f in enumerate(each)) ** 2
+    return normal, np.sqrt(square)
+
+
 def measure(
     surface: Surface, force: Array, limits: tuple[Array, Array] | None = None
 ) -> dict[str, Array]:
@@ -164,9 +188,7 @@ def measure(
     values = {"area": np.full(force.shape[:-2], weights.sum())}
     values |= {column: sum_ for column, sum_ in sums.items() if column not in axes}
     values["shear"] = np.linalg.norm([sums[axis] for axis in axes], axis=0)
-    normal = np.einsum("...pc,pc->...p", force, out)
-    along = np.einsum("...pc,pcd->...pd", force, tangents)
-    shear = np.sqrt(np.einsum("...pd,...pd->...p", along, along))
+    normal, shear = _normal_and_shear(force, out, tangents)
     values["pressure_min"] = -normal.max(axis=-1)
     values["pressure_mean"] = -values["normal"] / weights.sum()
     values["pressure_max"] = -normal.min(axis=-1)
