@@ -107,7 +107,7 @@ class TruncationError:
 
 
 def _at_points(block: Array, psi: Array) -> Array:
-    """Columns (m, components, modes, steps) at points with modes psi (n, modes): (m, components, n, steps)."""
+    """Columns (m, components, modes, steps) at points, psi (n, modes) there: (m, components, n, steps)."""
     m, components, modes, steps = block.shape
     flat = np.moveaxis(block, 2, 3).reshape(-1, modes)
     return np.swapaxes((flat @ psi.T).reshape(m, components, steps, len(psi)), 2, 3)

@@ -16,8 +16,9 @@ void Options::check() const {
   demand(rtol > 0.0 && rtol < 1.0, "rtol is " + std::to_string(rtol) + ": it must lie in (0, 1)");
   demand(max_iterations >= 1,
          "max_iterations is " + std::to_string(max_iterations) + ": it must be at least 1");
-  for (const auto& [name, value] :
-       {std::pair{"stagnation_window", stagnation_window}, {"snapshots", snapshots}, {"together", together}}) {
+  for (const auto& [name, value] : {std::pair{"stagnation_window", stagnation_window},
+                                    {"snapshots", snapshots},
+                                    {"together", together}}) {
     demand(value >= 1, name + (" is " + std::to_string(value)) + ": it must be at least 1");
   }
   demand(newton >= 0, "newton is " + std::to_string(newton) + ": it must not be negative");
