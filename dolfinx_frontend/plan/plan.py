@@ -92,10 +92,9 @@ class Direction:
                 checked_number("search direction", name, value, above=0.0)
         check_kind("search direction", "given", self.given, Mapping, "give {interface: number or numbers}")
         for name, value in self.given.items():
-            where = "search direction of interface"
-            data = checked_numbers(where, repr(name), value, "give positive, finite numbers")
-            if not np.all(data > 0.0):
-                raise SceneError(f"{where} {name!r} must be positive and finite, got {value!r}")
+            where, wanted = f"search direction of interface {name!r}", "it must be positive and finite"
+            if not np.all(checked_numbers(where, "given", value, wanted) > 0.0):
+                raise SceneError(f"{where}: given = {value!r}: {wanted}")
         object.__setattr__(self, "given", frozen(self.given))
 
 

@@ -472,8 +472,8 @@ class ChaosResult(Result, StochasticResult):
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
         """The numbers behind the tables, a number per sample and time step; the last ones are kept."""
-        given = interfaces if interfaces is None or isinstance(interfaces, str) else tuple(interfaces)
-        key = (given, samples, seed)
+        # in words, because what is given may be of any kind; what is wrong is refused and never kept
+        key = repr((interfaces, samples, seed))
         if key not in self._readings:
             found = super().readings(interfaces, samples, seed)
             self._readings.clear()
@@ -481,7 +481,7 @@ class ChaosResult(Result, StochasticResult):
         return self._readings[key]
 
     @cached_property
-    def _readings(self) -> dict[Any, Readings]:
+    def _readings(self) -> dict[str, Readings]:
         return {}
 
     def _in_parts(self, germs: Array) -> Iterator[Array]:

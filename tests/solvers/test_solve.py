@@ -115,7 +115,7 @@ def test_directions_are_positive(problem, bad):
         make_plan(problem, direction=bad)
     with pytest.raises(SceneError, match=f"length = {bad:g}"):
         Direction(length=bad)
-    with pytest.raises(SceneError, match="'layer' must be positive and finite"):
+    with pytest.raises(SceneError, match="'layer': given = .*: it must be positive and finite"):
         Direction(given={"layer": bad})
 
 
