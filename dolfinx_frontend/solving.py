@@ -14,10 +14,12 @@ import numpy.typing as npt
 from latin_core import Iteration, Options, State
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.kernel.running import check_running
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
@@ -29,6 +31,7 @@ from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = [
     "SampleSettings",
@@ -186,12 +189,14 @@ def solve(
     SceneWarning
         Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
     """
+    check_problem("solve", problem, plan)
+    check_running("solve", callback, progress)
     if accuracy is not None:
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():
             if value is not None:
                 raise SceneError(
-                    f"accuracy = {accuracy:g} decides on the chaos and the plan: leave {name} out"
+                    f"accuracy = {short(accuracy)} decides on the chaos and the plan: leave {name} out"
                 )
         return solve_to_accuracy(
             problem,
@@ -222,7 +227,8 @@ def solve(
             progress=progress,
             estimator=errors,
         )
-    plan = plan or make_plan(problem, method, active, (), direction, options, times=times)
+    if plan is None:
+        plan = make_plan(problem, method, active, (), direction, options, times=times)
     return solve_once(problem, plan, start, callback, progress, errors)
 
 
@@ -278,11 +284,20 @@ def sample(
     return sampling.sample(problem, germs, weights, kind, estimator=errors, **settings)
 
 
+def _space(where: str, problem: Problem) -> RandomSpace:
+    """The germs of a problem that something is to be sampled of."""
+    check_problem(where, problem)
+    random = RandomLaws.of(problem)
+    if not random.sources:
+        raise SceneError(f"{where}: nothing is random: give a law a random parameter")
+    return random.space
+
+
 def monte_carlo(
     problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
     """Monte Carlo with `samples` independent points; `settings` as for :func:`sample`."""
-    space = RandomLaws.of(problem).space
+    space = _space("monte_carlo", problem)
     return sample(problem, space.sample(samples, seed), **settings)
 
 
@@ -290,7 +305,7 @@ def quasi_monte_carlo(
     problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
     """Scrambled Sobol points, a power of two of them; `settings` as for :func:`sample`."""
-    space = RandomLaws.of(problem).space
+    space = _space("quasi_monte_carlo", problem)
     return sample(problem, space.sample_sobol(samples, seed), kind="qmc", **settings)
 
 
@@ -298,7 +313,7 @@ def tensor_quadrature(
     problem: Problem, points: int, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
     """Tensor Gauss rule with `points` in each germ; `settings` as for :func:`sample`."""
-    rule = RandomLaws.of(problem).space.tensor_gauss(points)
+    rule = _space("tensor_quadrature", problem).tensor_gauss(points)
     return sample(problem, rule.points, rule.weights, "quadrature", **settings)
 
 
@@ -306,5 +321,5 @@ def sparse_quadrature(
     problem: Problem, level: int, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
     """Smolyak rule, exact for total degree 2 level + 1; `settings` as for :func:`sample`."""
-    rule = RandomLaws.of(problem).space.sparse_gauss(level)
+    rule = _space("sparse_quadrature", problem).sparse_gauss(level)
     return sample(problem, rule.points, rule.weights, "quadrature", **settings)

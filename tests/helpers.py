@@ -6,12 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.common.compat import create_mesh
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Displacement, Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
@@ -19,6 +21,25 @@ from dolfinx_frontend.scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
+
+
+NO_NUMBERS = {"'a'": "a", "None": None, "True": True, "1j": 1j, "b'1'": b"1", "'2.0'": "2.0", "[1.0]": [1.0]}
+"""What is no number, by what a message shows of it."""
+NOT_FINITE = {"nan": np.nan, "inf": np.inf, "-inf": -np.inf}
+NO_WHOLE_NUMBERS = {"2.5": 2.5, "'a'": "a", "None": None, "True": True, "1j": 1j, "nan": np.nan, "[1]": [1]}
+NO_NAMES = {
+    "3": 3, "None": None, "''": "", "' '": " ", r"'a\\nb'": "a\nb", r"'a\\x00b'": "a\0b", "['a']": ["a"],
+}
+
+
+def refused(action: Callable[[], object], *words: str, error: type[Exception] = SceneError) -> str:
+    """The message of the error that an action raises, which has all of the words."""
+    with pytest.raises(error) as caught:
+        action()
+    text = str(caught.value)
+    for word in words:
+        assert word in text, text
+    return text
 
 
 def block(

@@ -36,6 +36,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "files",
         "threads",
         "describe",
+        "checks",
         "progress",
         "release",
         "compat",

@@ -32,6 +32,7 @@ from dolfinx_frontend.assembly.ranks import (
 )
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
+from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import Bar
@@ -79,6 +80,10 @@ def assemble(
         Everything that is wrong with meshes, materials, faces, laws, and parts that can move
         without resistance. If one rank fails, all raise.
     """
+    check_kind("assemble", "scene", scene, Scene, "give a Scene, which describes the parts and interfaces")
+    if progress is not None:
+        checked_callable("assemble", "progress", progress, "give a function of a line, or None")
+    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     began = perf_counter()

@@ -285,7 +285,7 @@ def _intersect(
     largest distance of pieces that were too far apart to count."""
     p1, p2 = polygons(first), polygons(second)
     sizes1, sizes2 = first.sizes[p1.parent], second.sizes[p2.parent]
-    v, fdim = p1.corners.shape[1], first.dim - 1
+    fdim = first.dim - 1
     whole = _plane_areas(p1, len(first))
     normals1 = _plane_normals(p1)
 
@@ -309,16 +309,7 @@ def _intersect(
             at = np.repeat(pair, q)
             y = y.reshape(-1, fdim)
             f1, f2 = p1.parent[i[at]], p2.parent[j[at]]
-            values, gradient = _shape(_invert(window[at], y), v)
-            s1 = np.einsum("pv,pvi->pi", values, p1.reference[i[at]])
-            scale = 1.0 / _stretch(gradient, window[at])
-            if first.order == 1:  # the polygon is the facet, unless it is warped
-                corners = p1.corners[i[at]]
-                x1 = np.einsum("pv,pvi->pi", values, corners)
-                scale *= _stretch(gradient, corners)
-            else:
-                x1, _, jacobian = first.surface(f1, s1)
-                scale *= jacobian / p1.parts**fdim
+            s1, x1, scale = _on_first(first, p1, i[at], window[at], y)
             if second.order == 1:
                 values, _ = _shape(_invert(subject[at], y), subject.shape[1])
                 s2 = np.einsum("pv,pvi->pi", values, p2.reference[j[at]])
@@ -348,6 +339,23 @@ def _intersect(
     pieces = _Pieces._make(np.concatenate(each) for each in zip(*collected, strict=True))
     row, column, value = (np.concatenate(e) for e in zip(*entries, strict=True))
     return pieces, whole, sp.csr_matrix((value, (row, column)), shape=shape), farthest
+
+
+def _on_first(
+    first: FacetMap, of_first: Polygons, which: Ints, window: Array, y: Array
+) -> tuple[Array, Array, Array]:
+    """Places s1 on the facets of side 1 and x1 in space of points y in the planes of polygons, and their
+    areas relative to those in the planes."""
+    fdim = first.dim - 1
+    values, gradient = _shape(_invert(window, y), of_first.corners.shape[1])
+    s1 = np.einsum("pv,pvi->pi", values, of_first.reference[which])
+    scale = 1.0 / _stretch(gradient, window)
+    if first.order == 1:  # the polygon is the facet, unless it is warped
+        corners = of_first.corners[which]
+        x1 = np.einsum("pv,pvi->pi", values, corners)
+        return s1, x1, scale * _stretch(gradient, corners)
+    x1, _, jacobian = first.surface(of_first.parent[which], s1)
+    return s1, x1, scale * jacobian / of_first.parts**fdim
 
 
 def _check_cover(
@@ -430,24 +438,17 @@ def average(
         Facets without area, faces that do not overlap, or cover each other partly or twice.
     """
     highest = max(s.element.basix_element.degree for s in spaces)
-    degree = quadrature_degree or 2 * highest + first.order - 1
-    index, s, w = first.quadrature(degree)
-    x, normals, scale = first.surface(index, s)
-    w = w * scale
-    if not np.all(np.isfinite(w)) or w.min() <= 0.0:
-        raise SceneError(f"{where}: facets of {names[0]} have no area; fix the mesh")
-    rule = _Rule(index, s, w, x, normals)
-    areas: Array = np.bincount(index, w, minlength=len(first)).astype(np.float64)
+    rule = _rule(first, quadrature_degree or 2 * highest + first.order - 1, where, names[0])
+    areas: Array = np.bincount(rule.facet, rule.weights, minlength=len(first)).astype(np.float64)
     columns = [v.dofmap.index_map.size_local for v in spaces]
     if second is None:
         return _of_one_side(first, spaces[0], rule, areas, columns[0])
 
-    cut = quadrature_degree
-    if cut is None:
-        cut = max(
-            _piece_degree(side, v.element.basix_element.degree)
-            for side, v in zip((first, second), spaces, strict=True)
-        )
+    degrees = [
+        _piece_degree(side, v.element.basix_element.degree)
+        for side, v in zip((first, second), spaces, strict=True)
+    ]
+    cut = max(degrees) if quadrature_degree is None else quadrature_degree
     pieces, whole, common, farthest = _intersect(first, second, cut, limit)
     covered = np.asarray(common.sum(axis=1)).ravel() / whole
     size = float(max(first.sizes.max(), second.sizes.max()))
@@ -465,10 +466,10 @@ def average(
     shape2 = (mean @ second.trace(spaces[1], pieces.facet2, pieces.s2, columns[1])).tocsr()
     # side 1: the rule of the facet where it is covered, the pieces where it is in part
     complete = covered > 1.0 - _WHOLE
-    full, rest = complete[index], ~complete[pieces.facet1]
-    f = np.concatenate([index[full], pieces.facet1[rest]])
-    at = np.concatenate([s[full], pieces.s1[rest]])
-    weights1 = np.concatenate([w[full], pieces.weights[rest]])
+    full, rest = complete[rule.facet], ~complete[pieces.facet1]
+    f = np.concatenate([rule.facet[full], pieces.facet1[rest]])
+    at = np.concatenate([rule.s[full], pieces.s1[rest]])
+    weights1 = np.concatenate([rule.weights[full], pieces.weights[rest]])
     mean1 = means(row[f], weights1, len(kept))
     shape1 = (mean1 @ first.trace(spaces[0], f, at, columns[0])).tocsr()
     x_own, normal_own, _ = first.surface(f, at)
@@ -495,6 +496,16 @@ class _Rule(NamedTuple):
     weights: Array
     x: Array
     normals: Array
+
+
+def _rule(first: FacetMap, degree: int, where: str, name: str) -> _Rule:
+    """Quadrature of this degree on the facets of side 1."""
+    index, s, w = first.quadrature(degree)
+    x, normals, scale = first.surface(index, s)
+    w = w * scale
+    if not np.all(np.isfinite(w)) or w.min() <= 0.0:
+        raise SceneError(f"{where}: facets of {name} have no area; fix the mesh")
+    return _Rule(index, s, w, x, normals)
 
 
 def _of_one_side(first: FacetMap, space: Any, rule: _Rule, areas: Array, columns: int) -> Averages:

@@ -9,6 +9,7 @@ case and not another path.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -320,27 +321,15 @@ def make_interface(
     matching = None
     if second is not None:
         sides.append(_side(*labels[1], spaces[1], second, sampled.shapes[1]))
-        ratio = sides[1].area / sides[0].area
-        if abs(ratio - 1.0) > 0.01 and overlap == "full":
-            warnings.warn(
-                f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
-                f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
-                SceneWarning,
-                stacklevel=4,
-            )
+        if overlap == "full":
+            _warn_of_areas(where, names, sides)
         coordinates = tuple(
             v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
         )
         size = float(min(first.sizes.min(), second.sizes.min()))
         matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
-        m, n = len(sampled.weights), len(sides[0].nodes)
-        if space == "facets" and matching is None and m >= n and not law.springs:
-            warnings.warn(
-                f"{where}: {m} facets but {n} nodes on {names[0]}: a law that prescribes the jump "
-                "locks there and converges slowly; give the substructures degree=2",
-                SceneWarning,
-                stacklevel=4,
-            )
+        if space == "facets" and matching is None and not law.springs:
+            _warn_of_locking(where, names[0], len(sampled.weights), len(sides[0].nodes))
     return Interface(
         name=name,
         law=law,
@@ -355,3 +344,24 @@ def make_interface(
         sag=_sag(first, second, sampled.points),
         facets=sampled.facets,
     )
+
+
+def _warn_of_areas(where: str, names: Sequence[str], sides: Sequence[Side]) -> None:
+    ratio = sides[1].area / sides[0].area
+    if abs(ratio - 1.0) > 0.01:
+        warnings.warn(
+            f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
+            f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
+            SceneWarning,
+            stacklevel=5,
+        )
+
+
+def _warn_of_locking(where: str, face: str, facets: int, nodes: int) -> None:
+    if facets >= nodes:
+        warnings.warn(
+            f"{where}: {facets} facets but {nodes} nodes on {face}: a law that prescribes the jump "
+            "locks there and converges slowly; give the substructures degree=2",
+            SceneWarning,
+            stacklevel=5,
+        )

@@ -11,18 +11,25 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_number,
+)
 from dolfinx_frontend.common.describe import columns
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import OneProcess
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["Problem"]
+__all__ = ["Problem", "check_is_problem"]
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Problem:
+class Problem(OneProcess):
     """An assembled scene.
 
     On several ranks `substructures` has those of this rank, and `interfaces` all of the scene, of
@@ -32,6 +39,10 @@ class Problem:
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
     distribution: Distribution | None = field(default=None, repr=False)
+
+    @property
+    def _instead(self) -> str:
+        return "its meshes and function spaces live in this process; assemble its scene where it is needed"
 
     @cached_property
     def parts(self) -> Mapping[str, PartSummary]:
@@ -148,6 +159,7 @@ class Problem:
 
     def at(self, time: float) -> Problem:
         """The problem at one time of a load history: nothing in it changes any more."""
+        checked_number("Problem.at", "time", time)
         if not self.amplitudes:
             return self
         return Problem(
@@ -195,14 +207,16 @@ class Problem:
             Unknown interface or parameter.
         """
         out = {name: i.law for name, i in self.interfaces.items()}
+        check_optional_kind("laws", "laws", laws, Mapping, "give {interface: law}")
+        check_optional_kind("laws", "values", values, Mapping, "give {'interface.parameter': value}")
         for name, law in (laws or {}).items():
-            if name not in out:
-                raise unknown_name("interface", name, out)
+            check_known("interface", name, out)
+            check_kind(f"interface {name!r}", "law", law, Law, "give a law, e.g. Perfect()")
             out[name] = law
         for key, value in (values or {}).items():
+            known = [f"{name}.{each}" for name, law in out.items() for each in law.parameters()]
+            check_known("parameter", key, known)
             name, _, parameter = key.rpartition(".")
-            if name not in out or parameter not in out[name].parameters():
-                raise unknown_name("parameter", key, self.law_parameters)
             out[name] = out[name].with_(**{parameter: value})
         return out
 
@@ -236,3 +250,14 @@ class Problem:
                 sides += " (matching)" if i.matching is not None else " (non-matching)"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
         return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
+
+
+def check_is_problem(where: str, problem: object) -> None:
+    """Refuse what is no problem, for example a scene that was not assembled.
+
+    Raises
+    ------
+    SceneError
+        Where it was given, and what to do.
+    """
+    check_kind(where, "problem", problem, Problem, "assemble the scene first: problem = assemble(scene)")

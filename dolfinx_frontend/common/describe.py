@@ -18,6 +18,8 @@ def short(value: Any) -> str:
     """A value in a few words: long arrays by shape and range, functions by name."""
     if isinstance(value, (bool, str)) or value is None:
         return repr(value)
+    if isinstance(value, int) and value.bit_length() > 1000:  # beyond the range of floats
+        return f"<integer of {value.bit_length()} bits>"
     if isinstance(value, (int, float, np.number)):
         return f"{value:g}"
     if isinstance(value, np.ndarray):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 __all__ = ["SceneError", "SceneWarning", "unknown_name"]
 
@@ -16,7 +17,7 @@ class SceneWarning(UserWarning):
     """A scene that can be modelled, but probably not in the way that was intended."""
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") -> SceneError:
+def unknown_name(kind: str, name: Any, known: Iterable[str], where: str = "") -> SceneError:
     """Error for a name that does not exist, with the nearest ones that do.
 
     Parameters
@@ -24,7 +25,7 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") ->
     kind
         The kind of thing that is named, e.g. ``"part"``.
     name
-        The name that was given.
+        The name that was given; what is no string is said to be none.
     known
         The names that exist.
     where
@@ -36,8 +37,10 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "") ->
         To be raised by the caller.
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5) if isinstance(name, str) else []
     hint = "did you mean " + " or ".join(repr(n) for n in near) + "?" if near else ""
+    if not isinstance(name, str):
+        hint = "a name is a string"
     shown = ", ".join(repr(n) for n in names[:12]) + (", ..." if len(names) > 12 else "")
     prefix = f"{where}: " if where else ""
     listing = f"known: {shown}" if names else f"there is no {kind} yet"

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any, NoReturn, Self, SupportsIndex, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
-__all__ = ["frozen", "locked", "locked_matrix", "read_only"]
+__all__ = ["OneProcess", "frozen", "locked", "locked_matrix", "read_only"]
 
 A = TypeVar("A", bound=np.ndarray[Any, Any])
 
@@ -63,3 +63,23 @@ def locked(record: Any) -> None:
             object.__setattr__(record, each.name, locked_matrix(value))
         elif isinstance(value, dict):
             object.__setattr__(record, each.name, {key: _locked_value(v) for key, v in value.items()})
+
+
+class OneProcess:
+    """What never changes, so that a copy is the thing itself, and lives in the process that made it.
+
+    `_instead` says what cannot leave the process, and what to do instead.
+    """
+
+    @property
+    def _instead(self) -> str:
+        return "it lives in this process"
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise TypeError(f"a {type(self).__name__} cannot be pickled: {self._instead}")

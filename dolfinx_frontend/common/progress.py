@@ -13,6 +13,8 @@ import sys
 from types import TracebackType
 from typing import Any, Self
 
+from dolfinx_frontend.common.checks import checked_flag
+
 __all__ = ["Bar", "progress"]
 
 _DELAY = 0.5  # seconds
@@ -29,7 +31,7 @@ def progress(on: bool | None = None) -> bool:
     """
     global _on
     if on is not None:
-        _on = bool(on)
+        _on = checked_flag("progress", "on", on)
     return _on
 
 

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from latin_core import Options
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is_real
+from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.errors import (
     DIGIT,
@@ -112,8 +113,10 @@ def solve_to_accuracy(
         A :class:`ChaosResult` if something is random, or samples where its chaos does not converge.
         ``result.errors()`` has the errors, and says in its notes what could not be reached.
     """
-    if not (np.isfinite(accuracy) and 1e-10 <= accuracy <= 0.5):
-        raise SceneError(f"accuracy = {accuracy!r}: it must lie in 1e-10..0.5")
+    if not is_real(accuracy) or not 1e-10 <= accuracy <= 0.5:
+        raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
+    check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
+    checked_flag("solve", "meshes", meshes)
     what = interest(problem.interfaces, quantity)
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.mesh_error import discretisation_error
 from dolfinx_frontend.kernel.running import Interrupted
@@ -201,6 +202,8 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
 
     Ctrl-C ends the measurement: what it has not reached is NaN then, and a note says so.
     """
+    if getattr(result, "kind", None) not in _BY_KIND:
+        raise SceneError(f"errors: result = {short(result)}; give a result of solve, or samples")
     if quantity is None and result.found is not None:
         return result.found
     return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))

@@ -25,8 +25,9 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.describe import short, shown_error
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
@@ -129,8 +130,11 @@ def discretisation_error(
         A result without fields, an unknown interface, a quantity with no dual problem, or one that did not
         converge.
     """
+    if not hasattr(result, "without_recovery"):
+        raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
+    check_step(result.times, step, "discretisation_error")
     problem = result.problem
     quantity = interest(problem.interfaces, quantity)
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
@@ -293,8 +297,7 @@ class _Dual:
     ) -> _Dual | None:
         """The dual problem; None where the scene prescribes the quantity. Collective."""
         problem, plan, name = result.problem, result.plan, quantity.interface
-        if name not in problem.interfaces:
-            raise unknown_name("interface", name, problem.interfaces, "problem")
+        check_known("interface", name, problem.interfaces, "problem")
         loads: dict[str, Array] = {}
         jump: dict[str, Array] = {}
         lift: dict[str, Array] = {}

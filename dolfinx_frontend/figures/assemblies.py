@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from dolfinx import fem
 
-from dolfinx_frontend.results.answer import Answer
+from dolfinx_frontend.common.checks import check_kind, checked_number
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.results.answer import Answer, check_answer
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import vertex_nodes
 from dolfinx_frontend.figures.canvas import plane_axes, rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
 from dolfinx_frontend.geometry.parts import Assembly
-
-if TYPE_CHECKING:
-    from dolfinx import fem
 
 __all__ = ["KIND_COLOURS", "assembly_figure", "deformed_figure"]
 
@@ -77,6 +78,8 @@ def assembly_figure(
     RenderError
         ``renderer="vtk"`` and VTK is missing or has no display.
     """
+    check_kind("assembly_figure", "assembly", assembly, Assembly, "give parts with their interfaces")
+    checked_number("assembly_figure", "explode", explode, least=0.0)
     kind_of = {c.face1: c.kind for c in assembly.interfaces}
     kind_of |= {c.face2: c.kind for c in assembly.interfaces if c.face2}
     if next(iter(assembly.parts.values())).mesh.geometry.dim == 2:
@@ -195,12 +198,7 @@ def deformed_figure(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    if not isinstance(displacements, (Mapping, Sequence)):
-        parts = displacements.problem.substructures
-        displacements = {name: displacements.displacement(name, step) for name in parts}
-    given = displacements.values() if isinstance(displacements, Mapping) else displacements
-    functions = list(given)
-    names = list(displacements) if isinstance(displacements, Mapping) else [""] * len(functions)
+    names, functions = _named_functions(displacements, step)
     if lift is not None and not set(lift) <= set(names):
         raise ValueError(f"lift names parts that are not drawn: {sorted(set(lift) - set(names))}")
     skins = [skin_of(u.function_space.mesh, None, u)[0] for u in functions]
@@ -210,6 +208,7 @@ def deformed_figure(
     size = float(np.ptp(everything, axis=0).max())
     if scale is None:
         scale = round_down(0.06 * size / float(moved.max())) if moved.max() > 0 else 1.0
+    checked_number("deformed_figure", "scale", scale)
     shown = quantity or (lambda v: np.asarray(np.linalg.norm(v, axis=1)))
     colour_of = [np.asarray(shown(v), dtype=float) for v in values]
     norm = Normalize(min(c.min() for c in colour_of), max(c.max() for c in colour_of))
@@ -234,3 +233,21 @@ def deformed_figure(
         draw_solid(figure, [axis], joined(solids), [view], renderer)
     figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label, shrink=0.85)
     return save(figure, path)
+
+
+def _named_functions(
+    displacements: Answer | Mapping[str, fem.Function] | Sequence[fem.Function], step: int
+) -> tuple[list[str], list[fem.Function]]:
+    """Names of the parts (empty if they are not known) and their displacements."""
+    if not isinstance(displacements, (Mapping, Sequence)):
+        check_answer("deformed_figure", "displacements", displacements)
+        parts = displacements.problem.substructures
+        displacements = {name: displacements.displacement(name, step) for name in parts}
+    named = isinstance(displacements, Mapping)
+    functions = list(displacements.values() if isinstance(displacements, Mapping) else displacements)
+    wanted = "give an answer, or one displacement per part"
+    if not functions:
+        raise SceneError(f"deformed_figure: displacements = {short(displacements)}; {wanted}")
+    for function in functions:
+        check_kind("deformed_figure", "displacements", function, fem.Function, wanted)
+    return list(displacements) if named else [""] * len(functions), functions

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.files import made_folder, replaced
 
 
@@ -32,7 +33,7 @@ def sheet(width: float, height: float) -> Any:
 def save(figure: Any, path: str | Path) -> Path:
     from PIL import Image
 
-    target = Path(path)
+    target = checked_path("figure", path)
     made_folder(target.parent)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")

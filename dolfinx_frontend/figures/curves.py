@@ -9,6 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    checked_number,
+    checked_numbers,
+    checked_reals,
+)
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.figures.canvas import DASHES, LINES, colours_of, save, sheet
 
 __all__ = ["convergence_figure", "density_figure", "response_surface"]
@@ -45,7 +52,9 @@ def convergence_figure(
     axis = figure.add_subplot()
     dots = "start of a new point"
     for colour, (name, history) in zip(colours_of(len(runs)), runs.items()):
-        pieces = [np.atleast_1d(np.asarray(piece, dtype=float)) for piece in history]
+        where, what, wanted = "convergence_figure", "histories", "give errors, one after each iteration"
+        check_kind(where, what, history, (list, tuple, np.ndarray), wanted)
+        pieces = [np.atleast_1d(checked_reals(where, what, piece, wanted)) for piece in history]
         if all(np.ndim(piece) == 0 for piece in history):  # one flat run
             pieces = [np.asarray(history, dtype=float)]
         pieces = [piece for piece in pieces if piece.size > 0]
@@ -68,6 +77,7 @@ def convergence_figure(
             axis.semilogy(*zip(*first), ".", color="black", ms=4, label=dots)
             dots = "_nolegend_"
     if target is not None:
+        checked_number("convergence_figure", "target", target, above=0.0)
         axis.axhline(target, color="#666666", ls="--", lw=1.0, label=f"target {target:g}")
     axis.set_xlabel("iterations")
     axis.set_ylabel(label)
@@ -106,9 +116,14 @@ def response_surface(
     title
         Above the figure.
     """
-    xs, ys, zs = (np.asarray(v, dtype=float) for v in (x, y, z))
-    if zs.shape != (xs.size, ys.size):
-        raise ValueError(f"z has the shape {zs.shape}, expected (x, y) = {(xs.size, ys.size)}")
+    given = {"x": x, "y": y, "z": z}
+    xs, ys, zs = (checked_numbers("response_surface", n, v, "give finite numbers") for n, v in given.items())
+    if zs.shape != (xs.size, ys.size) or min(zs.shape) < 2:
+        raise SceneError(
+            f"response_surface: z has the shape {zs.shape}, expected (x, y) = {(xs.size, ys.size)}, 2 values "
+            "each at least"
+        )
+    checked_number("response_surface", "level", level)
     grid_x, grid_y = np.meshgrid(xs, ys, indexing="ij")
     figure = sheet(11.0, 4.6)
     crosses = zs.min() < level < zs.max()
@@ -167,15 +182,21 @@ def density_figure(
     title
         Above the figure.
     """
+    where = "density_figure"
+    check_kind(where, "densities", densities, Mapping, "give {name: (abscissae, density)}")
+    if threshold is not None:
+        checked_number(where, "threshold", threshold)
     figure = sheet(6.5, 4.0)
     axis = figure.add_subplot()
     if samples is not None:
-        drawn = np.asarray(samples, dtype=float).reshape(-1)
+        drawn = checked_numbers(where, "samples", samples, "give finite numbers").reshape(-1)
         bins = min(80, max(10, int(np.sqrt(drawn.size))))
         named = samples_label or f"{drawn.size} samples"
         axis.hist(drawn, bins=bins, density=True, color="#d0d0d0", label=named)
-    for number, (name, (at, density)) in enumerate(densities.items()):
-        x, y = np.asarray(at, dtype=float), np.asarray(density, dtype=float)
+    for number, (name, given) in enumerate(densities.items()):
+        wanted = "give abscissae and density, of one length"
+        check_kind(where, f"densities[{name!r}]", given, (tuple, list, np.ndarray), wanted)
+        x, y = checked_numbers(where, f"densities[{name!r}]", np.stack(given), wanted, dimensions=2)
         colour = LINES[number % len(LINES)]
         dashes = DASHES[number % len(DASHES)]
         width = max(3.0 - 0.7 * number, 1.2) if len(densities) > 1 else 1.5

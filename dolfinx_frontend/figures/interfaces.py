@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS
 from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
 from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
@@ -78,8 +79,7 @@ def interface_figure(
     from matplotlib.colors import Normalize
 
     numbers, found = facet_fields(result, interface, step)
-    if quantity not in found:
-        raise unknown_name("quantity", quantity, found, f"interface {interface!r}")
+    check_known("quantity", quantity, found, f"interface {interface!r}")
     values = found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
     problem = result.problem
     described = problem.interfaces[interface]
@@ -90,11 +90,7 @@ def interface_figure(
     names = _drawn(problem, interface, normal, hide)
     functions = {name: result.displacement(name, step) for name in names}
     skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
-    everything = np.concatenate([skin.points for skin, _ in skins.values()])
-    moves = [np.abs(skin.values).max() for skin, _ in skins.values() if skin.values is not None]
-    size, most = float(np.ptp(everything, axis=0).max()), float(max(moves))
-    if scale is None:
-        scale = round_down(0.03 * size / most) if most > 0.0 else 1.0
+    scale = _visible_scale(skins) if scale is None else checked_number("interface_figure", "scale", scale)
     low, high = float(values.min()), float(values.max())
     norm = Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-6)
     colours = colormaps["viridis"]
@@ -124,13 +120,20 @@ def interface_figure(
     return save(figure, path)
 
 
+def _visible_scale(skins: Mapping[str, Any]) -> float:
+    """Magnification by which the largest displacement is 3 % of the size of what is drawn."""
+    everything = np.concatenate([skin.points for skin, _ in skins.values()])
+    moves = [np.abs(skin.values).max() for skin, _ in skins.values() if skin.values is not None]
+    size, most = float(np.ptp(everything, axis=0).max()), float(max(moves))
+    return round_down(0.03 * size / most) if most > 0.0 else 1.0
+
+
 def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | None) -> list[str]:
     """Parts that are drawn: all but `hide`, by default in 3D those whose middle lies beyond the face."""
     described = problem.interfaces[interface]
     own = problem.substructures[described.sides[0].substructure]
     for name in hide or ():
-        if name not in problem.substructures:
-            raise unknown_name("part", name, problem.substructures, "hide")
+        check_known("part", name, problem.substructures, "hide")
     if hide is None and own.dim == 2:
         hide = ()  # nothing covers anything
     elif hide is None:
@@ -206,58 +209,14 @@ def interface_map(
     extremes
         Mark where the field is largest and smallest.
     """
-    from matplotlib.ticker import MaxNLocator
-    from matplotlib.tri import Triangulation
-
-    x = np.asarray(points, dtype=float)[:, :2]
-    f = np.asarray(values, dtype=float).reshape(-1)
-    if f.size != len(x):
-        raise ValueError(f"{f.size} values for {len(x)} points")
-    places: Array = x
-    field: Array = f
-    if mirror is not None:
-        copies = round(np.pi / mirror)
-        if abs(copies * mirror - np.pi) > 1e-9:
-            raise ValueError(f"mirror = {mirror} must be pi divided by a whole number")
-        both = np.concatenate([x, x * [1.0, -1.0]])
-        turns = 2 * mirror * np.arange(copies)
-        places = np.concatenate(
-            [both @ np.array([[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]]) for t in turns]
-        )
-        # points on the symmetry planes come twice
-        spacing = 1e-9 * float(np.abs(x).max())
-        _, first = np.unique(np.round(places / spacing).astype(np.int64), axis=0, return_index=True)
-        places, field = places[first], np.tile(f, 2 * copies)[first]
-    mesh = Triangulation(*places.T)
-    corners = places[mesh.triangles]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    # triangles across a bore or outside a curved border have edges far longer than their peers
-    mesh.set_mask(longest > 3.0 * np.median(longest))
+    x, f = _checked_field(points, values)
+    places, field = (x, f) if mirror is None else _whole_circle(x, f, mirror)
     figure = sheet(6.2, 5.0)
     axis = figure.add_subplot()
-    lowest, highest = float(field.min()), float(field.max())
-    if highest - lowest <= 1e-12 * max(abs(highest), abs(lowest), 1e-300):
-        highest = lowest + max(abs(lowest), 1.0) * 1e-6
-    crosses = lowest < 0 < highest
-    limit = max(-lowest, highest)
-    ends = (-limit, limit) if crosses else (lowest, highest)
-    levels = MaxNLocator(30, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
-    filled = axis.tricontourf(mesh, field, levels=levels, cmap="RdBu_r" if crosses else "viridis")
-    if crosses:
-        axis.tricontour(mesh, field, levels=[0.0], colors="black", linewidths=1.2)
+    filled = _contours(axis, places, field)
     figure.colorbar(filled, ax=axis, label=label, shrink=0.9)
     if extremes:
-        for which, marker, name in ((f.argmax(), "^", "max"), (f.argmin(), "v", "min")):
-            axis.plot(
-                *x[which],
-                marker,
-                color="white",
-                markeredgecolor="black",
-                markersize=8,
-                label=f"{name} {f[which]:.3g}".replace("-", "\N{MINUS SIGN}"),
-                linestyle="none",
-                clip_on=False,
-            )
+        _mark_extremes(axis, x, f)
         if mirror is not None:  # inside the bore
             axis.legend(loc="center", framealpha=0.9)
         else:
@@ -268,3 +227,69 @@ def interface_map(
     if title:
         axis.set_title(title)
     return save(figure, path)
+
+
+def _checked_field(points: npt.ArrayLike, values: npt.ArrayLike) -> tuple[Array, Array]:
+    """First two coordinates (m, 2) of points, and a scalar field (m,) there."""
+    x = checked_numbers("interface_map", "points", points, "give points (m, 2) or (m, 3)", dimensions=2)
+    f = checked_numbers("interface_map", "values", values, "give one number per point").reshape(-1)
+    if x.shape[1] < 2 or len(x) < 3:
+        raise SceneError(f"interface_map: points of shape {x.shape}; give three (m, 2) or (m, 3) at least")
+    if f.size != len(x):
+        raise SceneError(f"interface_map: {f.size} values for {len(x)} points")
+    return x[:, :2], f
+
+
+def _whole_circle(x: Array, field: Array, mirror: float) -> tuple[Array, Array]:
+    """Points (n, 2) and field of the whole circle from those of a sector that ends in two mirrors."""
+    checked_number("interface_map", "mirror", mirror, above=0.0)
+    copies = round(np.pi / mirror)
+    if abs(copies * mirror - np.pi) > 1e-9:
+        raise SceneError(f"interface_map: mirror = {mirror} must be pi divided by a whole number")
+    both = np.concatenate([x, x * [1.0, -1.0]])
+    turns = 2 * mirror * np.arange(copies)
+    places = np.concatenate(
+        [both @ np.array([[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]]) for t in turns]
+    )
+    # points on the symmetry planes come twice
+    spacing = 1e-9 * float(np.abs(x).max())
+    _, first = np.unique(np.round(places / spacing).astype(np.int64), axis=0, return_index=True)
+    return places[first], np.tile(field, 2 * copies)[first]
+
+
+def _contours(axis: Any, places: Array, field: Array) -> Any:
+    """Filled contours of a field at points, with a line where it changes its sign."""
+    from matplotlib.ticker import MaxNLocator
+    from matplotlib.tri import Triangulation
+
+    mesh = Triangulation(*places.T)
+    corners = places[mesh.triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    # triangles across a bore or outside a curved border have edges far longer than their peers
+    mesh.set_mask(longest > 3.0 * np.median(longest))
+    lowest, highest = float(field.min()), float(field.max())
+    if highest - lowest <= 1e-12 * max(abs(highest), abs(lowest), 1e-300):
+        highest = lowest + max(abs(lowest), 1.0) * 1e-6
+    crosses = lowest < 0 < highest
+    limit = max(-lowest, highest)
+    ends = (-limit, limit) if crosses else (lowest, highest)
+    levels = MaxNLocator(30, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
+    filled = axis.tricontourf(mesh, field, levels=levels, cmap="RdBu_r" if crosses else "viridis")
+    if crosses:
+        axis.tricontour(mesh, field, levels=[0.0], colors="black", linewidths=1.2)
+    return filled
+
+
+def _mark_extremes(axis: Any, x: Array, f: Array) -> None:
+    """Marks where a field (m,) at points (m, 2) is largest and smallest."""
+    for which, marker, name in ((f.argmax(), "^", "max"), (f.argmin(), "v", "min")):
+        axis.plot(
+            *x[which],
+            marker,
+            color="white",
+            markeredgecolor="black",
+            markersize=8,
+            label=f"{name} {f[which]:.3g}".replace("-", "\N{MINUS SIGN}"),
+            linestyle="none",
+            clip_on=False,
+        )

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -76,32 +76,10 @@ def skin_of(
     """The skin of a mesh and the facets (cells in 2D) of its patches."""
     import basix
     import basix.ufl
-    from dolfinx import mesh as dmesh
 
-    topology = mesh.topology
-    dim = topology.dim
-    cell_name = topology.cell_name()
+    cell_name = mesh.topology.cell_name()
     kind = basix.CellType[cell_name]
-    topology.create_connectivity(dim, dim - 1)
-    topology.create_connectivity(dim - 1, dim)
-    topology.create_connectivity(dim, 0)
-    cell_vertices = topology.connectivity(dim, 0).array.reshape(
-        topology.index_map(dim).size_local, -1
-    )
-    if dim == 3:
-        facets = np.asarray(dmesh.exterior_facet_indices(topology), dtype=np.int64)
-        cells = np.array([topology.connectivity(dim - 1, dim).links(f)[0] for f in facets])
-        local = np.array(
-            [
-                int(np.flatnonzero(topology.connectivity(dim, dim - 1).links(c) == f)[0])
-                for c, f in zip(cells, facets)
-            ]
-        )
-        corners_of = [np.asarray(v) for v in basix.topology(kind)[dim - 1]]
-    else:
-        facets = np.arange(cell_vertices.shape[0], dtype=np.int64)
-        cells, local = facets, np.zeros_like(facets)
-        corners_of = [np.arange(cell_vertices.shape[1])]
+    cell_vertices, facets, cells, local, corners_of = _patches(mesh, kind)
     weights, triangles, edges = _lattice(corners_of[0].size)
     per_patch = weights.shape[0]
 
@@ -144,6 +122,43 @@ def skin_of(
         values=None if values is None else values.reshape(count * per_patch, -1),
     )
     return skin, facets
+
+
+class _Patches(NamedTuple):
+    """Exterior facets of a mesh of solids, or the cells of a flat one."""
+
+    cell_vertices: Ints  # (cells, vertices)
+    facets: Ints  # (patches,)
+    cells: Ints  # (patches,) cell of each
+    local: Ints  # (patches,) its number in the cell
+    corners: list[Ints]  # of every number
+
+
+def _patches(mesh: Any, kind: Any) -> _Patches:
+    import basix
+    from dolfinx import mesh as dmesh
+
+    topology = mesh.topology
+    dim = topology.dim
+    topology.create_connectivity(dim, dim - 1)
+    topology.create_connectivity(dim - 1, dim)
+    topology.create_connectivity(dim, 0)
+    cell_vertices = topology.connectivity(dim, 0).array.reshape(topology.index_map(dim).size_local, -1)
+    if dim != 3:
+        facets: Ints = np.arange(cell_vertices.shape[0], dtype=np.int64)
+        corners: list[Ints] = [np.arange(cell_vertices.shape[1])]
+        return _Patches(cell_vertices, facets, facets, np.zeros_like(facets), corners)
+    facets = np.asarray(dmesh.exterior_facet_indices(topology), dtype=np.int64)
+    cells = np.array([topology.connectivity(dim - 1, dim).links(f)[0] for f in facets])
+    local = np.array(
+        [
+            int(np.flatnonzero(topology.connectivity(dim, dim - 1).links(c) == f)[0])
+            for c, f in zip(cells, facets)
+        ]
+    )
+    return _Patches(
+        cell_vertices, facets, cells, local, [np.asarray(v) for v in basix.topology(kind)[dim - 1]]
+    )
 
 
 def _normals(x: Array, triangles: Ints) -> Array:

@@ -22,7 +22,15 @@ import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_numbers,
+    checked_path,
+    checked_reals,
+)
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import is_file, replaced
 from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.formats.hdf5 import (
@@ -66,6 +74,7 @@ class Field:
     description: str = ""
 
     def __post_init__(self) -> None:
+        checked_reals("Field", "coefficients", self.coefficients, "give numbers (rows, P + 1)")
         object.__setattr__(self, "coefficients", frozen(np.asarray(self.coefficients)))
 
 
@@ -165,20 +174,25 @@ class ChaosFile:
         )
 
     def _field(self, name: str) -> tuple[Array, tuple[int, ...]]:
-        found = self.fields.get(name)
-        if found is None:
-            raise unknown_name("field", name, self.fields, str(self.path))
+        check_known("field", name, self.fields, str(self.path))
+        found = self.fields[name]
         rows = len(found.coefficients)
         return found.coefficients, (rows,) if found.shape is None else found.shape
 
-    def modes(self, germ_points: npt.ArrayLike) -> Array:
-        """All modes at points (N, L): (N, P + 1)."""
-        xi = np.atleast_2d(np.asarray(germ_points, dtype=np.float64))
-        if xi.shape[1] != self.dimension:
+    def _checked_points(self, germ_points: npt.ArrayLike) -> Array:
+        """Points (N, L) of the germs."""
+        wanted = "give points of finite numbers, one row each"
+        xi = np.atleast_2d(checked_numbers(str(self.path), "germ_points", germ_points, wanted))
+        if xi.ndim != 2 or xi.shape[1] != self.dimension:
             raise SceneError(
-                f"{self.path}: points have {xi.shape[1]} coordinates, the chaos has "
+                f"{self.path}: points have {xi.shape[-1]} coordinates, the chaos has "
                 f"{self.dimension} germs: {', '.join(self.germ_names)}"
             )
+        return xi
+
+    def modes(self, germ_points: npt.ArrayLike) -> Array:
+        """All modes at points (N, L): (N, P + 1)."""
+        xi = self._checked_points(germ_points)
         psi = np.ones((len(xi), len(self.indices)))
         for germ in range(self.dimension):
             degrees = self.indices[:, germ]
@@ -226,10 +240,9 @@ class ChaosFile:
 
     def parameter(self, name: str, germ_points: npt.ArrayLike) -> Array:
         """A physical parameter (N,), or random field (N, points), at points (N, L) of the germs."""
-        found = self.parameters.get(name)
-        if found is None:
-            raise unknown_name("parameter", name, self.parameters, str(self.path))
-        values = found.at(np.atleast_2d(np.asarray(germ_points, dtype=np.float64))).T
+        check_known("parameter", name, self.parameters, str(self.path))
+        found = self.parameters[name]
+        values = found.at(self._checked_points(germ_points)).T
         return values[:, 0] if len(found.offset) == 1 else values
 
     def germ_points(self, values: Mapping[str, npt.ArrayLike]) -> Array:
@@ -245,10 +258,11 @@ class ChaosFile:
         """
         numbers = {n: p for n, p in self.parameters.items() if len(p.offset) == 1}
         given = {}
+        check_kind(str(self.path), "values", values, Mapping, "give {parameter: values}")
         for name, value in values.items():
-            if name not in numbers:
-                raise unknown_name("parameter", name, numbers, str(self.path))
-            given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
+            check_known("parameter", name, numbers, str(self.path))
+            where = f"{self.path}: parameter {name!r}"
+            given[name] = np.atleast_1d(checked_numbers(where, "value", value, "give one number per point"))
         count = common_length(given, f"{self.path}: ")
         points = np.zeros((count, self.dimension))
         matrix = np.zeros((len(numbers), self.dimension))
@@ -508,7 +522,13 @@ def save_chaos(
         Another suffix, fields that do not fit the basis or are not finite, a folder that does not
         exist or cannot be written to.  An existing file is then as it was.
     """
-    target = Path(path)
+    target = checked_path("save_chaos", path)
+    check_kind("save_chaos", "space", space, RandomSpace, "give the germs, e.g. result.space")
+    check_kind("save_chaos", "basis", basis, ChaosBasis, "give the modes, e.g. result.basis")
+    check_kind("save_chaos", "fields", fields, Mapping, "give {name: Field}")
+    for name, field_ in fields.items():
+        check_kind("save_chaos", f"fields[{name!r}]", field_, Field, "give a Field")
+    check_optional_kind("save_chaos", "meta", meta, Mapping, "give {name: words, numbers or lists}")
     suffix = _suffix(target)
     tree = _tree(space, basis, fields, meta or {})
     with replaced(target, ChaosFileError) as temporary:
@@ -652,7 +672,7 @@ def load_chaos(path: str | Path) -> ChaosFile:
     ChaosFileError
         The file does not exist, is no chaos file, is of a newer version, truncated or damaged.
     """
-    source = Path(path)
+    source = checked_path("load_chaos", path)
     suffix = _suffix(source)
     if not is_file(source):
         raise ChaosFileError(f"{source} does not exist or is no file: check the name")

@@ -5,14 +5,15 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_names, checked_reals
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.chaos_file import one_dimensional
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
@@ -130,18 +131,52 @@ def to_openturns(
     SceneError
         OpenTURNS is not installed or too old, or the shapes do not fit.
     """
-    ot = _openturns()
-    block = np.asarray(coefficients, dtype=np.float64)
+    check_kind("to_openturns", "space", space, RandomSpace, "give the germs, e.g. result.space")
+    check_kind("to_openturns", "basis", basis, ChaosBasis, "give the modes, e.g. result.basis")
+    block = checked_reals("to_openturns", "coefficients", coefficients, "give numbers (rows, P + 1)")
     table = basis.indices.table
     if block.ndim != 2 or block.shape[1] != len(table) or table.shape[1] != space.dimension:
         raise SceneError(
             f"to_openturns: coefficients of shape {block.shape} for {len(table)} modes of "
             f"{space.dimension} germs; wanted (rows, {len(table)})"
         )
-    if names and len(names) != len(block):
-        raise SceneError(f"to_openturns: {len(names)} names for {len(block)} rows")
-    if inputs not in ("parameters", "germs"):
-        raise unknown_name("inputs", str(inputs), ("parameters", "germs"), "to_openturns")
+    rows = checked_names("to_openturns", "names", names) or [f"y{i}" for i in range(len(block))]
+    if len(rows) != len(block):
+        raise SceneError(f"to_openturns: {len(rows)} names for {len(block)} rows")
+    check_known("inputs", inputs, ("parameters", "germs"), "to_openturns")
+    ot = _openturns()
+    inputs_of = _inputs(ot, space, inputs == "germs")
+    product = _product_basis(ot, inputs_of.germs)
+    enumeration = product.getEnumerateFunction()
+    outputs = ot.Sample(0, len(block))
+    outputs.setDescription(rows)
+    arguments = [
+        ot.Sample(0, space.dimension),
+        outputs,
+        inputs_of.joint,
+        inputs_of.to_germs,
+        inputs_of.from_germs,
+        ot.OrthogonalBasis(product),
+        [int(enumeration.inverse([int(d) for d in index])) for index in table],
+        ot.Sample(block.T),
+        _functions(ot, space, table),
+    ]
+    result = _chaos_result(ot, arguments, ot.Point(len(block), math.nan))
+    result.setIsLeastSquares(False)
+    return result
+
+
+class _Inputs(NamedTuple):
+    """Inputs of a metamodel as OpenTURNS knows them."""
+
+    joint: Any  # their distribution
+    germs: list[Any]  # distribution of each germ
+    to_germs: Any  # function inputs -> germs
+    from_germs: Any  # function germs -> inputs
+
+
+def _inputs(ot: Any, space: RandomSpace, germs: bool) -> _Inputs:
+    """The physical parameters as inputs, or the germs themselves."""
     size = space.dimension
     of_germs: list[Any] = [ot.Normal(0.0, 1.0)] * size
     of_inputs = list(of_germs)
@@ -159,28 +194,30 @@ def to_openturns(
             if not correlated:
                 of_germs[column] = _distribution(ot, member, germ=True)
             of_inputs[column] = _distribution(ot, marginal, germ=False)
-    measure = ot.JointDistribution(of_germs)
-    transformation = inverse = ot.IdentityFunction(size)
-    joint = measure
-    if inputs == "parameters":
-        joint = ot.JointDistribution(of_inputs)
-        if not np.array_equal(copula, np.eye(size)):
-            joint.setCopula(ot.NormalCopula(ot.CorrelationMatrix(copula)))
-        joint.setDescription(labels)
-        transformation, inverse = _transformations(ot, space, sources)
-    else:
+    if germs:
+        measure = ot.JointDistribution(of_germs)
         measure.setDescription(space.germ_names)
+        return _Inputs(measure, of_germs, ot.IdentityFunction(size), ot.IdentityFunction(size))
+    joint = ot.JointDistribution(of_inputs)
+    if not np.array_equal(copula, np.eye(size)):
+        joint.setCopula(ot.NormalCopula(ot.CorrelationMatrix(copula)))
+    joint.setDescription(labels)
+    return _Inputs(joint, of_germs, *_transformations(ot, space, sources))
 
-    families = [ot.StandardDistributionPolynomialFactory(law) for law in of_germs]
+
+def _product_basis(ot: Any, germs: Sequence[Any]) -> Any:
+    """Products of the orthonormal polynomials of germs with these distributions."""
+    families = [ot.StandardDistributionPolynomialFactory(law) for law in germs]
     # the plain enumeration does not know that a discrete germ has finitely many polynomials
-    discrete = any(law.isDiscrete() for law in of_germs)
-    enumerate_all = (
-        ot.HyperbolicAnisotropicEnumerateFunction(size, 1.0)
-        if discrete
-        else ot.LinearEnumerateFunction(size)
-    )
-    product = ot.OrthogonalProductPolynomialFactory(families, enumerate_all)
-    enumerate_all = product.getEnumerateFunction()
+    if any(law.isDiscrete() for law in germs):
+        enumeration = ot.HyperbolicAnisotropicEnumerateFunction(len(germs), 1.0)
+    else:
+        enumeration = ot.LinearEnumerateFunction(len(germs))
+    return ot.OrthogonalProductPolynomialFactory(families, enumeration)
+
+
+def _functions(ot: Any, space: RandomSpace, table: npt.NDArray[np.int32]) -> list[Any]:
+    """The modes, products of our polynomials."""
     polynomials = _polynomials(ot, space, table)
     functions = []
     for index in table:
@@ -188,23 +225,7 @@ def to_openturns(
         for germ, degree in enumerate(index):
             factors.add(polynomials[germ][degree])
         functions.append(ot.Function(ot.ProductPolynomialEvaluation(factors)))
-    rows = list(names) or [f"y{i}" for i in range(len(block))]
-    outputs = ot.Sample(0, len(block))
-    outputs.setDescription(rows)
-    arguments = [
-        ot.Sample(0, size),
-        outputs,
-        joint,
-        transformation,
-        inverse,
-        ot.OrthogonalBasis(product),
-        [int(enumerate_all.inverse([int(d) for d in index])) for index in table],
-        ot.Sample(block.T),
-        functions,
-    ]
-    result = _chaos_result(ot, arguments, ot.Point(len(block), math.nan))
-    result.setIsLeastSquares(False)
-    return result
+    return functions
 
 
 def _chaos_result(ot: Any, arguments: Sequence[Any], unknown: Any) -> Any:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.files import made_folder, write_text
 
 __all__ = ["CELLS", "Blocks", "Grid", "check_target", "vertices", "write_blocks"]
@@ -132,7 +133,7 @@ def check_target(path: str | Path, series: bool) -> Path:
     ValueError
         Another ending, or a series of what has no times.
     """
-    target = Path(path)
+    target = checked_path("ParaView file", path)
     if target.suffix not in (".vtm", ".pvd"):
         raise ValueError(
             f"{target.name}: the name of the index file ends in .vtm, or in .pvd for all times of a history"

@@ -14,7 +14,9 @@ import numpy.typing as npt
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_path, checked_whole
 from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
 
@@ -122,6 +124,10 @@ def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
         No mesh, no part, a group without a name, a face without its part or without facets on it,
         a facet in two faces of a part or inside a part, mixed or unsupported cells.
     """
+    if not hasattr(model, "getPhysicalGroups"):
+        raise SceneError(f"from_gmsh: model = {short(model)} is no gmsh model; give gmsh.model")
+    if gdim is not None:
+        checked_whole("from_gmsh", "gdim", gdim, 2, 3)
     groups = model.getPhysicalGroups()
     dim = max((d for d, _ in groups), default=-1)
     if dim < 2:
@@ -250,10 +256,13 @@ def _check_faces(
 
 def read_msh(path: str | Path, gdim: int | None = None) -> Assembly:
     """The parts of a gmsh file with physical groups, see :func:`from_gmsh`."""
-    if not Path(path).is_file():
+    if not checked_path("read_msh", path).is_file():
         raise SceneError(f"there is no mesh file {str(path)!r}")
     with gmsh_session("file") as gmsh:
-        gmsh.merge(str(path))
+        try:
+            gmsh.merge(str(path))
+        except Exception as error:  # gmsh has no class of its own
+            raise SceneError(f"the mesh file {str(path)!r} cannot be read: {error}") from error
         return from_gmsh(gmsh.model, gdim)
 
 

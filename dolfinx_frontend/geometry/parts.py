@@ -15,8 +15,11 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_kind, check_known, is_real, is_whole
 from dolfinx_frontend.common.compat import coordinate_map
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import OneProcess
 
 __all__ = ["FREE", "Assembly", "Connection", "Part"]
 
@@ -31,7 +34,7 @@ _CELLS = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Part:
+class Part(OneProcess):
     """One mesh with named faces.
 
     Attributes
@@ -47,6 +50,15 @@ class Part:
     mesh: dmesh.Mesh
     facet_tags: dmesh.MeshTags
     names: dict[str, int]
+
+    @property
+    def _instead(self) -> str:
+        return "its mesh lives in this process; make it in the process that needs it"
+
+    def __post_init__(self) -> None:
+        check_kind("Part", "mesh", self.mesh, dmesh.Mesh, "give a dolfinx mesh")
+        check_kind("Part", "facet_tags", self.facet_tags, dmesh.MeshTags, "give the tags of its facets")
+        check_kind("Part", "names", self.names, Mapping, "give {face: tag}")
 
     @property
     def faces(self) -> tuple[str, ...]:
@@ -76,8 +88,7 @@ class Part:
         SceneError
             The part has no such face.
         """
-        if name not in self.names:
-            raise unknown_name("face", name, self.names)
+        check_known("face", name, self.names)
         return np.asarray(self.facet_tags.find(self.names[name]), dtype=np.int32)
 
     def volume(self) -> float:
@@ -122,6 +133,11 @@ class Assembly:
     interfaces: tuple[Connection, ...] = ()
     parameters: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
+    def __post_init__(self) -> None:
+        check_kind("Assembly", "parts", self.parts, Mapping, "give {name: part}")
+        for name, part in self.parts.items():
+            check_kind("Assembly", f"parts[{name!r}]", part, Part, "give a Part")
+
     def __repr__(self) -> str:
         lines = [f"{type(self).__name__}: {len(self.parts)} parts"]
         lines += [f"  {name}: {part!r}" for name, part in self.parts.items()]
@@ -133,30 +149,33 @@ class Assembly:
 
     def face(self, name: str) -> tuple[Part, str]:
         """The part and the face name of ``"part:face"``."""
+        if not isinstance(name, str):
+            raise SceneError(f"face {name!r}: write 'part:face'")
         part, _, face = name.partition(":")
-        if part not in self.parts:
-            raise unknown_name("part", part, self.parts, f"face {name!r}")
+        check_known("part", part, self.parts, f"face {name!r}")
         self.parts[part].facets(face)
         return self.parts[part], face
 
 
 def check_positive(**values: float) -> None:
     for name, value in values.items():
+        if not is_real(value):
+            raise SceneError(f"{name} = {short(value)} is not a number")
         if not (math.isfinite(value) and value > 0):
             raise SceneError(f"{name} = {value} must be positive and finite")
 
 
 def check_divisions(divisions: Sequence[int], dimension: int) -> list[int]:
-    numbers = [int(n) for n in divisions]
-    if len(numbers) != dimension or any(n < 1 or n != m for n, m in zip(numbers, divisions)):
+    several = isinstance(divisions, (list, tuple, np.ndarray))
+    if not several or len(divisions) != dimension or not all(is_whole(n) and n >= 1 for n in divisions):
         raise SceneError(
-            f"divisions = {tuple(divisions)} must be {dimension} whole numbers of at least 1"
+            f"divisions = {short(divisions)} must be {dimension} whole numbers of at least 1"
         )
-    return numbers
+    return [int(n) for n in divisions]
 
 
 def cell_type(cell: str, dimension: int) -> dmesh.CellType:
-    if _CELLS.get(cell) != dimension:
+    if not isinstance(cell, str) or _CELLS.get(cell) != dimension:
         allowed = [name for name, dim in _CELLS.items() if dim == dimension]
         raise SceneError(
             f"cell = {cell!r} does not fit {dimension} dimensions; use one of {allowed}"
@@ -165,7 +184,7 @@ def cell_type(cell: str, dimension: int) -> dmesh.CellType:
 
 
 def check_order(geometry_order: int) -> int:
-    if geometry_order not in (1, 2):
+    if not is_whole(geometry_order) or geometry_order not in (1, 2):
         raise SceneError(f"geometry_order = {geometry_order} must be 1 (straight) or 2 (curved)")
     return geometry_order
 

@@ -8,6 +8,9 @@ import numpy as np
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_numbers, checked_reals
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import Marker, Part, cell_type, check_divisions, check_positive, located
 
@@ -39,21 +42,24 @@ def box(
     SceneError
         A length that is not positive, a cell of another dimension, divisions that do not fit.
     """
-    dim = len(lengths)
+    sizes = checked_reals("box", "lengths", lengths, "give 2 or 3 edge lengths")
+    dim = len(sizes) if sizes.ndim == 1 else 0
     if dim not in (2, 3):
-        raise SceneError(f"lengths = {tuple(lengths)} must hold 2 or 3 edge lengths")
-    check_positive(**{f"lengths[{i}]": float(v) for i, v in enumerate(lengths)})
+        raise SceneError(f"box: lengths = {short(lengths)} must hold 2 or 3 edge lengths")
+    check_positive(**{f"lengths[{i}]": float(v) for i, v in enumerate(sizes)})
     numbers = check_divisions(divisions, dim)
-    low = np.zeros(dim) if origin is None else np.asarray(origin, dtype=np.float64)
+    low: Array = np.zeros(dim)
+    if origin is not None:
+        low = checked_numbers("box", "origin", origin, f"give {dim} coordinates, like the lengths")
     if low.shape != (dim,):
-        raise SceneError(f"origin = {origin} must have {dim} coordinates, like the lengths")
-    high = low + np.asarray(lengths, dtype=np.float64)
+        raise SceneError(f"box: origin = {short(origin)} must have {dim} coordinates, like the lengths")
+    high = low + sizes
     kind = cell_type(cell or ("quadrilateral", "hexahedron")[dim - 2], dim)
     build = dmesh.create_rectangle if dim == 2 else dmesh.create_box
     mesh = build(MPI.COMM_SELF, [low, high], numbers, cell_type=kind)
 
     def plane(axis: int, value: float) -> Marker:
-        tolerance = 1e-3 * float(lengths[axis]) / numbers[axis]
+        tolerance = 1e-3 * float(sizes[axis]) / numbers[axis]
         return lambda x: np.abs(x[axis] - value) < tolerance
 
     return located(

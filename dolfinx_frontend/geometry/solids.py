@@ -21,6 +21,8 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_numbers
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.vectors import unit
 
@@ -52,6 +54,19 @@ class Cut:
     parts: str
     normal: tuple[float, float, float]
     through: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.parts, str) or not self.parts:
+            raise SceneError(f"Cut: parts = {short(self.parts)}; give the name of a part or a glob pattern")
+        for name in ("normal", "through"):
+            value = getattr(self, name)
+            if value is None and name == "through":
+                continue
+            wanted = "give three coordinates"
+            vector = checked_numbers("Cut", name, value, wanted, dimensions=1)
+            if vector.shape != (3,) or (name == "normal" and not vector.any()):
+                raise SceneError(f"Cut: {name} = {short(value)}: {wanted}, not all 0")
+            object.__setattr__(self, name, tuple(float(x) for x in vector))
 
 
 @dataclass(frozen=True)
@@ -208,6 +223,8 @@ def matching(pattern: str, names: Iterable[str], kind: str, where: str) -> list[
         None of them.
     """
     known = list(names)
+    if not isinstance(pattern, str):
+        raise unknown_name(kind, pattern, known, where)
     found = [pattern] if pattern in known else [n for n in known if fnmatch.fnmatchcase(n, pattern)]
     if not found:
         raise unknown_name(kind, pattern, known, where)

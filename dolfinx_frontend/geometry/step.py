@@ -17,16 +17,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from dolfinx_frontend.common.describe import columns
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_flag,
+    checked_number,
+    checked_path,
+    checked_reals,
+    is_real,
+    is_whole,
+)
+from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
 from dolfinx_frontend.geometry.meshing import OPTIONS, generate, some
@@ -135,9 +145,8 @@ class StepAssembly:
         Where two parts share a face the smaller of their sizes holds on it. The default of a part is
         2 volume / area: the thickness of a plate, the radius of a bar.
         """
-        if not (isinstance(size, (int, float)) and math.isfinite(size) and size > 0.0):
-            raise SceneError(f"size of {pattern!r}: {size!r} must be positive and finite")
-        if "|" in pattern:
+        size = checked_number(f"size of {pattern!r}", "size", size, above=0.0)
+        if isinstance(pattern, str) and "|" in pattern:
             self._local |= dict.fromkeys(self._interfaces(pattern, "size"), float(size))
         else:
             names = matching(pattern, self.solids, "part", "size")
@@ -213,7 +222,7 @@ class StepAssembly:
         SceneError
             No part, or no face of a part, fits; a face has a name already.
         """
-        pattern, colon, face = name.partition(":")
+        pattern, colon, face = name.partition(":") if isinstance(name, str) else ("", "", "")
         if not colon or not face or ":" in face:
             raise SceneError(f"face {name!r}: write 'part:face'")
         found = []
@@ -240,8 +249,7 @@ class StepAssembly:
 
     def sides(self, interface: str) -> tuple[str, str]:
         """The two faces of a proposed interface, ``"part:face"``."""
-        if interface not in self.touches:
-            raise unknown_name("interface", interface, self.touches, str(self.path.name))
+        check_known("interface", interface, self.touches, str(self.path.name))
         return self._faces[interface]
 
     def faces(self, pattern: str = "*") -> str:
@@ -300,10 +308,11 @@ class StepAssembly:
         SceneError
             gmsh cannot mesh a part, or curved cells are folded.
         """
-        if order not in (1, 2):
+        if not is_whole(order) or order not in (1, 2):
             raise SceneError(f"order = {order!r} must be 1 (straight) or 2 (curved)")
-        if per_turn < 3:
+        if not is_whole(per_turn) or per_turn < 3:
             raise SceneError(f"per_turn = {per_turn!r}: a circle needs three cells at least")
+        checked_flag("mesh", "progress", progress)
         with self._model({"Mesh.MeshSizeFromCurvature": float(per_turn)}) as (gmsh, loaded):
             model = gmsh.model
             self._check_same(model, loaded)
@@ -478,11 +487,15 @@ def read_step(
         A file that cannot be read as STEP or holds no solid; solids that overlap (which, and how much); parts
         that do not touch (with the nearest distances); a cut that does not cut in two.
     """
-    file = Path(path)
-    planes = (cuts,) if isinstance(cuts, Cut) else tuple(cuts)
+    file = checked_path("read_step", path)
+    several = isinstance(cuts, Sequence) and not isinstance(cuts, (str, Cut))
+    planes = tuple(cast(Sequence[Cut], cuts)) if several else (cast(Cut, cuts),)
+    for each in planes:
+        check_kind("read_step", "cuts", each, Cut, "give Cut(parts, normal), or several")
+    checked_flag("read_step", "imprint", imprint)
     for name, value in (("gap", gap), ("tolerance", tolerance)):
-        if value is not None and not (math.isfinite(value) and value >= 0.0):
-            raise SceneError(f"{name} = {value!r} must be >= 0 and finite")
+        if value is not None:
+            checked_number("read_step", name, value, least=0.0)
     with gmsh_session(file.stem, OPTIONS) as gmsh:
         loaded = load(gmsh, file, planes, imprint, tolerance)
         solids = solids_of(gmsh.model, loaded)
@@ -539,14 +552,15 @@ def _fits(
     where: Callable[[Surface], bool] | None,
 ) -> bool:
     if normal is not None:
-        wanted = np.asarray(normal, dtype=np.float64)
+        wanted = checked_reals("face", "normal", normal, "give three numbers")
         length = float(np.linalg.norm(wanted)) if wanted.shape == (3,) else 0.0
         if not length > 0.0:
             raise SceneError(f"normal = {normal!r}; give three numbers")
         if float(surface.normal @ wanted) < _ANGLE * length:
             return False
     if at is not None:
-        if len(at) != 3:
+        several = isinstance(at, (list, tuple, np.ndarray)) and len(at) == 3
+        if not several or not all(value is None or is_real(value) for value in at):
             raise SceneError(f"at = {at!r}; give three coordinates, None for any")
         for axis, value in enumerate(at):
             if value is None:
@@ -555,9 +569,12 @@ def _fits(
             if max(abs(surface.low[axis] - value), abs(surface.high[axis] - value)) > small:
                 return False
     if radius is not None:
+        radius = checked_number("face", "radius", radius, above=0.0)
         own = surface.radius
         if own is None or abs(own - radius) > 1e-6 * max(abs(radius), own):
             return False
+    if tags is not None and not (isinstance(tags, Iterable) and all(map(is_whole, tags))):
+        raise SceneError(f"face: tags = {short(tags)}; give the numbers of faces, as faces() shows them")
     if tags is not None and surface.tag not in tags:
         return False
     return where is None or bool(where(surface))

@@ -13,11 +13,11 @@ import scipy.sparse as sp
 from dolfinx_frontend.assembly.averages import means
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.formats.vtk import CELLS, Grid, Values, vertices
-from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.contact import OPEN, SLIPS
 from dolfinx_frontend.results.points import interface_fields
-from dolfinx_frontend.results.readings import known_interfaces
 from dolfinx_frontend.scene.amplitudes import check_step
 
 __all__ = ["InterfaceWriter", "facet_fields", "vector_values"]
@@ -47,7 +47,8 @@ def facet_fields(
     SceneError
         An interface that is unknown or whose force is not known, no such step.
     """
-    known_interfaces(result, interface, "facet_fields")
+    check_answer("facet_fields", "result", result)
+    check_known("interface with a known force", interface, result.known, "facet_fields")
     at = check_step(result.times, step, "facet_fields")
     side = result.problem.here(interface).sides[0]
     part = result.problem.substructures[side.substructure].part

@@ -22,10 +22,16 @@ import numpy as np
 from dolfinx import fem, plot
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_optional_kind,
+    checked_path,
+    checked_whole,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.formats.vtk import Blocks, Grid, Values, check_target, write_blocks
 from dolfinx_frontend.io.facets import InterfaceWriter, vector_values
-from dolfinx_frontend.results.answer import Answer, stepped
+from dolfinx_frontend.results.answer import Answer, check_answer, stepped
 from dolfinx_frontend.results.readings import known_interfaces
 from dolfinx_frontend.results.stress import broken_space, stress_of, von_mises
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -55,9 +61,11 @@ def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tupl
     tuple
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
+    check_answer("write", "result", result)
+    where = checked_path("write", folder, "folder")
     ending = "vtm" if result.times is None else "pvd"
-    parts = write_fields(result, Path(folder) / f"parts.{ending}", modes=modes)
-    return parts, write_interfaces(result, Path(folder) / f"interfaces.{ending}")
+    parts = write_fields(result, where / f"parts.{ending}", modes=modes)
+    return parts, write_interfaces(result, where / f"interfaces.{ending}")
 
 
 # --- parts -----------------------------------------------------------------------------------------
@@ -106,9 +114,15 @@ def write_fields(
     SceneError
         No such step or mode; samples whose states were not kept.
     """
+    if not isinstance(fields, Mapping):
+        check_answer("write_fields", "fields", fields)
     times = None if isinstance(fields, Mapping) else fields.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_fields")
+    wanted = "give the scene, or {part: material}"
+    check_optional_kind("write_fields", "materials", materials, (Scene, Mapping), wanted)
+    wanted = "give the numbers of chaos modes"
+    check_kind("write_fields", "modes", modes, (list, tuple, range), wanted)
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     if isinstance(fields, Mapping):
@@ -145,7 +159,7 @@ def _part_grids(
         spread = answer.spread(name)
         extra = {}
         for mode in modes:
-            if not 0 <= mode <= len(spread):
+            if not 0 <= checked_whole("fields", "mode", mode) <= len(spread):
                 raise SceneError(f"fields: there is no mode {mode}, the chaos has {len(spread) + 1}")
             extra[f"u{mode}"] = spread[mode - 1] if mode else mean
         deviation = answer.deviation(name) if not spread else None
@@ -285,6 +299,7 @@ def write_interfaces(
     SceneError
         An interface that is unknown or whose force is not known, no such step.
     """
+    check_answer("write_interfaces", "result", result)
     times = result.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_interfaces")

@@ -270,31 +270,7 @@ def build(problem: Problem, plan: Plan) -> Built:
             interface = own.interfaces[name]
             found[name] = fields = active_fields(interface, plan)
             direction = _direction(problem, plan, interface, fields, len(bodies))
-            interfaces.append(
-                _core.Interface(
-                    name=name,
-                    law=_law(interface, fields),
-                    weights=interface.weights,
-                    frames=fields.frames,
-                    sides=[
-                        _core.Side(
-                            member=side.substructure,
-                            trace=side.trace,
-                            direction=direction,
-                            scale=scale,
-                        )
-                        if side.substructure in own.substructures
-                        else _core.Side(member=side.substructure)
-                        for side in interface.sides
-                    ],
-                    basis=(
-                        basis(interface, fields.frames, fields.components, plan.moments)
-                        if name in plan.macro
-                        else None
-                    ),
-                    paired=name in plan.paired,
-                )
-            )
+            interfaces.append(_interface(own, plan, interface, fields, direction, scale))
     loading = _loading(own, [body for patterns in reduced for body in patterns.values()], found)
     _check_range(loading if comm is None else max(comm.allgather(loading)))
     options = plan.options
@@ -326,6 +302,28 @@ def build(problem: Problem, plan: Plan) -> Built:
         for name in patterns[0].members
     }
     return Built(core, tuple(patterns[0].members for patterns in together), acting)
+
+
+def _interface(
+    own: Problem, plan: Plan, interface: Interface, fields: Fields, direction: Array, scale: float
+) -> _core.Interface:
+    """An active interface for the kernel; a side on another rank has a name only."""
+    sides = [
+        _core.Side(member=side.substructure, trace=side.trace, direction=direction, scale=scale)
+        if side.substructure in own.substructures
+        else _core.Side(member=side.substructure)
+        for side in interface.sides
+    ]
+    coarse = interface.name in plan.macro
+    return _core.Interface(
+        name=interface.name,
+        law=_law(interface, fields),
+        weights=interface.weights,
+        frames=fields.frames,
+        sides=sides,
+        basis=basis(interface, fields.frames, fields.components, plan.moments) if coarse else None,
+        paired=interface.name in plan.paired,
+    )
 
 
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:

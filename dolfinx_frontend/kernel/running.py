@@ -24,13 +24,23 @@ from typing import Any, Self
 import numpy as np
 from latin_core import Iteration
 
-__all__ = ["Interrupt", "Interrupted", "report_points"]
+from dolfinx_frontend.common.checks import checked_callable, checked_flag
+
+__all__ = ["Interrupt", "Interrupted", "check_running", "report_points"]
 
 TWICE = 2.0
 """Seconds within which a second Ctrl-C raises, in whatever call it comes."""
 
 _log = logging.getLogger(__name__)
 _last_press = -np.inf
+
+
+def check_running(where: str, callback: object, progress: object, **flags: object) -> None:
+    """Refuse a callback that cannot be called, and settings that are neither True nor False."""
+    if callback is not None:
+        checked_callable(where, "callback", callback, "give a function of an Iteration")
+    for name, value in {"progress": progress, **flags}.items():
+        checked_flag(where, name, value)
 
 
 class Interrupted(KeyboardInterrupt):

@@ -9,14 +9,23 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_names,
+    checked_number,
+    checked_numbers,
+)
 from dolfinx_frontend.common.describe import record
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
@@ -26,7 +35,7 @@ from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
-__all__ = ["Decision", "Direction", "Method", "Plan", "make_plan"]
+__all__ = ["Decision", "Direction", "Method", "Plan", "check_problem", "make_plan"]
 
 _log = logging.getLogger(__name__)
 Method = Literal["auto", "direct", "accelerated", "latin"]
@@ -79,14 +88,13 @@ class Direction:
 
     def __post_init__(self) -> None:
         for name, value in (("factor", self.factor), ("length", self.length)):
-            if value is not None and not (np.isfinite(value) and value > 0.0):
-                raise SceneError(f"search direction: {name} is {value}: it must be positive")
+            if value is not None:
+                checked_number("search direction", name, value, above=0.0)
+        check_kind("search direction", "given", self.given, Mapping, "give {interface: number or numbers}")
         for name, value in self.given.items():
-            data = np.asarray(value, dtype=float)
-            if not (np.all(np.isfinite(data)) and np.all(data > 0.0)):
-                raise SceneError(
-                    f"search direction of interface {name!r} must be positive and finite, got {value!r}"
-                )
+            where, wanted = f"search direction of interface {name!r}", "it must be positive and finite"
+            if not np.all(checked_numbers(where, "given", value, wanted) > 0.0):
+                raise SceneError(f"{where}: given = {value!r}: {wanted}")
         object.__setattr__(self, "given", frozen(self.given))
 
 
@@ -180,11 +188,26 @@ class Plan:
         return "\n".join(lines)
 
 
+def check_problem(where: str, problem: object, plan: object = None) -> None:
+    """Refuse what is no problem (a scene that was not assembled), no plan, or a plan of another problem.
+
+    Raises
+    ------
+    SceneError
+        Which of them, and what would do.
+    """
+    check_is_problem(where, problem)
+    check_optional_kind(where, "plan", plan, Plan, "give what make_plan(problem) returned")
+    if isinstance(plan, Plan) and isinstance(problem, Problem):
+        for name in (*plan.active, *plan.eliminated):
+            check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
+
+
 def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
-    for name in given:
-        if name not in problem.interfaces:
-            raise unknown_name("interface", name, problem.interfaces, where)
-    return set(given)
+    names = checked_names(where, "interfaces", given)
+    for name in names:
+        check_known("interface", name, problem.interfaces, where)
+    return set(names)
 
 
 def _one_column(problem: Problem) -> str:
@@ -239,17 +262,8 @@ def make_plan(
     SceneError
         Unknown method or interface, or an interface that cannot be modelled as asked.
     """
-    if method not in ("auto", "direct", "accelerated", "latin"):
-        raise SceneError(
-            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
-        )
-    moments = None if times is None else check_times(times)
-    if problem.amplitudes and moments is None:
-        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
-        changing += [name for name, s in problem.substructures.items() if s.varying_loads]
-        raise SceneError(
-            f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
-        )
+    _check_request(problem, method, options)
+    moments = _moments_in_time(problem, times)
     reasons, eliminated = _split(problem, _wanted(problem, method, active, vary))
     kept = tuple(name for name in problem.interfaces if name in reasons)
     if method == "direct" and kept:
@@ -258,21 +272,10 @@ def make_plan(
             f"({reasons[kept[0]]}); use 'auto'"
         )
     chosen, options, reason = _iteration(kept, method, options)
-    if not isinstance(direction, Direction):
-        direction = Direction(factor=direction)
-    _names(problem, direction.given, "search direction")
     cut = [n for n in kept if reasons[n] in _CUT and problem.interfaces[n].law.superposes]
-    newton = (
-        random is None
-        and problem.distribution is None
-        and chosen == "accelerated"
-        and options.newton > 0
-        and not all(problem.interfaces[n].law.superposes for n in kept)
-    )
+    newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
-    if direction.factor is None:
-        factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
-        direction = Direction(_MACRO_FACTOR if macro else factor, direction.length, direction.given)
+    direction = _search_direction(problem, direction, chosen, bool(macro))
     patterns, history, why = _history(problem, kept, moments, problem.amplitudes)
     steps = len(moments) if history == "steps" and moments is not None else 1
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
@@ -283,11 +286,8 @@ def make_plan(
         options = options.with_(newton=0)
         decisions.append(Decision("ranks", *_ranks(problem)))
     if kept:
-        decisions.append(_of_direction(direction, chosen))
-        decisions += reach
-        decisions.append(
-            Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
-        )
+        tolerance = Decision("tolerance", f"{options.rtol:g}", "on the estimated relative error")
+        decisions += [_of_direction(direction, chosen), *reach, tolerance]
     here = [name for name in kept if name in problem.own.interfaces]
     cost = predict(problem.own, here, columns, options, paired, newton)
     decisions.append(
@@ -312,6 +312,48 @@ def make_plan(
     )
 
 
+def _check_request(problem: Problem, method: object, options: object) -> None:
+    check_problem("plan", problem)
+    if not isinstance(method, str) or method not in get_args(Method):
+        raise SceneError(
+            f"method {method!r} is not known: use 'auto', 'direct', 'accelerated' or 'latin'"
+        )
+    check_optional_kind("plan", "options", options, Options, "give Options(rtol=...)")
+
+
+def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | None:
+    """Times (T,) of a load history; None: there is none, and nothing that would need one."""
+    if times is not None:
+        return check_times(times)
+    if problem.amplitudes:
+        changing = [name for name, i in problem.interfaces.items() if i.law.varying]
+        changing += [name for name, s in problem.substructures.items() if s.varying_loads]
+        raise SceneError(
+            f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
+        )
+    return None
+
+
+def _takes_newton_steps(problem: Problem, kept: Sequence[str], options: Options) -> bool:
+    nonlinear = not all(problem.interfaces[n].law.superposes for n in kept)
+    return problem.distribution is None and options.newton > 0 and nonlinear
+
+
+def _search_direction(
+    problem: Problem, given: Direction | float | None, chosen: str, macro: bool
+) -> Direction:
+    """The search direction with its factor, for an iteration with or without a coarse problem."""
+    if not isinstance(given, Direction):
+        if given is not None:
+            checked_number("plan", "direction", given, above=0.0)
+        given = Direction(factor=given)
+    _names(problem, given.given, "search direction")
+    if given.factor is not None:
+        return given
+    factor = _PLAIN_FACTOR if chosen == "latin" else _ACCELERATED_FACTOR
+    return Direction(_MACRO_FACTOR if macro else factor, given.length, given.given)
+
+
 def _wanted(
     problem: Problem,
     method: Method,
@@ -325,11 +367,12 @@ def _wanted(
     for name, interface in problem.interfaces.items():
         if set(interface.law.varying) - set(interface.law.loading):
             reasons.setdefault(name, "its law changes in time")
-    if active == "all" or (active is None and method == "latin"):
+    everything = isinstance(active, str) and active == "all"
+    if everything or (active is None and method == "latin"):
         for name in problem.interfaces:
-            reasons.setdefault(name, _ASKED if active == "all" else _PAPER)
+            reasons.setdefault(name, _ASKED if everything else _PAPER)
     elif active is not None:
-        for name in _names(problem, active, "plan"):
+        for name in _names(problem, checked_names("plan", "active", active, ", or 'all'"), "plan"):
             reasons.setdefault(name, _ASKED)
     elif method == "accelerated":
         for name, interface in problem.interfaces.items():

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Fields, Law
@@ -71,6 +71,7 @@ class RandomLaws:
         SceneError
             Two parameters of one name, or a random value where a law takes none.
         """
+        check_is_problem("RandomLaws", problem)
         sources: dict[tuple[str, str], Source] = {}
         fields: dict[tuple[str, RandomField], DiscretisedField] = {}
         dropped = []

@@ -16,7 +16,8 @@ import scipy.sparse as sp
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law
@@ -347,8 +348,7 @@ def reduce(
     chosen = set(eliminate)
     current = {name: i.law for name, i in problem.interfaces.items()} | dict(laws or {})
     for name in chosen:
-        if name not in problem.interfaces:
-            raise unknown_name("interface", name, problem.interfaces)
+        check_known("interface", name, problem.interfaces)
         _check(problem.interfaces[name], current[name])
     bodies = []
     for members in members_of_bodies(problem, chosen):

@@ -10,6 +10,7 @@ from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["Cholesky", "solvers"]
@@ -36,7 +37,9 @@ class Cholesky:
     def __init__(self, matrix: sp.csr_matrix, solver: str | None = None) -> None:
         available = solvers()
         self.solver = solver if solver is not None else available[0]
-        if self.solver not in available:
+        if not (sp.issparse(matrix) or isinstance(matrix, np.ndarray)) or np.ndim(matrix) not in (0, 2):
+            raise SceneError(f"Cholesky: matrix = {short(matrix)}; give a SciPy matrix")
+        if not isinstance(self.solver, str) or self.solver not in available:
             raise SceneError(f"no solver {solver!r}; this PETSc has {', '.join(available)}")
         self.matrix = sp.csr_matrix(matrix, copy=True)
         self.matrix.eliminate_zeros()

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.plan.reduction import Body, body_load, body_matrix, displacements, reduce, spring_jump
-from dolfinx_frontend.reference.cholesky import Cholesky
+from dolfinx_frontend.reference.cholesky import Cholesky, solvers
 from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["Monolithic", "ReferenceSolution", "monolithic"]
@@ -60,7 +61,10 @@ class Monolithic:
     """
 
     def __init__(self, problem: Problem, solver: str | None = None) -> None:
+        check_is_problem("monolithic", problem)
         problem.on_one_rank("a monolithic solve")
+        if solver is not None:
+            check_known("solver", solver, solvers(), "monolithic")
         self.problem = problem
         self.solver = solver
         self._key: Any = None

@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_kind, check_known
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.reduction import spring_jump
 
 __all__ = ["energy_difference", "energy_error"]
@@ -42,6 +45,11 @@ def energy_error(
     values
         The parameters with which `exact` was computed.
     """
+    check_is_problem("energy_error", problem)
+    for what, group in (("u", u), ("exact", exact)):
+        check_kind("energy_error", what, group, Mapping, "give {part: displacements}")
+        for name in problem.substructures:
+            check_known("part", name, group, f"energy_error: {what}")
     columns = max(_columns(v).shape[1] for group in (u, exact) for v in group.values())
 
     def padded(group: Mapping[str, Array], name: str) -> Array:
@@ -76,6 +84,10 @@ def energy_difference(problem: Problem, one: Any, other: Any) -> float:
     one, other
         Results, with ``displacements`` of (n_e,) or (T, n_e); `other` is the reference.
     """
+    check_is_problem("energy_difference", problem)
+    for what, result in (("one", one), ("other", other)):
+        if not hasattr(result, "displacements"):
+            raise SceneError(f"energy_difference: {what} = {short(result)}; give a result with displacements")
     exact = {name: _columns(other.displacements[name].T) for name in problem.substructures}
     error = {name: _columns(one.displacements[name].T) - u for name, u in exact.items()}
     return _ratio(_strain(problem, error), _strain(problem, exact))

@@ -20,7 +20,7 @@ forms and factorises it.  PETSc options: prefix ``latin_ssfem_`` for the Krylov 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Literal
@@ -33,9 +33,16 @@ from petsc4py import PETSc as _PETSc
 from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_callable,
+    checked_number,
+    checked_whole,
+)
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_jump, spring_operator
 from dolfinx_frontend.reference.cholesky import Cholesky
@@ -412,8 +419,7 @@ class SSFEMSolution:
         return self.random.space
 
     def _modes(self, substructure: str) -> Array:
-        if substructure not in self.coefficients:
-            raise unknown_name("substructure", substructure, self.coefficients, "solution")
+        check_known("substructure", substructure, self.coefficients, "solution")
         return self.coefficients[substructure]
 
     def mean(self, substructure: str) -> Array:
@@ -426,8 +432,7 @@ class SSFEMSolution:
 
     def jump_coefficients(self, interface: str) -> Array:
         """Modes (m, d, P + 1) of the jump w_2 - w_1 in the local frame, length."""
-        if interface not in self.problem.interfaces:
-            raise unknown_name("interface", interface, self.problem.interfaces, "solution")
+        check_known("interface", interface, self.problem.interfaces, "solution")
         return spring_jump(self.problem, interface, self.coefficients)
 
     def force_coefficients(self, interface: str) -> Array:
@@ -482,24 +487,18 @@ def ssfem(
         more memory than there is; a random field that is prescribed at nodes; an operator that is
         not positive definite.
     """
-    if solver not in ("cg", "direct"):
-        raise unknown_name("solver", str(solver), ("cg", "direct"), "ssfem")
+    check_known("solver", solver, ("cg", "direct"), "ssfem")
+    _check_request("ssfem", problem, chaos, rtol)
+    checked_whole("ssfem", "max_iterations", max_iterations, 1)
+    if callback is not None:
+        checked_callable("ssfem", "callback", callback, "give a function of iteration and residual")
     began = perf_counter()
     system = _System(problem, chaos)
     matrices = system.matrices() if solver == "direct" else []
     seconds = {"assembly": perf_counter() - began}
     began = perf_counter()
     if solver == "direct":
-        q: Array = np.empty_like(system.load)
-        try:
-            factors = [Cholesky(A) for A in matrices]
-            seconds["factor"] = perf_counter() - began
-            began = perf_counter()
-            for part, factor in zip(system.slices, factors, strict=True):
-                q[part] = factor.solve(system.load[part].ravel()).reshape(-1, system.columns)
-        except SceneError as error:
-            raise system.indefinite() from error
-        seconds["iterations"] = perf_counter() - began
+        q = _direct(system, matrices, seconds)
         converged, spectrum = True, (float("nan"), float("nan"))
         residuals: Array = np.zeros(1)
     else:
@@ -536,6 +535,22 @@ def ssfem(
         seconds,
         system.springs,
     )
+
+
+def _direct(system: _System, matrices: Sequence[sp.csr_matrix], seconds: dict[str, float]) -> Array:
+    """The solution (n, P + 1) by Cholesky factors of the operator's blocks."""
+    q: Array = np.empty_like(system.load)
+    began = perf_counter()
+    try:
+        factors = [Cholesky(A) for A in matrices]
+        seconds["factor"] = perf_counter() - began
+        began = perf_counter()
+        for part, factor in zip(system.slices, factors, strict=True):
+            q[part] = factor.solve(system.load[part].ravel()).reshape(-1, system.columns)
+    except SceneError as error:
+        raise system.indefinite() from error
+    seconds["iterations"] = perf_counter() - began
+    return q
 
 
 def _conjugate_gradients(
@@ -608,8 +623,16 @@ def smallest_eigenvalue(problem: Problem, chaos: Chaos, rtol: float = 1e-8) -> f
     normal stiffness 1 - cov * root * share, with the greatest root of He_p+1 and the greatest share
     of the mean strain energy that a displacement can have in the springs.
     """
+    _check_request("smallest_eigenvalue", problem, chaos, rtol)
     system = _System(problem, chaos)
     return _smallest(system, system.factor(), rtol)
+
+
+def _check_request(where: str, problem: object, chaos: object, rtol: object) -> None:
+    """Refuse what is no problem, no request of a chaos, or no tolerance."""
+    check_is_problem(where, problem)
+    check_kind(where, "chaos", chaos, Chaos, "give Chaos(order)")
+    checked_number(where, "rtol", rtol, above=0.0, below=1.0)
 
 
 def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> float:

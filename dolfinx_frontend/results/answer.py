@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import checked_reals
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
@@ -28,6 +30,7 @@ __all__ = [
     "Of",
     "OfPart",
     "Surface",
+    "check_answer",
     "chunks",
     "one_number_a_sample",
     "stepped",
@@ -118,6 +121,7 @@ class Block:
     _contact: Callable[[str], ContactValues | None] = lambda _: None
     germs: Array | None = None
     weights: Array | None = None
+    _force: Callable[[str], Array] | None = None
 
     def __post_init__(self) -> None:
         locked(self)
@@ -135,7 +139,7 @@ class Block:
         A nonlinear law of a chaos is evaluated again at every sample, with the parameters of the
         sample: it holds exactly, so that a contact never pulls.
         """
-        return self._both(interface)[0]
+        return self._both(interface)[0] if self._force is None else self._force(interface)
 
     def jump(self, interface: str) -> Array:
         """Jump w2 - w1, (n, [T,] m, components), length, local frame."""
@@ -248,6 +252,19 @@ class Answer(Protocol):
         """What the rank of an interface's first side reads, on all ranks; collective."""
 
 
+def check_answer(where: str, what: str, value: object) -> None:
+    """Refuse what is no answer.
+
+    Raises
+    ------
+    SceneError
+        Where it was given, and what would do.
+    """
+    if not callable(getattr(value, "moment_blocks", None)):
+        shown = short(value).partition("\n")[0]
+        raise SceneError(f"{where}: {what} = {shown} is no answer; give what solve, a sweep or load returned")
+
+
 def timed(plan: Plan, block: Array) -> Array:
     """Fields (..., columns of a history) as ([T,] ...): T only where the plan has times."""
     return block[..., 0] if plan.times is None else plan.in_time(block)
@@ -266,7 +283,7 @@ def chunks(count: int, numbers: int) -> Iterator[slice]:
 
 def one_number_a_sample(values: npt.ArrayLike, count: int, name: str) -> Array:
     """Values (n,) of a quantity of interest, or an error that says what its function returned."""
-    data = np.asarray(values, dtype=np.float64)
+    data = checked_reals(f"quantity {name!r}", "function(fields)", values, "return one number per sample")
     if data.shape != (count,):
         raise SceneError(
             f"quantity {name!r}: the function returned shape {data.shape} for {count} samples; "

@@ -14,8 +14,9 @@ from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_whole
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
 from dolfinx_frontend.formats.openturns import to_openturns
@@ -27,6 +28,7 @@ from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chun
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.results.moments import Accumulator, of_modes
+from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
@@ -102,6 +104,13 @@ class TruncationError:
             f"{percent(self.resultant_std)} (standard deviation), per point within "
             f"{percent(self.mean)} and {percent(self.std)}"
         )
+
+
+def _at_points(block: Array, psi: Array) -> Array:
+    """Columns (m, components, modes, steps) at points, psi (n, modes) there: (m, components, n, steps)."""
+    m, components, modes, steps = block.shape
+    flat = np.moveaxis(block, 2, 3).reshape(-1, modes)
+    return np.swapaxes((flat @ psi.T).reshape(m, components, steps, len(psi)), 2, 3)
 
 
 def percent(share: float) -> str:
@@ -233,6 +242,7 @@ class ChaosResult(Result, StochasticResult):
 
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; collective."""
+        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
         if quantity.interface in self.collocations:
             sums = Accumulator()
             for block in self.moment_blocks():
@@ -371,7 +381,7 @@ class ChaosResult(Result, StochasticResult):
 
     def mode(self, part: str, index: int, step: int = -1) -> fem.Function:
         """Chaos coefficient u_index of the displacement (paper, Fig. 8)."""
-        if not 0 <= index < self.modes:
+        if not 0 <= checked_whole("mode", "index", index) < self.modes:
             raise SceneError(f"mode: there is no mode {index}, the chaos has {self.modes}")
         step = check_step(self.times, step, "mode")
         block = stepped(self.coefficients(part)[..., index], self.times)
@@ -392,8 +402,7 @@ class ChaosResult(Result, StochasticResult):
 
     def _columns_of(self, name: str) -> tuple[Array, Array]:
         """Force and jump of an active interface, (m, components, P + 1, steps) each."""
-        if name not in self.plan.active:
-            raise unknown_name("active interface", name, self.plan.active, "chaos result")
+        check_known("active interface", name, self.plan.active, "chaos result")
         points = self.problem.here(name).num_points
         force, jump = (
             block.reshape(points, -1, self.modes, self.steps) for block in self._kernel_fields(name)
@@ -412,7 +421,7 @@ class ChaosResult(Result, StochasticResult):
 
     def at(self, germs: npt.ArrayLike) -> Block:
         """Fields at points (N, L) of the germs."""
-        points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+        points = self.space.checked_points(germs, "at")
         psi = self.basis.evaluate(points)
 
         def displacement(part: str, unknowns: Ints | None) -> Array:
@@ -429,15 +438,20 @@ class ChaosResult(Result, StochasticResult):
             parameters = partial(self._parameters_at, name, points)
             return law_contact(self.problem, self.plan, name, len(points), parameters)
 
-        return Block(len(points), both, displacement, contact, points)
+        def force(name: str) -> Array:
+            self._check_interface(name)
+            if name in self.plan.active and name not in self.collocations:  # the jump costs as much again
+                return np.moveaxis(timed(self.plan, _at_points(self._columns_of(name)[0], psi)), -1, 0)
+            return both(name)[0]
+
+        return Block(len(points), both, displacement, contact, points, _force=force)
 
     def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)
 
     def _sampled(self, name: str, points: Array, psi: Array) -> tuple[Array, Array]:
         """Force and jump (n, [T,] m, components) of an active interface at points of the germs."""
-        blocks = self._columns_of(name)  # (m, components, modes, steps) each
-        force, jump = (np.einsum("pcjs,nj->pcns", block, psi) for block in blocks)
+        force, jump = (_at_points(block, psi) for block in self._columns_of(name))
         if name in self.collocations:
             shape = force.shape
             free = jump + self._flexibility(name)[..., None, None] * force
@@ -451,7 +465,24 @@ class ChaosResult(Result, StochasticResult):
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """So many random samples (None: 4096), some at a time."""
-        yield from map(self.at, self._in_parts(self.space.sample(samples or SAMPLES, seed)))
+        count = SAMPLES if samples is None else samples
+        yield from map(self.at, self._in_parts(self.space.sample(count, seed)))
+
+    def readings(
+        self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
+    ) -> Readings:
+        """The numbers behind the tables, a number per sample and time step; the last ones are kept."""
+        # in words, because what is given may be of any kind; what is wrong is refused and never kept
+        key = repr((interfaces, samples, seed))
+        if key not in self._readings:
+            found = super().readings(interfaces, samples, seed)
+            self._readings.clear()
+            self._readings[key] = found
+        return self._readings[key]
+
+    @cached_property
+    def _readings(self) -> dict[str, Readings]:
+        return {}
 
     def _in_parts(self, germs: Array) -> Iterator[Array]:
         steps = 1 if self.times is None else len(self.times)
@@ -495,7 +526,7 @@ class ChaosResult(Result, StochasticResult):
         return {
             "chaos": content(self.space, self.basis, *self._fields_of(known, parts)),
             "nonlinear": list(self.collocations),
-            "germs": self.space.sample(samples or SAMPLES, seed),
+            "germs": self.space.sample(SAMPLES if samples is None else samples, seed),
         }
 
     def save(
@@ -562,8 +593,9 @@ class ChaosResult(Result, StochasticResult):
         points
             Deterministic solves at independent points of the germs; 0: only the decay.
         """
+        checked_whole("truncation", "points", points, 0)
         decay, deviation = self._decay(interface)
-        if points <= 0:
+        if points == 0:
             return TruncationError(decay, np.nan, 0, interface)
         return self.compared(interface, [self.sample(self.space.sample(points, seed))])
 

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_callable, checked_flag, checked_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
     AnswerKind,
@@ -195,12 +196,10 @@ class Face(ABC):
         return function
 
     def _check_interface(self, name: str) -> None:
-        if name not in self.problem.interfaces:
-            raise unknown_name("interface", name, self.problem.interfaces, "result")
+        check_known("interface", name, self.problem.interfaces, "result")
 
     def _check_part(self, name: str) -> None:
-        if name not in self.problem.substructures:
-            raise unknown_name("substructure", name, self.problem.substructures, "result")
+        check_known("substructure", name, self.problem.substructures, "result")
         if self.without_displacements is not None:
             raise SceneError(f"displacements of {name!r} are not known: {self.without_displacements}")
 
@@ -281,7 +280,7 @@ class Face(ABC):
         SceneError
             As for :meth:`displacement`, or of a sweep, whose points have no probability.
         """
-        if of not in ("displacement", "stress"):
+        if not isinstance(of, str) or of not in ("displacement", "stress"):
             raise SceneError(f"std: of = {of!r}: use 'displacement' or 'stress'")
         self._no_grid("std")
         self._check_part(part)
@@ -330,13 +329,14 @@ class Face(ABC):
             the force of an interface, the displacement of a part.
         """
         parts, interfaces = self.problem.substructures, self.problem.interfaces
+        check_known("interface or part", name, (*parts, *interfaces), "moments")
         if of is None:
             if name in parts and name in interfaces:
                 raise SceneError(
                     f"moments: {name!r} is a part and an interface: say of='force' or of='displacement'"
                 )
             of = "displacement" if name in parts else "force"
-        if of not in ("force", "jump", "displacement"):
+        if not isinstance(of, str) or of not in ("force", "jump", "displacement"):
             raise SceneError(f"moments: of = {of!r}: use 'force', 'jump' or 'displacement'")
         self._no_grid("moments")
         if of == "displacement":
@@ -387,7 +387,10 @@ class Face(ABC):
         samples, seed
             Of a chaos: this many random samples (None: 100 000). Other answers use all their samples.
         """
-        blocks = self.blocks(samples or self.draws, seed)
+        wanted = "give a function of the fields of n samples that returns (n,) values"
+        checked_callable("quantity", "function", function, wanted)
+        checked_name("quantity", name)
+        blocks = self.blocks(self.draws if samples is None else samples, seed)
         found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
         weights = [w for _, w in found if w is not None]
         return Quantity(
@@ -470,4 +473,5 @@ class Face(ABC):
         ResultFileError
             The file cannot be written.
         """
+        checked_flag("save", "fields", fields)
         writing.save(self, path, fields, samples, seed)

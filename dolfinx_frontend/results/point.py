@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_whole
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface
@@ -25,7 +26,7 @@ def point_number(index: Sequence[int], shape: tuple[int, ...]) -> int:
     SceneError
         There is no such point.
     """
-    at = tuple(index) or (-1,) * len(shape)
+    at = tuple(checked_whole("point", "index", i) for i in index) or (-1,) * len(shape)
     if not shape or len(at) != len(shape) or any(not -n <= i < n for i, n in zip(at, shape, strict=True)):
         raise SceneError(f"point: there is no point {at}, there are {' x '.join(map(str, shape)) or 'none'}")
     return int(np.ravel_multi_index([i % n for i, n in zip(at, shape, strict=True)], shape))

@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_names, checked_numbers
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
@@ -26,6 +27,8 @@ __all__ = ["Measures", "Readings", "known_interfaces", "measure", "read"]
 
 ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] to have it)"
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
+ROUNDED = 1e-14
+"""Products of unit vectors up to this are those of orthogonal ones."""
 PLANE = 1e-9
 """Normals within this of each other are those of a plane."""
 
@@ -56,9 +59,10 @@ class Measures:
         if point is None:
             return self.values
         d = len(self.centre)
-        to = np.asarray(point, dtype=np.float64)
-        if to.shape != (d,) or not np.all(np.isfinite(to)):
-            raise SceneError(f"table: about = {point!r}; give a point of {d} coordinates")
+        wanted = f"give a point of {d} coordinates"
+        to = checked_numbers("table", "about", point, wanted, dimensions=1)
+        if to.shape != (d,):
+            raise SceneError(f"table: about = {point!r}; {wanted}")
         force = [self.values[f"force_{a}"] for a in "xyz"[:d]]
         values = dict(self.values)
         for name, share in _cross(self.centre - to, force).items():
@@ -97,12 +101,11 @@ class Readings:
         """Some of the interfaces."""
         if names is None:
             return self
-        names = [names] if isinstance(names, str) else names
+        names = [names] if isinstance(names, str) else checked_names("table", "interfaces", names)
         for name in names:
             if name in self.missing:
                 raise SceneError(f"table: interface {name!r}: {self.missing[name]}")
-            if name not in self.interfaces:
-                raise unknown_name("interface", name, self.interfaces, "table")
+            check_known("interface", name, self.interfaces, "table")
         return replace(self, interfaces={n: self.interfaces[n] for n in names}, missing={})
 
     @property
@@ -136,6 +139,28 @@ def _summed(fields: Array, rows: Mapping[str, Array]) -> dict[str, Array]:
     return dict(zip(rows, np.moveaxis(sums, -1, 0), strict=True))
 
 
+def _normal_and_shear(force: Array, out: Array, tangents: Array) -> tuple[Array, Array]:
+    """Normal part (..., m) of forces (..., m, components), and size of the tangential one.
+
+    Component by component, because many samples lie side by side in memory; those of local frames are normal
+    or tangential, so that most products are nothing.
+    """
+    each = [force[..., c] for c in range(force.shape[-1])]
+    normal, square = np.zeros(force.shape[:-1]), np.zeros(force.shape[:-1])
+    for c, f in enumerate(each):
+        if np.abs(out[:, c]).max() > ROUNDED:
+            normal = normal + f * out[:, c]
+    gram = np.einsum("pcd,ped->pce", tangents, tangents)
+    if np.abs(gram - gram * np.eye(len(each))).max() <= ROUNDED:
+        for c, f in enumerate(each):
+            if gram[:, c, c].max() > ROUNDED:
+                square = square + gram[:, c, c] * f * f
+    else:
+        for axis in range(tangents.shape[2]):
+            square = square + sum(f * tangents[:, c, axis] for c, f in enumerate(each)) ** 2
+    return normal, np.sqrt(square)
+
+
 def measure(
     surface: Surface, force: Array, limits: tuple[Array, Array] | None = None
 ) -> dict[str, Array]:
@@ -163,9 +188,7 @@ def measure(
     values = {"area": np.full(force.shape[:-2], weights.sum())}
     values |= {column: sum_ for column, sum_ in sums.items() if column not in axes}
     values["shear"] = np.linalg.norm([sums[axis] for axis in axes], axis=0)
-    normal = np.einsum("...pc,pc->...p", force, out)
-    along = np.einsum("...pc,pcd->...pd", force, tangents)
-    shear = np.sqrt(np.einsum("...pd,...pd->...p", along, along))
+    normal, shear = _normal_and_shear(force, out, tangents)
     values["pressure_min"] = -normal.max(axis=-1)
     values["pressure_mean"] = -values["normal"] / weights.sum()
     values["pressure_max"] = -normal.min(axis=-1)
@@ -224,10 +247,9 @@ def known_interfaces(
     """The wanted interfaces (None: all), whose force is known at their points."""
     if wanted is None:
         return list(answer.known)
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    chosen = [wanted] if isinstance(wanted, str) else checked_names(where, "interfaces", wanted)
     for name in chosen:
-        if name not in answer.known:
-            raise unknown_name("interface with a known force", name, answer.known, where)
+        check_known("interface with a known force", name, answer.known, where)
     return chosen
 
 
@@ -253,10 +275,9 @@ def read(
     """
     every, times = answer.problem.interfaces, answer.times
     wanted = every if interfaces is None else interfaces
-    chosen = [wanted] if isinstance(wanted, str) else list(wanted)
+    chosen = [wanted] if isinstance(wanted, str) else checked_names("table", "interfaces", wanted)
     for name in chosen:
-        if name not in every:
-            raise unknown_name("interface", name, every, "table")
+        check_known("interface", name, every, "table")
     blocks = list(answer.blocks(samples, seed))
     found: dict[str, Measures] = {}
     missing: dict[str, str] = {}

@@ -13,6 +13,7 @@ from latin_core import Laws, State, Summary
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -172,6 +173,7 @@ class Result(Value, Face):
 
         Collective: to be called on all ranks.
         """
+        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
         value = self.everywhere(quantity.interface, lambda: quantity.value(self))
         return MeanStd(float(np.ravel(value)[-1]), None)
 

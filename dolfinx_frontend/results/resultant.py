@@ -9,7 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_name, is_whole
+from dolfinx_frontend.common.errors import SceneError
 
 __all__ = ["Interest", "Resultant", "interest"]
 
@@ -42,11 +43,12 @@ class Resultant:
     component: int = 0
 
     def __post_init__(self) -> None:
-        if self.of not in get_args(Of):
+        checked_name("Resultant", self.interface)
+        if not isinstance(self.of, str) or self.of not in get_args(Of):
             raise SceneError(
                 f"interface {self.interface!r}: of={self.of!r} is not known, use 'force' or 'jump'"
             )
-        if self.component not in (0, 1, 2):
+        if not is_whole(self.component) or self.component not in (0, 1, 2):
             raise SceneError(
                 f"interface {self.interface!r}: component {self.component!r} must be 0 (normal), 1 or 2"
             )
@@ -89,8 +91,7 @@ class Resultant:
             Anything with ``problem``, ``force(interface)`` and ``jump(interface)``.
         """
         interfaces = result.problem.interfaces
-        if self.interface not in interfaces:
-            raise unknown_name("interface", self.interface, interfaces, "problem")
+        check_known("interface", self.interface, interfaces, "problem")
         weights = interfaces[self.interface].weights
         return self.total(self.field(result), weights)
 
@@ -107,10 +108,12 @@ def interest(interfaces: Mapping[str, Any], quantity: Interest) -> Resultant | N
     SceneError
         There is no such interface.
     """
-    if quantity is None or quantity == "energy":
+    if quantity is None or (isinstance(quantity, str) and quantity == "energy"):
         return None
+    wanted = "give a Resultant, the name of an interface, or 'energy'"
+    check_kind("quantity of interest", "quantity", quantity, (Resultant, str), wanted)
     if isinstance(quantity, str):
-        quantity = Resultant(quantity)
-    if quantity.interface not in interfaces:
-        raise unknown_name("interface", quantity.interface, interfaces, "quantity of interest")
+        check_known("interface", quantity, interfaces, "quantity of interest")
+        return Resultant(quantity)
+    check_known("interface", quantity.interface, interfaces, "quantity of interest")
     return quantity

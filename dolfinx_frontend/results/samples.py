@@ -12,6 +12,7 @@ from latin_core import Laws, SweepPoints, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -168,6 +169,8 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     def coefficients(self, basis: stochastic.ChaosBasis) -> dict[str, Array]:
         """Non-intrusive chaos: coefficients ([T,] n, P + 1) of the unknowns, projected with the weights."""
+        wanted = "give the basis of a chaos, e.g. result.basis"
+        check_kind("coefficients", "basis", basis, stochastic.ChaosBasis, wanted)
         probabilities = self.probabilities
         out: dict[str, Array] = {}
         first = 0
@@ -181,6 +184,7 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; collective."""
+        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
         sums = Accumulator()
         sums.add({"": quantity.at_end(self, self)}, self.weights)
         mean, std = sums.found()[""]

@@ -14,8 +14,8 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.checks import check_known, checked_flag, checked_path
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.errors import unknown_name
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.formats import chaos_file, hdf5
@@ -322,8 +322,7 @@ class SavedResult(Face):
         return self.problem.substructures[part].function(unknowns, name)
 
     def _stored(self, name: str, what: str) -> Array:
-        if name not in self.interfaces:
-            raise unknown_name("interface", name, self.interfaces, str(self.path))
+        check_known("interface", name, self.interfaces, str(self.path))
         found: Array | None = getattr(self.interfaces[name], what)
         if found is None:
             raise ResultFileError(
@@ -493,6 +492,7 @@ class SavedResult(Face):
         self, path: str | Path, fields: bool = True, samples: int | None = None, seed: int = 0
     ) -> None:
         """Write what was read to another file, with or without fields."""
+        checked_flag("save", "fields", fields)
         write(path, self._tree if fields else _without_fields(self._tree))
 
     def __repr__(self) -> str:
@@ -523,7 +523,7 @@ def load(path: str | Path) -> SavedResult:
     ResultFileError
         The file does not exist, is no saved result, is of another version, truncated or damaged.
     """
-    source = Path(path)
+    source = checked_path("load", path)
     if not is_file(source):
         raise ResultFileError(f"{source} does not exist or is no file: check the name")
     try:

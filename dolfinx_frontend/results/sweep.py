@@ -15,7 +15,8 @@ from latin_core import Laws, State, SweepPoints, SweptParameter
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of
@@ -306,8 +307,7 @@ class SweepResult(Value, PointResults):
 
     def output(self, name: str) -> Array:
         """What a function of `outputs` returned, (grid..., its own shape)."""
-        if name not in self.points.outputs:
-            raise unknown_name("output", name, self.points.outputs, "sweep")
+        check_known("output", name, self.points.outputs, "sweep")
         values = self.points.outputs[name]
         return values.reshape(*self.shape, *values.shape[1:])
 
@@ -333,8 +333,7 @@ def point_block(problem: Problem, plan: Plan, fields: Mapping[str, tuple[Array, 
     """One point while a sweep goes on, from force and jump (rows, columns) of its active interfaces."""
 
     def both(name: str) -> tuple[Array, Array]:
-        if name not in fields:
-            raise unknown_name("active interface", name, fields, "sweep")
+        check_known("active interface", name, fields, "sweep")
         force, jump = (_shaped(plan, problem.interfaces[name], each.T[None]) for each in fields[name])
         return force, jump
 

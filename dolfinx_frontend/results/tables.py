@@ -15,8 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_number,
+    checked_numbers,
+    checked_path,
+)
 from dolfinx_frontend.common.describe import columns
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import write_text
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
@@ -53,8 +59,7 @@ class Table:
 
     def __getitem__(self, column: str) -> npt.NDArray[Any]:
         """Entries of a column."""
-        if column not in self.columns:
-            raise unknown_name("column", column, self.columns, "table")
+        check_known("column", column, self.columns, "table")
         return np.asarray(self.columns[column])
 
     def value(self, column: str, interface: str, **labels: Any) -> float:
@@ -91,7 +96,7 @@ class Table:
         for row in zip(*self.columns.values(), strict=True):
             writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
         if path is not None:
-            write_text(Path(path), text.getvalue())
+            write_text(checked_path("to_csv", path), text.getvalue())
         return text.getvalue()
 
     def to_pandas(self) -> Any:
@@ -184,9 +189,8 @@ def _statistics(
 
 
 def _check_quantiles(quantiles: Sequence[float]) -> None:
-    for q in quantiles:
-        if not 0.0 < q < 1.0:
-            raise SceneError(f"table: quantile {q:g} must be between 0 and 1")
+    for q in checked_numbers("table", "quantiles", quantiles, "give probabilities", dimensions=1):
+        checked_number("table", "quantile", float(q), above=0.0, below=1.0)
 
 
 def _collect(

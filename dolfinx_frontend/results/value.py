@@ -7,12 +7,14 @@ recovered from it later, such as displacements, are cached pure functions of it.
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Any, NoReturn, Self, SupportsIndex
+from typing import Any, Self
+
+from dolfinx_frontend.common.frozen import OneProcess
 
 __all__ = ["Value"]
 
 
-class Value:
+class Value(OneProcess):
     """A frozen dataclass that shares its factorised structure with others."""
 
     _notes: frozenset[str] = frozenset({"seconds", "found"})
@@ -28,17 +30,9 @@ class Value:
         vars(other).update({k: v for k, v in vars(self).items() if k not in own})
         return other
 
-    def __copy__(self) -> Self:
-        return self
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self
-
-    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
-        name = type(self).__name__
+    @property
+    def _instead(self) -> str:
         how = "result.save(path) writes it, dolfinx_frontend.load(path) reads it in any process"
         if not hasattr(self, "save"):
             how = "take its arrays, or solve in the process that needs it"
-        raise TypeError(
-            f"a {name} cannot be pickled: it holds factorised matrices, which live in this process; {how}"
-        )
+        return f"it holds factorised matrices, which live in this process; {how}"

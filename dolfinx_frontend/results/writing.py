@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_path
 from dolfinx_frontend.common.files import FileError, replaced
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
@@ -52,7 +53,7 @@ def write(path: str | Path, tree: Tree) -> None:
 
 
 def _target(path: str | Path) -> Path:
-    target = Path(path)
+    target = checked_path("save", path)
     if target.suffix.lower() not in SUFFIXES:
         raise ResultFileError(
             f"{target}: a result is saved as {' or '.join(SUFFIXES)}, not {target.suffix!r}"

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_numbers, checked_whole, is_real
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
@@ -57,14 +58,14 @@ class Amplitude:
                 raise SceneError("Amplitude: a function of time and values are given: give one")
             self._function = times
             return
-        self._times = np.array(times, dtype=np.float64).ravel()
-        self._values = np.array([] if values is None else values, dtype=np.float64).ravel()
+        wanted = "give increasing numbers, one value per time"
+        self._times = checked_numbers("Amplitude", "times", times, wanted).ravel()
+        given = [] if values is None else values
+        self._values = checked_numbers("Amplitude", "values", given, wanted).ravel()
         if len(self._times) != len(self._values) or not len(self._times):
             raise SceneError(
                 f"Amplitude: {len(self._times)} times and {len(self._values)} values; give one value per time"
             )
-        if not (np.all(np.isfinite(self._times)) and np.all(np.isfinite(self._values))):
-            raise SceneError("Amplitude: times and values are finite numbers")
         if np.any(np.diff(self._times) <= 0.0):
             where = int(np.argmax(np.diff(self._times) <= 0.0))
             raise SceneError(
@@ -76,10 +77,12 @@ class Amplitude:
         """The factor at a time."""
         if self._function is None:
             return float(np.interp(time, self._times, self._values))
-        factor = float(self._function(time))
-        if not np.isfinite(factor):
-            raise SceneError(f"Amplitude: the function returned {factor} at time {time:g}")
-        return factor
+        factor = self._function(time)
+        if not is_real(factor) or not np.isfinite(factor):
+            raise SceneError(
+                f"Amplitude: the function returned {short(factor)} at time {time:g}; return a finite number"
+            )
+        return float(factor)
 
     def __mul__(self, value: Any) -> Varying:
         if isinstance(value, (Amplitude, Varying)):
@@ -174,9 +177,9 @@ def check_times(times: npt.ArrayLike) -> Array:
     SceneError
         No times, or times that do not increase.
     """
-    data = np.array(times, dtype=np.float64)
-    if data.ndim != 1 or not data.size or not np.all(np.isfinite(data)):
-        raise SceneError(f"times = {times!r}: give a list of increasing numbers")
+    data = checked_numbers("history", "times", times, "give a list of increasing numbers", dimensions=1)
+    if not data.size:
+        raise SceneError("history: times = []: give a list of increasing numbers")
     if np.any(np.diff(data) <= 0.0):
         where = int(np.argmax(np.diff(data) <= 0.0))
         raise SceneError(
@@ -195,6 +198,7 @@ def check_step(times: Array | None, step: int, where: str) -> int:
         No such step.
     """
     count = 1 if times is None else len(times)
+    step = checked_whole(where, "step", step)
     if not -count <= step < count:
         raise SceneError(f"{where}: there is no step {step}, the history has {count}")
     return step % count

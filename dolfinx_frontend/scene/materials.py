@@ -16,6 +16,8 @@ import numpy.typing as npt
 import ufl
 from ufl.domain import extract_unique_domain
 
+from dolfinx_frontend.common.checks import checked_numbers, checked_reals, is_real
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
@@ -46,7 +48,7 @@ def _dim(u: Any) -> int:
 
 
 def _check_plane(name: str, plane: str) -> None:
-    if plane not in ("strain", "stress"):
+    if not isinstance(plane, str) or plane not in ("strain", "stress"):
         raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress'")
 
 
@@ -86,9 +88,14 @@ class LinearElastic:
         _check_plane("LinearElastic", self.plane)
         for name in ("E", "nu"):
             _check_known("LinearElastic", name, getattr(self, name))
-        if isinstance(self.E, (int, float, np.number)) and not 0.0 < self.E < np.inf:
+            if not is_real(getattr(self, name)) and not isinstance(getattr(self, name), ufl.core.expr.Expr):
+                raise SceneError(
+                    f"LinearElastic: {name} = {short(getattr(self, name))} is neither a number nor a UFL "
+                    "expression; give one"
+                )
+        if is_real(self.E) and not 0.0 < self.E < np.inf:
             raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
-        if isinstance(self.nu, (int, float, np.number)) and not -1.0 < self.nu < 0.5:
+        if is_real(self.nu) and not -1.0 < self.nu < 0.5:
             raise SceneError(f"LinearElastic: nu = {self.nu!r}; admissible: -1 < nu < 0.5")
 
     def check(self, dim: int) -> None:
@@ -194,9 +201,12 @@ class OrthotropicElastic:
     def __post_init__(self) -> None:
         _check_plane("OrthotropicElastic", self.plane)
         for name in ("E", "nu", "G"):
-            for entry in np.atleast_1d(np.asarray(getattr(self, name), dtype=object)):
+            for entry in np.asarray(getattr(self, name), dtype=object).flat:
                 _check_known("OrthotropicElastic", name, entry)
-            value = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
+            given = getattr(self, name)
+            value = np.atleast_1d(checked_reals("OrthotropicElastic", name, given, "give numbers"))
+            if value.ndim != 1 or not 1 <= len(value) <= 3:
+                raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()}; give 3 (2D: 1 or 2)")
             if not np.all(np.isfinite(value)):
                 raise SceneError(f"OrthotropicElastic: {name} = {value.tolist()} is not finite")
             if name != "nu" and value.min() <= 0.0:
@@ -205,8 +215,8 @@ class OrthotropicElastic:
         if len(self.E) not in (2, 3):
             raise SceneError(f"OrthotropicElastic: E has {len(self.E)} values; give 3 (2D: 2 or 3)")
         if self.axes is not None:
-            axes = np.asarray(self.axes, dtype=np.float64)
-            d = len(axes)
+            axes = checked_numbers("OrthotropicElastic", "axes", self.axes, "give orthonormal rows (d, d)")
+            d = len(axes) if axes.ndim else 0
             if axes.shape not in ((2, 2), (3, 3)) or (
                 np.abs(axes @ axes.T - np.eye(d)).max() > 1e-9
             ):

@@ -7,13 +7,24 @@ where it is made.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NoReturn, SupportsIndex
 
-from dolfinx_frontend.common.describe import columns
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_name,
+    checked_names,
+    checked_number,
+    checked_whole,
+    checked_word,
+    is_whole,
+)
+from dolfinx_frontend.common.describe import columns, short
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.specs import (
+    OVERLAPS,
+    SPACES,
     Face,
     InterfaceSpec,
     Overlap,
@@ -41,6 +52,22 @@ class Scene:
     def __init__(self) -> None:
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
+        """A scene of its own; parts and laws, which never change, are shared."""
+        other = Scene()
+        other.substructures.update(self.substructures)
+        other.interfaces.update(self.interfaces)
+        return other
+
+    def __copy__(self) -> Scene:
+        return self.__deepcopy__({})
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise TypeError(
+            "a Scene cannot be pickled: its meshes live in this process; describe it in the process that "
+            "needs it"
+        )
 
     def substructure(
         self,
@@ -79,14 +106,14 @@ class Scene:
         SceneWarning
             A nearly incompressible material with degree 1.
         """
-        where = f"substructure {name!r}"
-        if not isinstance(name, str) or not name or ":" in name:
-            raise SceneError(f"{where}: a name is a string, not empty, without a colon")
+        where = f"substructure {checked_name('substructure', name, colon=False)!r}"
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
         spec = SubstructureSpec(name, part, material, degree, body_force, rank)
-        if isinstance(degree, bool) or degree not in (1, 2, 3):
-            raise SceneError(f"{where}: degree {degree!r} is not supported; use 1, 2 or 3")
+        if not is_whole(degree) or degree not in (1, 2, 3):
+            raise SceneError(f"{where}: degree = {short(degree)} is not supported; use 1, 2 or 3")
+        if rank is not None:
+            checked_whole(where, "rank", rank, 0)
         if not isinstance(material, Material) and not callable(material):
             raise SceneError(
                 f"{where}: {type(material).__name__} is not a material; give LinearElastic(E, nu) "
@@ -106,8 +133,7 @@ class Scene:
         if not isinstance(text, str) or text.count(":") != 1:
             raise SceneError(f"{where}: {text!r} is not a face; write 'substructure:face'")
         part, face = text.split(":")
-        if part not in self.substructures:
-            raise unknown_name("substructure", part, self.substructures, where)
+        check_known("substructure", part, self.substructures, where)
         found = Face(part, face)
         if not self.substructures[part].lazy:
             check_face(self.substructures[part], found, where)
@@ -152,9 +178,7 @@ class Scene:
         SceneError
             Name in use, unknown part or face, a law for another number of sides.
         """
-        where = f"interface {name!r}"
-        if not isinstance(name, str) or not name:
-            raise SceneError(f"{where}: a name is a string and not empty")
+        where = f"interface {checked_name('interface', name)!r}"
         if name in self.interfaces:
             raise SceneError(f"{where}: the name is in use; names are unique")
         if law is None:
@@ -178,14 +202,12 @@ class Scene:
             raise SceneError(f"{where}: both sides are {found[0]}; join two different faces")
         spec = self.substructures[found[0].substructure]
         law.check_dimension(3 if spec.lazy else spec.dim, where)
-        if quadrature_degree is not None and not 1 <= quadrature_degree <= 30:
-            raise SceneError(f"{where}: quadrature_degree = {quadrature_degree}; admissible: 1..30")
-        if max_distance is not None and not max_distance > 0.0:
-            raise SceneError(f"{where}: max_distance = {max_distance}; it is positive")
-        if space not in ("points", "facets"):
-            raise SceneError(f"{where}: space = {space!r}; use 'points' or 'facets'")
-        if overlap not in ("full", "partial"):
-            raise SceneError(f"{where}: overlap = {overlap!r}; use 'full' or 'partial'")
+        if quadrature_degree is not None:
+            checked_whole(where, "quadrature_degree", quadrature_degree, 1, 30)
+        if max_distance is not None:
+            checked_number(where, "max_distance", max_distance, above=0.0)
+        space = checked_word(where, "space", space, SPACES)
+        overlap = checked_word(where, "overlap", overlap, OVERLAPS)
         if overlap == "partial" and (space != "facets" or len(found) == 1):
             raise SceneError(
                 f"{where}: overlap = 'partial' needs two sides and space = 'facets', which knows "
@@ -198,7 +220,8 @@ class Scene:
     def _one_sided(
         self, kind: str, faces: str | Sequence[str], law: Law, name: str | None
     ) -> None:
-        given = [faces] if isinstance(faces, str) else list(faces)
+        one = isinstance(faces, str)
+        given = [str(faces)] if one else checked_names(kind, "faces", faces, " 'substructure:face'")
         if not given:
             raise SceneError(f"{kind}: no face given; write 'substructure:face'")
         for face in given:
@@ -228,8 +251,7 @@ class Scene:
         name: str | None = None,
     ) -> None:
         """Prescribe the displacement, of all or of some global components (0 is x)."""
-        axes = (components,) if isinstance(components, int) else components
-        law = Displacement(value, None if axes is None else tuple(axes))
+        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
 
     def __repr__(self) -> str:

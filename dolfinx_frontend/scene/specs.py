@@ -5,18 +5,30 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, Protocol, cast, get_args
 
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.values import Parameter, is_plain
 
-__all__ = ["CELLS", "Face", "InterfaceSpec", "Overlap", "PartLike", "Space", "SubstructureSpec", "check_face"]
+__all__ = [
+    "CELLS",
+    "OVERLAPS",
+    "SPACES",
+    "Face",
+    "InterfaceSpec",
+    "Overlap",
+    "PartLike",
+    "Space",
+    "SubstructureSpec",
+    "check_face",
+]
 
 Overlap = Literal["full", "partial"]
 """Whether the second face covers the first one."""
@@ -24,6 +36,8 @@ Overlap = Literal["full", "partial"]
 Space = Literal["points", "facets"]
 """Where the law of an interface holds."""
 
+OVERLAPS: tuple[Overlap, ...] = get_args(Overlap)
+SPACES: tuple[Space, ...] = get_args(Space)
 CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 """Cells that a part may have."""
 
@@ -126,9 +140,11 @@ class SubstructureSpec:
                     f"{where}: body_force = {force!r} is random; a part has no random values: give "
                     "numbers, or a random pressure, traction or stiffness of a law"
                 )
-            if is_plain(force) and not (isinstance(force, (int, float)) and force == 0):
-                if not hasattr(force, "__len__") or len(force) != spec.dim:
-                    raise SceneError(f"{where}: body_force = {force!r}; give {spec.dim} numbers")
+            if force is None or hasattr(force, "ufl_shape") or (is_real(force) and force == 0):
+                continue
+            wanted = f"give {spec.dim} numbers"
+            if checked_numbers(where, "body_force", force, wanted).shape != (spec.dim,):
+                raise SceneError(f"{where}: body_force = {force!r}; {wanted}")
         return spec
 
 
@@ -159,5 +175,4 @@ class InterfaceSpec:
 def check_face(spec: SubstructureSpec, face: Face, where: str) -> None:
     """Raise SceneError unless the part has the face."""
     names = spec.part.names
-    if face.face not in names:
-        raise unknown_name("face", face.face, names, f"{where}, substructure {spec.name!r}")
+    check_known("face", face.face, names, f"{where}, substructure {spec.name!r}")

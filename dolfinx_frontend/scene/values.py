@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import is_real
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Combination, Varying
 
@@ -113,12 +115,7 @@ def evaluate(
                 f"{what}: a value of type {type(value).__name__} is not understood; give a number, "
                 "an array, a callable of the points (m, d), or a parameter with a mean"
             )
-    try:
-        data = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as err:
-        raise SceneError(f"{what}: {value!r} is not a number or an array of numbers") from err
-    if not np.all(np.isfinite(data)):
-        raise SceneError(f"{what}: contains NaN or infinity; give finite numbers")
+    data = _as_array(value, what)
     if components == 1:
         if data.ndim == 0:
             return np.full((m, 1), float(data))
@@ -147,3 +144,18 @@ def evaluate(
         wanted += " or a callable of the points (it is needed at nodes, not at interface points)"
     shown = f"shape {data.shape}" if data.ndim else f"the number {float(data):g}"
     raise SceneError(f"{what}: wrong shape: {origin} {shown}, wanted {wanted}")
+
+
+def _as_array(value: Any, what: str) -> Array:
+    """A value as finite numbers of any shape."""
+    try:
+        given = np.asarray(value)
+        # a complex number would lose a part, a text may be read as a number, None as NaN
+        if given.dtype.kind not in "biufO" or (given.dtype.kind == "O" and not all(map(is_real, given.flat))):
+            raise TypeError
+        data = given.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as err:
+        raise SceneError(f"{what}: {short(value)} is not a number or an array of numbers") from err
+    if not np.all(np.isfinite(data)):
+        raise SceneError(f"{what}: contains NaN or infinity; give finite numbers")
+    return data

@@ -19,7 +19,8 @@ import numpy.typing as npt
 from latin_core import stochastic
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import grouped
 from dolfinx_frontend.kernel.columns import Collocation, nominal_fields
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -73,8 +74,7 @@ def _counts(
     given: dict[int, int] = {}
     if isinstance(wanted, Mapping):
         for source_name, count in wanted.items():
-            if source_name not in space.names:
-                raise unknown_name("random parameter", source_name, space.names, "Chaos: quadrature")
+            check_known("random parameter", source_name, space.names, "Chaos: quadrature")
         for source in random.sources.values():
             for germ in space.columns(source) if source.name in wanted else ():
                 given[germ] = int(wanted[source.name])

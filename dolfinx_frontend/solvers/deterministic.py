@@ -6,10 +6,13 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import perf_counter
+from typing import cast
 
 from latin_core import Iteration, State
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.checks import check_kind
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
@@ -18,7 +21,7 @@ from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.refinement import corrected
 from dolfinx_frontend.solvers.support import check_support
 
-__all__ = ["solve_on", "solve_once", "start_states"]
+__all__ = ["check_start", "solve_on", "solve_once", "start_states"]
 
 _log = logging.getLogger(__name__)
 
@@ -33,9 +36,11 @@ def solve_once(
 ) -> Result:
     """Build what a plan says and run its iteration; arguments as for :func:`dolfinx_frontend.solve`."""
     began = perf_counter()
+    given = start_states(start)
     solver = Solver(problem, plan)
     setup = perf_counter() - began
-    result = _run(solver, plan, start_states(start), setup, callback, progress, estimator)
+    check_start(given, solver, plan.columns)
+    result = _run(solver, plan, given, setup, callback, progress, estimator)
     if not result.converged:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
@@ -92,4 +97,19 @@ def start_states(start: Result | State | None) -> list[State]:
     """Start states for the kernel."""
     if start is None:
         return []
-    return [start if isinstance(start, State) else start.state]
+    state = start if isinstance(start, State) else getattr(start, "state", None)
+    wanted = "give a result of the same plan, or its state"
+    if state is None:
+        check_kind("solve", "start", start, State, wanted)
+    check_kind("solve", "start.state", state, State, wanted)
+    return [cast(State, state)]
+
+
+def check_start(states: Sequence[State], solver: Solver, columns: int) -> None:
+    """Refuse start states of another plan: of other rows or columns."""
+    for state in states:
+        if state.data.shape != (solver.rows, columns):
+            raise SceneError(
+                f"solve: start has a state of shape {state.data.shape}, this plan has ({solver.rows}, "
+                f"{columns}): active interface points and columns; give a result of the same plan"
+            )

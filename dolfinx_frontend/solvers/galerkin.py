@@ -28,18 +28,20 @@ from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_optional_kind
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, check_problem, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.scene.amplitudes import check_times
 from dolfinx_frontend.solvers.collocation import collocation
-from dolfinx_frontend.solvers.deterministic import start_states
+from dolfinx_frontend.solvers.deterministic import check_start, start_states
 from dolfinx_frontend.solvers.sampling import sample_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
@@ -393,6 +395,8 @@ def solve_chaos(
     """
     if indefinite not in ("refuse", "prove"):
         raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
+    check_problem("chaos", problem, plan)
+    check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
     chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
     random = RandomLaws.of(problem)
     if not random.sources:
@@ -401,7 +405,7 @@ def solve_chaos(
         )
     options = options or (Options.plain() if method == "latin" else Options())
     rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
-    history = len(np.atleast_1d(np.asarray(times))) if times is not None and problem.amplitudes else 1
+    history = len(check_times(times)) if times is not None and problem.amplitudes else 1
     needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
     basis = random.space.basis(chaos, rows=needed)
     if plan is None:
@@ -448,6 +452,7 @@ def _run(
     laws = changes.applied(solver.laws)
     built = perf_counter()
     amplitudes = amplitudes_of(plan, len(basis))
+    check_start(start, solver, amplitudes.shape[1])
     summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
     result = ChaosResult(

@@ -21,18 +21,23 @@ from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_number,
+    checked_numbers,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
-from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
-from dolfinx_frontend.solvers.sweep import warn_unconverged
+from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
@@ -101,6 +106,7 @@ def sample(
     estimator: Estimator = not_measured,
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
+    check_problem("sampling", problem, plan)
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError("sampling: nothing is random: give a law a random parameter")
@@ -135,7 +141,7 @@ def sample_chaos(
     rtol: float | None = None,
 ) -> SampleResult:
     """As :meth:`ChaosResult.sample`, which calls it."""
-    points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+    points = result.space.checked_points(germs, "sampling")
     every = -(-len(points) // STARTS)
     psi = result.basis.evaluate(points[::every])
     columns = np.kron(psi.T, np.eye(result.steps))  # modes to one point's time steps each
@@ -147,6 +153,7 @@ def sample_chaos(
     }
     plan = result.plan
     if rtol is not None:
+        checked_number("sampling", "rtol", rtol, above=0.0, below=1.0)
         plan = replace(plan, options=plan.options.with_(rtol=rtol))
     return sample_on(
         result.solver,
@@ -188,22 +195,11 @@ def sample_on(
         Seconds that the solver took.
     """
     problem = random.problem
-    points = frozen(np.atleast_2d(np.asarray(germs, dtype=np.float64)))
-    weights = None if weights is None else frozen(np.asarray(weights, dtype=np.float64))
-    if points.shape[1] != random.space.dimension:
-        raise SceneError(
-            f"sampling: points of {points.shape[1]} germs, the problem has "
-            f"{random.space.dimension}: {', '.join(random.space.germ_names)}"
-        )
-    if weights is not None and weights.shape != (len(points),):
-        raise SceneError(f"sampling: weights of shape {weights.shape} for {len(points)} points; one each")
-    if not np.all(np.isfinite(points)):
-        raise SceneError("sampling: points of the germs are finite numbers")
+    check_running("sampling", callback, progress, keep_states=keep_states)
+    points, of_rule = _checked_rule(random, germs, weights, kind)
     parameters = _swept(random, plan, points)
-    header = None
-    if checkpoint is not None:
-        problem.on_one_rank("a checkpoint")
-        header = {"run": "sampling", **fingerprint(problem, plan, parameters)}
+    file = checkpoint_path("sampling", problem, checkpoint)
+    header = None if file is None else _header(problem, plan, parameters)
     iterations = 0
     shown = progress and problem.rank == 0
 
@@ -221,20 +217,20 @@ def sample_on(
             parameters,
             _short_steps(points),
             plan.options.with_(scatter=True),
-            checkpoint=checkpoint,
+            checkpoint=file,
             header=header,
             progress=done,
             callback=interrupt.watch(callback),
             keep_states=keep_states,
             start=start,
         )
-    report_points("sampling", interrupt, swept, checkpoint)
+    report_points("sampling", interrupt, swept, file)
     return SampleResult(
         problem,
         plan,
         random,
         points,
-        weights,
+        of_rule,
         kind,
         swept,
         {"setup": setup, "solve": perf_counter() - began},
@@ -242,6 +238,32 @@ def sample_on(
         solver.laws,
         estimator=estimator,
     )
+
+
+def _header(problem: Problem, plan: Plan, parameters: Sequence[SweptParameter]) -> dict[str, Any]:
+    """What a checkpoint says of its sampling."""
+    return {"run": "sampling", **fingerprint(problem, plan, parameters)}
+
+
+def _checked_rule(
+    random: RandomLaws, germs: npt.ArrayLike, weights: npt.ArrayLike | None, kind: Kind
+) -> tuple[Array, Array | None]:
+    """Copies of the points (N, L) of the germs and their weights (N,), which fit each other and the kind."""
+    points = frozen(random.space.checked_points(germs, "sampling"))
+    if not len(points):
+        raise SceneError("sampling: germs = []: give one point at least")
+    check_known("kind", kind, ("random", "qmc", "quadrature"), "sampling")
+    if (weights is None) == (kind == "quadrature"):
+        raise SceneError(
+            f"sampling: kind = {kind!r} {'without' if weights is None else 'with'} weights; a quadrature has "
+            "weights, samples have none"
+        )
+    if weights is None:
+        return points, None
+    of_rule = checked_numbers("sampling", "weights", weights, "give one finite number per point")
+    if of_rule.shape != (len(points),):
+        raise SceneError(f"sampling: weights of shape {of_rule.shape} for {len(points)} points; one each")
+    return points, frozen(of_rule)
 
 
 def frozen(values: Array) -> Array:

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
@@ -438,32 +438,8 @@ def check_support(result: Result) -> None:
     contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
     if not contacts:
         return
-    times = result.plan.times
-    steps: list[tuple[str, float | None, Problem]] = [("", None, problem)]
-    if times is not None:
-        numbered = [(k, float(t)) for k, t in enumerate(times)]
-        steps = [(f" at step {k}, t = {t:g}", t, problem.at(t)) for k, t in numbered]
-    # what is free depends on the preloads that are locked, and on no other time
-    alike: dict[frozenset[str], list[int]] = {}
-    for k, (_, time, _) in enumerate(steps):
-        given = frozenset(n for n, i in problem.interfaces.items() if i.law.controlled(time))
-        alike.setdefault(given, []).append(k)
-    checks: dict[int, _Check] = {}
-    for given, members in alike.items():
-        own = {
-            name: held(problem, i if name in given else replace(i, law=i.law.locked))
-            for name, i in problem.own.interfaces.items()
-            if name not in contacts and problem.speaks_for(name)
-        }
-        resistances = problem.gather(own)
-        motions = _decide(problem, partial(_free, problem, resistances))
-        if not len(motions):
-            continue
-        jumps = _relative(problem, contacts, motions)
-        for k in members:
-            _, time, now = steps[k]
-            balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
-            checks[k] = _Check(motions, resistances, balance)
+    steps = _steps(result)
+    checks = _checks(problem, contacts, steps)
     if not checks:
         return
     if not result.converged:
@@ -501,6 +477,44 @@ def check_support(result: Result) -> None:
                 return
 
     _decide(problem, parts_are_held)
+
+
+_Step = tuple[str, float | None, Problem]
+"""When it is in words, the time (None: there is no history), and the problem then."""
+
+
+def _steps(result: Result) -> list[_Step]:
+    problem, times = result.problem, result.plan.times
+    if times is None:
+        return [("", None, problem)]
+    numbered = [(k, float(t)) for k, t in enumerate(times)]
+    return [(f" at step {k}, t = {t:g}", t, problem.at(t)) for k, t in numbered]
+
+
+def _checks(problem: Problem, contacts: list[str], steps: Sequence[_Step]) -> dict[int, _Check]:
+    """Steps at which parts are free but for contacts -> their motions and what balances the loads."""
+    # what is free depends on the preloads that are locked, and on no other time
+    alike: dict[frozenset[str], list[int]] = {}
+    for k, (_, time, _) in enumerate(steps):
+        given = frozenset(n for n, i in problem.interfaces.items() if i.law.controlled(time))
+        alike.setdefault(given, []).append(k)
+    checks: dict[int, _Check] = {}
+    for given, members in alike.items():
+        own = {
+            name: held(problem, i if name in given else replace(i, law=i.law.locked))
+            for name, i in problem.own.interfaces.items()
+            if name not in contacts and problem.speaks_for(name)
+        }
+        resistances = problem.gather(own)
+        motions = _decide(problem, partial(_free, problem, resistances))
+        if not len(motions):
+            continue
+        jumps = _relative(problem, contacts, motions)
+        for k in members:
+            _, time, now = steps[k]
+            balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
+            checks[k] = _Check(motions, resistances, balance)
+    return checks
 
 
 def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:

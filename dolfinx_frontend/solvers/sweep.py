@@ -14,33 +14,43 @@ from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    check_optional_kind,
+    checked_callable,
+    checked_name,
+    checked_names,
+    checked_numbers,
+    checked_path,
+)
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
-from dolfinx_frontend.kernel.running import Interrupt, report_points
+from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
 
-__all__ = ["sweep", "warn_unconverged"]
+__all__ = ["checkpoint_path", "sweep", "warn_unconverged"]
 
 Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
 
 
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
+    check_kind("sweep", "grid", grid, Mapping, "give {'interface.parameter': values}")
     axes = {}
     for key, values in grid.items():
-        names = (key,) if isinstance(key, str) else tuple(key)
-        data = np.asarray(values, dtype=np.float64)
-        if data.ndim != 1 or data.size == 0 or not np.all(np.isfinite(data)):
-            raise SceneError(
-                f"sweep over {', '.join(names)}: give a list of finite numbers, got {values!r}"
-            )
+        names = (key,) if isinstance(key, str) else tuple(checked_names("sweep", "axis", key))
+        where, wanted = f"sweep over {', '.join(names)}", "give a list of finite numbers"
+        data = checked_numbers(where, "values", values, wanted, dimensions=1)
+        if not data.size:
+            raise SceneError(f"{where}: values = []: {wanted}")
         axes[names] = frozen(data)
     if not axes:
         raise SceneError("sweep: the grid is empty; give {'interface.parameter': values}")
@@ -52,8 +62,7 @@ def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tup
     targets: dict[str, tuple[str, str]] = {}
     for name in (name for key in axes for name in key):
         interface, _, parameter = name.rpartition(".")
-        if interface not in problem.interfaces or name not in problem.law_parameters:
-            raise unknown_name("parameter", name, problem.law_parameters, "sweep")
+        check_known("parameter", name, problem.law_parameters, "sweep")
         if name in targets:
             raise SceneError(f"sweep: {name!r} is on two axes")
         targets[name] = (interface, parameter)
@@ -67,6 +76,9 @@ def _swept(
     targets: Mapping[str, tuple[str, str]],
 ) -> list[SweptParameter]:
     """The swept values at all points of the grid."""
+    missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
+    if missing:
+        raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     mesh = np.meshgrid(*axes.values(), indexing="ij")
     parameters = []
     for key, values in zip(axes, mesh, strict=True):
@@ -137,34 +149,25 @@ def sweep(
     KeyboardInterrupt
         At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     """
-    if checkpoint is not None:
-        problem.on_one_rank("a checkpoint")
+    check_problem("sweep", problem, plan)
+    check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
+    file = checkpoint_path("sweep", problem, checkpoint)
+    _check_outputs(outputs)
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
         plan = make_plan(problem, method, active, swept, direction, options, times=times)
-    missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
-    if missing:
-        raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
     solver = Solver(problem, plan)
     setup = perf_counter() - began
+    readings = {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()}
     order = snake_order([len(values) for values in axes.values()])
-    header = None
-    if checkpoint is not None:
-        header = {
-            "run": "sweep",
-            "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
-            "keep_fields": keep_fields,
-            "outputs": list(outputs or {}),
-            **fingerprint(problem, plan, parameters, outputs),
-        }
+    header = None if file is None else _header(problem, plan, parameters, axes, keep_fields, outputs)
     started = perf_counter()
-    first = 0.0
-    iterations = 0
+    first, iterations = 0.0, 0
     shown = progress and problem.rank == 0
 
     def point_done(point: int, summary: Any) -> None:
@@ -181,18 +184,51 @@ def sweep(
             parameters,
             order,
             plan.options,
-            checkpoint=checkpoint,
+            checkpoint=file,
             header=header,
             progress=point_done,
             callback=interrupt.watch(callback),
             keep_states=keep_states,
             keep_fields=keep_fields,
-            outputs={name: _reading(problem, plan, call) for name, call in (outputs or {}).items()},
+            outputs=readings,
         )
-    report_points("sweep", interrupt, points, checkpoint)
+    report_points("sweep", interrupt, points, file)
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
     return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
+
+
+def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None) -> Path | None:
+    """The file of finished points that a user gave, if there is one and there can be one."""
+    if checkpoint is None:
+        return None
+    problem.on_one_rank("a checkpoint")
+    return checked_path(where, checkpoint, "checkpoint")
+
+
+def _check_outputs(outputs: object) -> None:
+    check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
+    for name, function in outputs.items() if isinstance(outputs, Mapping) else ():
+        checked_name("sweep: outputs", name, colon=False)
+        checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
+
+
+def _header(
+    problem: Problem,
+    plan: Plan,
+    parameters: Sequence[SweptParameter],
+    axes: Mapping[tuple[str, ...], Array],
+    keep_fields: bool,
+    outputs: Mapping[str, Callable[[Block], npt.ArrayLike]] | None,
+) -> dict[str, Any]:
+    """What a checkpoint says of its sweep."""
+    return {
+        "run": "sweep",
+        "grid": {", ".join(key): values.tolist() for key, values in axes.items()},
+        "keep_fields": keep_fields,
+        "outputs": list(outputs or {}),
+        **fingerprint(problem, plan, parameters, outputs),
+    }
 
 
 def _reading(

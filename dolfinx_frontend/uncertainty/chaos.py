@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from latin_core.stochastic import IndexSet
 
-from dolfinx_frontend.common.describe import record
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_whole, is_whole
+from dolfinx_frontend.common.describe import record, short
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
-from dolfinx_frontend.uncertainty.checks import checked_number, is_whole
 
 __all__ = ["Chaos"]
 
@@ -67,20 +67,11 @@ class Chaos:
         return record(self)
 
     def __post_init__(self) -> None:
-        if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)):
-            raise SceneError(f"Chaos: order = {self.order!r} is not a whole number")
-        if self.order < 0:
-            raise SceneError(f"Chaos: order = {self.order} must be >= 0")
-        if self.index_set not in ("total", "tensor", "hyperbolic"):
-            raise unknown_name(
-                "index set", str(self.index_set), ("total", "tensor", "hyperbolic"), "Chaos"
-            )
-        checked_number("Chaos", "q", "q", self.q, positive=True)
-        if self.q > 1.0:
-            raise SceneError(f"Chaos: q = {self.q:g} must be in (0, 1]")
-        most = self.max_interaction
-        if most is not None and (not is_whole(most) or most < 1):
-            raise SceneError(f"Chaos: max_interaction = {most!r} must be a whole number >= 1")
+        checked_whole("Chaos", "order", self.order, 0)
+        check_known("index set", self.index_set, ("total", "tensor", "hyperbolic"), "Chaos")
+        checked_number("Chaos", "q", self.q, above=0.0, most=1.0)
+        if self.max_interaction is not None:
+            checked_whole("Chaos", "max_interaction", self.max_interaction, 1)
         self._check_points()
         if self.weights is not None:
             named = isinstance(self.weights, Mapping)
@@ -88,14 +79,26 @@ class Chaos:
                 raise SceneError(f"Chaos: weights = {self.weights!r}: give one per germ, or by name")
             values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
             for value in values:
-                checked_number("Chaos", "weights", "weight", value, positive=True)
+                checked_number("Chaos", "weights", value, above=0.0)
             if not named:
                 object.__setattr__(self, "weights", tuple(self.weights))
+        if self.indices is not None:
+            self._check_indices()
         for name in ("weights", "quadrature", "indices"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
+    def _check_indices(self) -> None:
+        rows = self.indices
+        whole = isinstance(rows, (list, tuple)) and all(
+            isinstance(row, (list, tuple)) and all(is_whole(i) and i >= 0 for i in row) for row in rows
+        )
+        if not whole or not rows or len({len(row) for row in rows}) > 1:
+            raise SceneError(
+                f"Chaos: indices = {short(rows)}: give rows of whole numbers >= 0, one degree per germ"
+            )
+
     def _check_points(self) -> None:
-        checked_number("Chaos", "tolerance", "tolerance", self.tolerance, positive=True)
+        checked_number("Chaos", "tolerance", self.tolerance, above=0.0)
         wanted = self.quadrature
         for count in wanted.values() if isinstance(wanted, Mapping) else (wanted,):
             if count is not None and (not is_whole(count) or count < 1):

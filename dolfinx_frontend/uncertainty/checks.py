@@ -2,26 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_name, checked_number
 from dolfinx_frontend.common.errors import SceneError
-
-
-def checked_number(kind: str, name: str, what: str, value: Any, positive: bool = False) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise SceneError(f"{kind} {name!r}: {what} = {value!r} is not a number") from error
-    if not math.isfinite(number) or (positive and number <= 0.0):
-        wanted = "a positive number" if positive else "a finite number"
-        raise SceneError(f"{kind} {name!r}: {what} = {number:g}; it must be {wanted}")
-    return number
-
 
 LEAST_COV = 1e-13
 """Smallest coefficient of variation that can be distinguished from rounding."""
@@ -30,47 +16,48 @@ TINY = 1e-150
 """Smallest standard deviation whose square does not underflow."""
 
 
-def deviation(kind: str, name: str, mean: float, cov: Any, std: Any) -> float:
+def named(kind: str, name: Any) -> str:
+    """Where a mistake in a random parameter is: its kind and its name, which is checked."""
+    return f"{kind} {checked_name(kind, name)!r}"
+
+
+def deviation(where: str, mean: float, cov: Any, std: Any) -> float:
     """Standard deviation, from `cov` or `std`; exactly one of them must be given."""
     if (cov is None) == (std is None):
         raise SceneError(
-            f"{kind} {name!r}: give either cov (std / |mean|) or std, not "
+            f"{where}: give either cov (std / |mean|) or std, not "
             + ("none" if cov is None else "both")
         )
     if std is not None:
-        spread = checked_number(kind, name, "std", std, positive=True)
+        spread = checked_number(where, "std", std, above=0.0)
     elif mean == 0.0:
-        raise SceneError(f"{kind} {name!r}: mean 0 has no coefficient of variation; give std")
+        raise SceneError(f"{where}: mean 0 has no coefficient of variation; give std")
     else:
-        spread = abs(mean) * checked_number(kind, name, "cov", cov, positive=True)
+        spread = abs(mean) * checked_number(where, "cov", cov, above=0.0)
     share = spread / abs(mean) if mean != 0.0 else 1.0
     if not LEAST_COV < share < 1.0 / LEAST_COV or not TINY < spread < 1.0 / TINY:
         raise SceneError(
-            f"{kind} {name!r}: std = {spread:g} for a mean of {mean:g}: one of them is lost in the "
+            f"{where}: std = {spread:g} for a mean of {mean:g}: one of them is lost in the "
             "rounding of the other, or their squares leave the range of numbers; give a number that is not "
             "random, or use other units"
         )
     return spread
 
 
-def refuse_positional(kind: str, name: str, more: tuple[Any, ...]) -> None:
+def refuse_positional(where: str, more: tuple[Any, ...]) -> None:
     """Refuse a spread without a keyword: it may be meant as either."""
     if more:
         raise SceneError(
-            f"{kind} {name!r}: {more[0]!r} may be meant as either of two: give std={more[0]!r}, the standard "
+            f"{where}: {more[0]!r} may be meant as either of two: give std={more[0]!r}, the standard "
             f"deviation, or cov={more[0]!r}, the coefficient of variation std / |mean|"
         )
 
 
-def checked_bounds(kind: str, name: str, lower: Any, upper: Any) -> tuple[float, float]:
-    lo, up = checked_number(kind, name, "lower", lower), checked_number(kind, name, "upper", upper)
+def checked_bounds(where: str, lower: Any, upper: Any) -> tuple[float, float]:
+    lo, up = checked_number(where, "lower", lower), checked_number(where, "upper", upper)
     if not lo < up:
-        raise SceneError(f"{kind} {name!r}: lower = {lo:g} must be less than upper = {up:g}")
+        raise SceneError(f"{where}: lower = {lo:g} must be less than upper = {up:g}")
     return lo, up
-
-
-def is_whole(value: object) -> bool:
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def common_length(given: Mapping[str, Array], where: str = "") -> int:

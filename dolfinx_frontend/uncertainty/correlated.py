@@ -14,6 +14,7 @@ from latin_core.stochastic import Germ
 from scipy import linalg, optimize
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_numbers
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 
@@ -96,8 +97,9 @@ class Correlated(Sequence[CorrelatedParameter]):
         matrix: npt.ArrayLike,
         space: Literal["physical", "normal"] = "physical",
     ) -> None:
+        check_kind("Correlated", "parameters", parameters, (list, tuple), "give a list of random parameters")
         self.marginals = tuple(parameters)
-        names = [getattr(p, "name", repr(p)) for p in self.marginals]
+        names = [str(getattr(p, "name", repr(p))) for p in self.marginals]
         where = f"Correlated [{', '.join(names)}]"
         for parameter in self.marginals:
             if not isinstance(parameter, RandomParameter) or isinstance(
@@ -106,13 +108,12 @@ class Correlated(Sequence[CorrelatedParameter]):
                 raise SceneError(f"{where}: {parameter!r} is not an independent random parameter")
         if len(set(names)) < len(names) or not names:
             raise SceneError(f"{where}: give one parameter or more, all with different names")
-        if space not in ("physical", "normal"):
-            raise unknown_name("space", str(space), ("physical", "normal"), where)
-        given = np.array(matrix, dtype=np.float64)
+        check_known("space", space, ("physical", "normal"), where)
+        given = checked_numbers(where, "matrix", matrix, "give finite correlations, one row per parameter")
         n = len(names)
         if given.shape != (n, n):
             raise SceneError(f"{where}: the matrix has shape {given.shape}; wanted ({n}, {n})")
-        if not (np.isfinite(given).all() and np.allclose(given, given.T, rtol=0.0, atol=1e-12)):
+        if not np.allclose(given, given.T, rtol=0.0, atol=1e-12):
             raise SceneError(f"{where}: the correlation matrix is not symmetric and finite")
         if not np.allclose(np.diag(given), 1.0, rtol=0.0, atol=1e-12):
             raise SceneError(

@@ -17,9 +17,10 @@ from scipy import linalg, optimize, special
 from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers, checked_whole
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.uncertainty.checks import checked_number, deviation
+from dolfinx_frontend.uncertainty.checks import deviation, named
 
 __all__ = ["DiscretisedField", "RandomField", "exponential_1d_eigenvalues", "karhunen_loeve"]
 
@@ -54,10 +55,8 @@ def _correlation(where: str, covariance: Any, nu: float | None) -> tuple[Correla
     if covariance == "gaussian":
         return (lambda r: np.exp(-0.5 * r * r)), False
     if covariance == "matern" and nu is not None:
-        return _matern(checked_number("RandomField", where, "nu", nu, positive=True)), nu < 1.0
-    raise unknown_name(
-        "covariance", str(covariance), ("exponential", "gaussian", "matern"), where
-    )
+        return _matern(checked_number(where, "nu", nu, above=0.0)), nu < 1.0
+    raise unknown_name("covariance", covariance, ("exponential", "gaussian", "matern"), where)
 
 
 class _Modes(NamedTuple):
@@ -250,18 +249,14 @@ class RandomField:
         return record(self)
 
     def __post_init__(self) -> None:
-        where = f"RandomField {self.name!r}"
-        if not isinstance(self.name, str) or not self.name:
-            raise SceneError(f"RandomField: name = {self.name!r}; give a random field a name")
-        if self.distribution not in ("normal", "lognormal"):
-            raise unknown_name(
-                "distribution", str(self.distribution), ("normal", "lognormal"), where
-            )
-        positive = self.distribution == "lognormal"
-        mean = checked_number("RandomField", self.name, "mean", self.mean, positive)
-        deviation("RandomField", self.name, mean, self.cov, self.std)
-        for value in np.atleast_1d(np.asarray(self.length, dtype=object)):
-            checked_number("RandomField", self.name, "length", value, positive=True)
+        where = named("RandomField", self.name)
+        check_known("distribution", self.distribution, ("normal", "lognormal"), where)
+        lowest = 0.0 if self.distribution == "lognormal" else -math.inf
+        mean = checked_number(where, "mean", self.mean, above=lowest)
+        deviation(where, mean, self.cov, self.std)
+        lengths = self.length if isinstance(self.length, (list, tuple, np.ndarray)) else [self.length]
+        for value in lengths:
+            checked_number(where, "length", value, above=0.0)
         if not np.isscalar(self.length):
             object.__setattr__(self, "length", tuple(np.asarray(self.length).tolist()))
         _correlation(where, self.covariance, self.nu)
@@ -269,17 +264,15 @@ class RandomField:
             object.__setattr__(self, "variance_captured", 0.95)
         elif self.variance_captured is not None and self.modes is not None:
             raise SceneError(f"{where}: give variance_captured or modes, not both")
-        if self.variance_captured is not None and not 0.0 < self.variance_captured <= 1.0:
-            raise SceneError(
-                f"{where}: variance_captured = {self.variance_captured:g} must be in (0, 1]"
-            )
-        if self.modes is not None and (not isinstance(self.modes, int) or self.modes < 1):
-            raise SceneError(f"{where}: modes = {self.modes!r} must be a whole number >= 1")
+        if self.variance_captured is not None:
+            checked_number(where, "variance_captured", self.variance_captured, above=0.0, most=1.0)
+        if self.modes is not None:
+            checked_whole(where, "modes", self.modes, 1)
 
     @property
     def deviation(self) -> float:
         """Standard deviation."""
-        return deviation("RandomField", self.name, self.mean, self.cov, self.std)
+        return deviation(f"RandomField {self.name!r}", self.mean, self.cov, self.std)
 
     def on(self, points: npt.ArrayLike, weights: npt.ArrayLike) -> DiscretisedField:
         """The field on interface points (m, d) with weights (m,) > 0.
@@ -293,15 +286,15 @@ class RandomField:
             more variance is asked for than the points resolve.
         """
         where = f"RandomField {self.name!r}"
-        x = np.asarray(points, dtype=np.float64)
-        w = np.asarray(weights, dtype=np.float64)
+        x = checked_numbers(where, "points", points, "give finite numbers (m, d)")
+        w = checked_numbers(where, "weights", weights, "give positive numbers (m,)")
         if x.ndim != 2 or w.shape != (len(x),) or len(x) == 0:
             raise SceneError(
                 f"{where}: points of shape {x.shape} and weights of shape {w.shape}; wanted (m, d) "
                 "and (m,), m > 0"
             )
-        if not (np.isfinite(x).all() and np.isfinite(w).all() and (w > 0.0).all()):
-            raise SceneError(f"{where}: points must be finite and weights positive")
+        if not (w > 0.0).all():
+            raise SceneError(f"{where}: weights must be positive, the smallest is {w.min():g}")
         lengths = np.asarray(self.length, dtype=np.float64)
         if lengths.ndim and lengths.shape != (x.shape[1],):
             raise SceneError(

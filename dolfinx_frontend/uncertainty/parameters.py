@@ -35,8 +35,9 @@ from latin_core.stochastic import Germ
 from scipy import special, stats
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.uncertainty.checks import checked_bounds, checked_number, deviation, refuse_positional
+from dolfinx_frontend.common.checks import check_known, checked_name, checked_number, checked_numbers
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.uncertainty.checks import checked_bounds, deviation, named, refuse_positional
 from dolfinx_frontend.uncertainty.distributions import (
     Atoms,
     Distribution,
@@ -90,8 +91,7 @@ class RandomParameter:
     def __init__(
         self, kind: str, name: str, definition: tuple[Any, ...], shown: str, law: Distribution
     ) -> None:
-        if not isinstance(name, str) or not name:
-            raise SceneError(f"{kind}: name = {name!r}; give a random parameter a name in words")
+        checked_name(kind, name)
         self.name = name
         self._definition = (kind, name, definition)
         self._shown = f"{kind}({name!r}, {shown})"
@@ -254,9 +254,10 @@ def Normal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = Non
     SceneError
         As all functions of this module, on a value that is no number or out of range.
     """
-    refuse_positional("Normal", name, more)
-    m = checked_number("Normal", name, "mean", mean)
-    s = deviation("Normal", name, m, cov, std)
+    where = named("Normal", name)
+    refuse_positional(where, more)
+    m = checked_number(where, "mean", mean)
+    s = deviation(where, m, cov, std)
     return _NormalParameter(
         "Normal",
         name,
@@ -293,23 +294,23 @@ def TruncatedNormal(
     within
         Instead of bounds: truncate at mean +- within * std.
     """
-    kind = "TruncatedNormal"
-    refuse_positional(kind, name, more)
-    m = checked_number(kind, name, "mean", mean)
-    s = deviation(kind, name, m, cov, std)
+    where = named(kind := "TruncatedNormal", name)
+    refuse_positional(where, more)
+    m = checked_number(where, "mean", mean)
+    s = deviation(where, m, cov, std)
     if (within is None) == (lower is None and upper is None):
-        raise SceneError(f"{kind} {name!r}: give either lower and/or upper, or within (in std)")
+        raise SceneError(f"{where}: give either lower and/or upper, or within (in std)")
     if within is not None:
-        z_up = checked_number(kind, name, "within", within, positive=True)
+        z_up = checked_number(where, "within", within, above=0.0)
         z_lo = -z_up
     else:
-        z_lo = -math.inf if lower is None else (checked_number(kind, name, "lower", lower) - m) / s
-        z_up = math.inf if upper is None else (checked_number(kind, name, "upper", upper) - m) / s
+        z_lo = -math.inf if lower is None else (checked_number(where, "lower", lower) - m) / s
+        z_up = math.inf if upper is None else (checked_number(where, "upper", upper) - m) / s
     if not z_lo < z_up:
-        raise SceneError(f"{kind} {name!r}: lower = {lower:g} must be less than upper = {upper:g}")
+        raise SceneError(f"{where}: lower = {lower:g} must be less than upper = {upper:g}")
     if min(z_up, -z_lo) < -8.0:
         raise SceneError(
-            f"{kind} {name!r}: the bounds lie more than 8 std away from the mean on one side; "
+            f"{where}: the bounds lie more than 8 std away from the mean on one side; "
             "that is a tail and not a truncated normal: give another distribution"
         )
     germ = Germ.from_measure(*panels(stats.truncnorm(z_lo, z_up)))
@@ -358,9 +359,10 @@ def LogNormal(name: str, mean: float, *more: Never, cov: Any = None, std: Any = 
 
     ``mean`` > 0, ``cov`` and ``std`` are those of the parameter, not of its logarithm.
     """
-    refuse_positional("LogNormal", name, more)
-    m = checked_number("LogNormal", name, "mean", mean, positive=True)
-    return _LogNormalParameter(name, m, deviation("LogNormal", name, m, cov, std))
+    where = named("LogNormal", name)
+    refuse_positional(where, more)
+    m = checked_number(where, "mean", mean, above=0.0)
+    return _LogNormalParameter(name, m, deviation(where, m, cov, std))
 
 
 def Uniform(
@@ -373,16 +375,16 @@ def Uniform(
     std: Any = None,
 ) -> RandomParameter:
     """Uniform parameter, by ``lower`` and ``upper``, or by ``mean`` and ``cov`` (or ``std``)."""
-    kind = "Uniform"
+    where = named(kind := "Uniform", name)
     if (lower is None) != (upper is None) or (lower is None) == (mean is None):
-        raise SceneError(f"{kind} {name!r}: give lower and upper, or mean and cov (or std)")
+        raise SceneError(f"{where}: give lower and upper, or mean and cov (or std)")
     if mean is None:
         if cov is not None or std is not None:
-            raise SceneError(f"{kind} {name!r}: lower and upper already say the std")
-        lo, up = checked_bounds(kind, name, lower, upper)
+            raise SceneError(f"{where}: lower and upper already say the std")
+        lo, up = checked_bounds(where, lower, upper)
     else:
-        m = checked_number(kind, name, "mean", mean)
-        reach = math.sqrt(3.0) * deviation(kind, name, m, cov, std)
+        m = checked_number(where, "mean", mean)
+        reach = math.sqrt(3.0) * deviation(where, m, cov, std)
         lo, up = m - reach, m + reach
     return _Affine(
         kind,
@@ -398,9 +400,10 @@ def Uniform(
 
 def Gamma(name: str, mean: float, *more: Never, cov: Any = None, std: Any = None) -> RandomParameter:
     """Gamma parameter on (0, inf) with ``mean`` > 0 and ``cov`` or ``std``; shape = 1 / cov^2."""
-    refuse_positional("Gamma", name, more)
-    m = checked_number("Gamma", name, "mean", mean, positive=True)
-    s = deviation("Gamma", name, m, cov, std)
+    where = named("Gamma", name)
+    refuse_positional(where, more)
+    m = checked_number(where, "mean", mean, above=0.0)
+    s = deviation(where, m, cov, std)
     shape, scale = (m / s) ** 2, s * s / m
     return _Affine(
         "Gamma",
@@ -418,9 +421,10 @@ def Beta(
     name: str, a: float, b: float, lower: float = 0.0, upper: float = 1.0
 ) -> RandomParameter:
     """Beta parameter, ``a``, ``b`` > 0: density ~ (x - lower)^(a-1) (upper - x)^(b-1)."""
-    first = checked_number("Beta", name, "a", a, positive=True)
-    second = checked_number("Beta", name, "b", b, positive=True)
-    lo, up = checked_bounds("Beta", name, lower, upper)
+    where = named("Beta", name)
+    first = checked_number(where, "a", a, above=0.0)
+    second = checked_number(where, "b", b, above=0.0)
+    lo, up = checked_bounds(where, lower, upper)
     return _Affine(
         "Beta",
         name,
@@ -480,15 +484,10 @@ def FromSamples(name: str, samples: npt.ArrayLike) -> RandomParameter:
 
     Its polynomials are those of the samples; with n different values there are n of them.
     """
-    try:
-        values = np.asarray(samples, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise SceneError(f"FromSamples {name!r}: the samples are not numbers") from error
-    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
-        raise SceneError(
-            f"FromSamples {name!r}: give a list of finite numbers; got an array of shape "
-            f"{values.shape}"
-        )
+    where = named("FromSamples", name)
+    values = checked_numbers(where, "samples", samples, "give a list of finite numbers", dimensions=1)
+    if not values.size:
+        raise SceneError(f"{where}: samples = {samples!r}: give a list of finite numbers")
     return _Discrete(
         "FromSamples", name, (values.tobytes(),), values, np.full(values.size, 1.0 / values.size)
     )
@@ -512,15 +511,14 @@ def FromDistribution(
         they are complete, i.e. unless a tail is heavier than exp(-sqrt(x)) (a lognormal distribution is such
         a case).
     """
-    kind = "FromDistribution"
-    if germ not in ("auto", "own", "normal"):
-        raise unknown_name("germ", str(germ), ("auto", "own", "normal"), f"{kind} {name!r}")
+    where = named(kind := "FromDistribution", name)
+    check_known("germ", germ, ("auto", "own", "normal"), where)
     definition: tuple[Any, ...]
     law: Distribution
     if hasattr(distribution, "computeQuantile") and hasattr(distribution, "getDimension"):
         if distribution.getDimension() != 1:
             raise SceneError(
-                f"{kind} {name!r}: the distribution has {distribution.getDimension()} variables; "
+                f"{where}: the distribution has {distribution.getDimension()} variables; "
                 "give one of dimension 1 (Correlated joins several)"
             )
         definition = (repr(distribution),)
@@ -544,14 +542,14 @@ def FromDistribution(
         law = NewScipyLaw(distribution)
     else:
         raise SceneError(
-            f"{kind} {name!r}: unknown distribution {distribution!r} of type "
+            f"{where}: unknown distribution {distribution!r} of type "
             f"{type(distribution).__name__}; give a frozen scipy.stats distribution, e.g. "
             "scipy.stats.weibull_min(2.0, scale=100.0), or an OpenTURNS Distribution"
         )
     mean, std = float(law.mean()), float(law.std())
     if not (math.isfinite(mean) and math.isfinite(std) and std > 0.0):
         raise SceneError(
-            f"{kind} {name!r}: mean {mean:g} and std {std:g}; a chaos needs a distribution with a finite "
+            f"{where}: mean {mean:g} and std {std:g}; a chaos needs a distribution with a finite "
             "variance > 0"
         )
     definition = (*definition, germ)

@@ -20,7 +20,20 @@ import numpy.typing as npt
 from scipy import stats
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_callable,
+    checked_name,
+    checked_number,
+    checked_numbers,
+    checked_reals,
+    checked_seed,
+    checked_whole,
+    is_real,
+)
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
@@ -78,8 +91,7 @@ class SobolEstimate(NamedTuple):
 
 
 def _check_level(level: float) -> None:
-    if not 0.0 < level < 1.0:
-        raise SceneError(f"level = {level:g} must be between 0 and 1, e.g. 0.95")
+    checked_number("interval", "level", level, above=0.0, below=1.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,10 +124,10 @@ class Quantity:
     kind: Kind = field(default="random", kw_only=True)
 
     def __post_init__(self) -> None:
-        where = f"quantity {self.name!r}"
-        if self.kind not in get_args(Kind):
-            raise unknown_name("kind", str(self.kind), get_args(Kind), where)
-        values = np.array(self.values, dtype=np.float64)
+        where = f"quantity {checked_name('quantity', self.name)!r}"
+        check_kind(where, "unit", self.unit, str, "give a string")
+        check_known("kind", self.kind, get_args(Kind), where)
+        values = checked_reals(where, "values", self.values, "give one number per point")
         if values.ndim != 1 or values.size == 0:
             raise SceneError(f"{where}: values of shape {values.shape}; give one number per point")
         bad = int(np.count_nonzero(~np.isfinite(values)))
@@ -132,7 +144,7 @@ class Quantity:
                 "weights; a quadrature has weights, samples have none"
             )
         if self.weights is not None:
-            weights = np.array(self.weights, dtype=np.float64)
+            weights = checked_reals(where, "weights", self.weights, "give one number per point")
             total = float(weights.sum())
             if weights.shape != values.shape or not abs(total - 1.0) <= 1e-8:
                 raise SceneError(
@@ -258,8 +270,7 @@ class Quantity:
         continuous distribution.  An end is infinite where the sample is too small to bound it.
         """
         _check_level(level)
-        if not 0.0 < q < 1.0:
-            raise SceneError(f"quantity {self.name!r}: q = {q:g} must be between 0 and 1")
+        checked_number(f"quantity {self.name!r}", "q", q, above=0.0, below=1.0)
         values = self._samples("quantile")
         value = float(np.quantile(values, q, method="median_unbiased"))
         if self.kind == "value":
@@ -295,10 +306,12 @@ class Quantity:
         where = f"quantity {self.name!r}"
         if above is None and below is None:
             raise SceneError(f"{where}: probability of what? give above, below or both")
+        for what, bound in (("above", above), ("below", below)):
+            if bound is not None and not (is_real(bound) and math.isinf(bound)):
+                checked_number(where, what, bound)
         if above is not None and below is not None and not above < below:
             raise SceneError(f"{where}: nothing is above {above:g} and below {below:g}")
-        if method not in ("wilson", "exact"):
-            raise unknown_name("method", str(method), ("wilson", "exact"), where)
+        check_known("method", method, ("wilson", "exact"), where)
         values = self._samples("probability")
         inside = np.ones(len(values), dtype=bool)
         if above is not None:
@@ -327,7 +340,7 @@ class Quantity:
         if x is None:
             margin = 3.0 * deviation * float(kernel.factor)
             x = np.linspace(values.min() - margin, values.max() + margin, 200)
-        at = np.atleast_1d(np.asarray(x, dtype=np.float64))
+        at = np.atleast_1d(checked_numbers(f"quantity {self.name!r}", "x", x, "give finite numbers (n,)"))
         return Density(at, np.asarray(kernel(at)))
 
     def histogram(self, bins: int | npt.ArrayLike | None = None) -> Histogram:
@@ -335,11 +348,18 @@ class Quantity:
 
         Default: the rule of Freedman and Diaconis, 1 000 bins at most.
         """
+        where = f"quantity {self.name!r}"
         values = self._samples("histogram")
         if bins is None:
             width = 2.0 * float(stats.iqr(values)) / np.cbrt(len(values))
             span = float(np.ptp(values))
             bins = math.ceil(min(max(span / width, 1.0), 1000.0)) if width > 0.0 else 1
+        elif np.ndim(bins):
+            bins = checked_numbers(where, "bins", bins, "give increasing edges (bins + 1,)", dimensions=1)
+            if len(bins) < 2 or np.any(np.diff(bins) <= 0.0):
+                raise SceneError(f"{where}: bins = {short(bins)}: give increasing edges (bins + 1,)")
+        else:
+            bins = checked_whole(where, "bins", bins, 1)
         pdf, edges = np.histogram(values, bins=bins, density=True)
         return Histogram(edges, pdf)
 
@@ -405,35 +425,16 @@ def sobol_of(
         `n` is no power of two, or the function does not return one finite number per point.
     """
     _check_level(level)
-    if n < 2 or n & (n - 1):
-        raise SceneError(
-            f"sobol_of: n = {n} must be a power of two, e.g. {2 ** max(n - 1, 1).bit_length()}"
-        )
+    checked_callable("sobol_of", "function", function, "give a function of points (n, L) of the germs")
+    checked_whole("sobol_of", "n", n, 2)
+    checked_whole("sobol_of", "resamples", resamples, 1)
+    if n & (n - 1):
+        raise SceneError(f"sobol_of: n = {n} must be a power of two, e.g. {2 ** (n - 1).bit_length()}")
     if not space.germs:
         raise SceneError("sobol_of: there is nothing random")
-    generator = np.random.default_rng(seed)
-    dimension = space.dimension
-
-    def evaluate(points: Array) -> Array:
-        values = np.asarray(function(points), dtype=np.float64)
-        if values.shape != (n,) or not np.isfinite(values).all():
-            raise SceneError(
-                f"sobol_of: the function returned shape {values.shape} with "
-                f"{int(np.count_nonzero(~np.isfinite(values)))} values that are not finite for {n} "
-                "points; return one finite number per point"
-            )
-        return values
-
-    try:
-        engine = stats.qmc.Sobol(2 * dimension, scramble=True, rng=generator)
-    except TypeError:  # the name of the argument before scipy 1.15
-        engine = stats.qmc.Sobol(2 * dimension, scramble=True, seed=generator)
-    uniform = engine.random_base2(n.bit_length() - 1)
-    first, second = (
-        space.from_uniform(uniform[:, part])
-        for part in (slice(0, dimension), slice(dimension, None))
-    )
-    f_a, f_b = evaluate(first), evaluate(second)
+    generator = np.random.default_rng(checked_seed("sobol_of", seed))
+    first, second = _two_matrices(space, n, generator)
+    f_a, f_b = (_one_value_per_point(function, points) for points in (first, second))
     both = np.concatenate([f_a, f_b])
     if not np.std(both) > 1e-14 * np.abs(both).max():
         none = Estimate(math.nan, math.nan, math.nan, level)
@@ -442,11 +443,9 @@ def sobol_of(
         # the only source has the whole variance
         whole = Estimate(1.0, 1.0, 1.0, level)
         return {name: SobolEstimate(whole, whole) for name in space.groups}
-    mixed = np.empty((len(space.groups), 1, n))
-    for k, columns in enumerate(space.groups.values()):
-        points = first.copy()
-        points[:, list(columns)] = second[:, list(columns)]
-        mixed[k, 0] = evaluate(points)
+    mixed = np.stack(
+        [_one_value_per_point(function, p)[None] for p in _mixed_points(space, first, second)]
+    )
 
     def indices(rows: npt.NDArray[np.intp] | slice) -> Array:
         """(2, sources): first, total."""
@@ -467,3 +466,35 @@ def sobol_of(
         )
         for k, name in enumerate(space.groups)
     }
+
+
+def _two_matrices(space: RandomSpace, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
+    """Two scrambled Sobol matrices (n, L) of points of the germs."""
+    dimension = space.dimension
+    try:
+        engine = stats.qmc.Sobol(2 * dimension, scramble=True, rng=generator)
+    except TypeError:  # the name of the argument before scipy 1.15
+        engine = stats.qmc.Sobol(2 * dimension, scramble=True, seed=generator)
+    uniform = engine.random_base2(n.bit_length() - 1)
+    return space.from_uniform(uniform[:, :dimension]), space.from_uniform(uniform[:, dimension:])
+
+
+def _mixed_points(space: RandomSpace, first: Array, second: Array) -> Iterator[Array]:
+    """The first matrix with the germs of one source from the second, for every source."""
+    for columns in space.groups.values():
+        points = first.copy()
+        points[:, list(columns)] = second[:, list(columns)]
+        yield points
+
+
+def _one_value_per_point(function: Callable[[Array], npt.ArrayLike], points: Array) -> Array:
+    """Values (n,) of a user's function at points (n, L)."""
+    returned = function(points)
+    values = checked_reals("sobol_of", "function(points)", returned, "return one finite number per point")
+    if values.shape != (len(points),) or not np.isfinite(values).all():
+        raise SceneError(
+            f"sobol_of: the function returned shape {values.shape} with "
+            f"{int(np.count_nonzero(~np.isfinite(values)))} values that are not finite for {len(points)} "
+            "points; return one finite number per point"
+        )
+    return values

@@ -15,7 +15,8 @@ from scipy import linalg, special
 from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
@@ -230,8 +231,7 @@ class RandomSpace:
             return [float(w) for w in chaos.weights]
         result = [1.0] * self.dimension
         for name, weight in chaos.weights.items():
-            if name not in self._sources:
-                raise unknown_name("random parameter", name, self.names, "Chaos: weights")
+            check_known("random parameter", name, self.names, "Chaos: weights")
             for column in self._find(self._sources[name])[0].columns:
                 result[column] = float(weight)
         return result
@@ -323,9 +323,26 @@ class RandomSpace:
         return core.galerkin_matrix(basis, coefficients[row], indices)
 
     # -- points --------------------------------------------------------------------------------
+    def checked_points(self, points: npt.ArrayLike, where: str) -> Array:
+        """Points (N, L) of the germs, finite; of one point its row may be given.
+
+        Raises
+        ------
+        SceneError
+            They are no finite numbers, or of another number of germs.
+        """
+        data = checked_numbers(where, "germs", points, "give points of finite numbers, one row each")
+        data = np.atleast_2d(data)
+        if data.ndim != 2 or data.shape[1] != self.dimension:
+            raise SceneError(
+                f"{where}: points of shape {data.shape}, the problem has {self.dimension} germs: "
+                f"{', '.join(self.germ_names)}"
+            )
+        return data
+
     def values(self, source: Source, points: npt.ArrayLike) -> Array:
         """A parameter (N,) or field (m, N) at points (N, L) of the germs; not by its chaos."""
-        xi = np.asarray(points, dtype=np.float64)
+        xi = self.checked_points(points, "values")
         block, position = self._find(source)
         own = xi[:, list(block.columns)]
         if block.field is not None:
@@ -346,12 +363,13 @@ class RandomSpace:
         """
         given: dict[str, Array] = {}
         for name, value in values.items():
-            source = self._sources.get(name)
-            if source is None:
-                raise unknown_name("random parameter", name, self.names)
+            check_known("random parameter", name, self.names)
+            source = self._sources[name]
             if isinstance(source, DiscretisedField):
                 raise SceneError(f"random field {name!r} cannot be set by one number per point")
-            given[name] = np.atleast_1d(np.asarray(value, dtype=np.float64))
+            given[name] = np.atleast_1d(
+                checked_numbers(f"random parameter {name!r}", "value", value, "give one number per point")
+            )
         count = common_length(given)
         points = np.zeros((count, self.dimension))
         for block in self._blocks:
@@ -389,7 +407,8 @@ class RandomSpace:
 
     def sample(self, count: int, rng: np.random.Generator | int | None = None) -> Array:
         """Monte Carlo: `count` random points (count, L) of the germs."""
-        generator = np.random.default_rng(rng)
+        generator = np.random.default_rng(checked_seed("sampling", rng))
+        count = checked_whole("sampling", "samples", count, 1)
         return self.from_uniform(generator.random((count, self.dimension)))
 
     def sample_sobol(self, count: int, rng: np.random.Generator | int | None = None) -> Array:
@@ -400,14 +419,15 @@ class RandomSpace:
         SceneError
             `count` is not a power of two, or there are no germs.
         """
-        if count < 1 or count & (count - 1):
+        count = checked_whole("sampling", "samples", count, 1)
+        if count & (count - 1):
             above = 2 ** max(count - 1, 1).bit_length()
             raise SceneError(
                 f"{count} Sobol points are not balanced; take a power of two, e.g. {above}"
             )
         if not self.germs:
             raise SceneError("there is nothing random to sample")
-        generator = np.random.default_rng(rng)
+        generator = np.random.default_rng(checked_seed("sampling", rng))
         try:
             engine = qmc.Sobol(self.dimension, scramble=True, rng=generator)
         except TypeError:  # the name of the argument before scipy 1.15
@@ -416,15 +436,15 @@ class RandomSpace:
 
     def tensor_gauss(self, counts: int | Sequence[int], memory_limit: float = 0.0) -> Rule:
         """Tensor Gauss rule with this many points in each germ."""
-        if isinstance(counts, (int, np.integer)):
-            wanted = [int(counts)] * self.dimension
+        if isinstance(counts, (list, tuple, np.ndarray)):
+            wanted = [checked_whole("tensor quadrature", "points", c, 1) for c in counts]
         else:
-            wanted = [int(c) for c in counts]
+            wanted = [checked_whole("tensor quadrature", "points", counts, 1)] * self.dimension
         return core.tensor_gauss(self.germs, wanted, memory_limit)
 
     def sparse_gauss(self, level: int, memory_limit: float = 0.0) -> Rule:
         """Smolyak rule, exact for total degree 2 level + 1."""
-        return core.smolyak(self.germs, level, memory_limit)
+        return core.smolyak(self.germs, checked_whole("sparse quadrature", "level", level, 0), memory_limit)
 
     # -- answers -------------------------------------------------------------------------------
     def sobol(self, coefficients: npt.ArrayLike, basis: ChaosBasis) -> dict[str, Sobol]:

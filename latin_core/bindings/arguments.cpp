@@ -252,26 +252,24 @@ latin::iteration::Options to_options(py::object value) {
   const auto integer = [&get](const char* key) {
     return to_index(get(key), "options." + std::string(key));
   };
-  const auto count = [&](const char* key) {
-    const std::string name = "options." + std::string(key);
-    const Index number = integer(key);
-    if (number < 0) {
-      throw latin::InputError(name + " is " + std::to_string(number) + ": it must not be negative");
-    }
-    return number;
-  };
   latin::iteration::Options options{};
   options.rtol = to_number(get("rtol"), "options.rtol");
   options.stop_on_indicator = choose("criterion", "error", "indicator");
   options.max_iterations = integer("max_iterations");
   options.acceleration = integer("acceleration");
   options.relaxation = to_number(get("relaxation"), "options.relaxation");
-  options.stagnation_window = count("stagnation_window");
-  options.newton = count("newton");
-  options.snapshots = count("snapshots");
-  options.together = count("together");
-  options.scatter = py::bool_(get("scatter"));
+  options.stagnation_window = integer("stagnation_window");
+  options.newton = integer("newton");
+  options.snapshots = integer("snapshots");
+  options.together = integer("together");
+  const py::object scatter = get("scatter");
+  if (!py::isinstance<py::bool_>(scatter)) {
+    throw py::type_error("options.scatter: True or False is wanted, got " +
+                         py::cast<std::string>(py::repr(scatter)));
+  }
+  options.scatter = py::cast<bool>(scatter);
   options.single_precision = choose("precision", "double", "single");
+  options.check();
   return options;
 }
 

@@ -6,6 +6,7 @@ import copy
 import pickle
 import threading
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -349,20 +350,26 @@ def test_laws_keep_their_structure_alive() -> None:
     "change, words",
     [
         ({"rtol": 0.0}, "rtol is 0"),
-        ({"rtol": np.nan}, "rtol"),
+        ({"rtol": np.nan}, "rtol is nan"),
+        ({"rtol": 1.0}, "rtol is 1"),
         ({"rtol": "small"}, "options.rtol: a number is wanted"),
         ({"max_iterations": 0}, "max_iterations is 0"),
         ({"max_iterations": 2.5}, "options.max_iterations: an integer is wanted"),
         ({"acceleration": -1}, "acceleration is -1"),
         ({"relaxation": 2.0}, "relaxation is 2"),
-        ({"snapshots": -3}, "options.snapshots is -3"),
-        ({"newton": -1}, "options.newton is -1"),
-        ({"together": -1}, "options.together is -1"),
-        ({"stagnation_window": -1}, "options.stagnation_window is -1"),
+        ({"snapshots": 0}, "snapshots is 0"),
+        ({"newton": -1}, "newton is -1"),
+        ({"newton": "yes"}, "options.newton: an integer is wanted"),
+        ({"together": 0}, "together is 0"),
+        ({"stagnation_window": 0}, "stagnation_window is 0"),
+        ({"scatter": "no"}, "options.scatter: True or False is wanted"),
+        ({"precision": "half"}, "options.precision is 'half'"),
     ],
 )
 def test_options(structure: Structure, laws: Laws, change: dict[str, Any], words: str) -> None:
-    refuses(lambda: structure.solve(laws, options=Options(**change)), words)
+    """Whatever has the attributes of options is looked at by the kernel again."""
+    settings = SimpleNamespace(**{**vars(Options()), **change})
+    refuses(lambda: structure.solve(laws, options=settings), words)
 
 
 def test_what_is_no_options(structure: Structure, laws: Laws) -> None:

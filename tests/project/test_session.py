@@ -128,7 +128,7 @@ def test_ctrl_c_and_a_checkpoint(kind: str, tmp_path: Path) -> None:
 import numpy as np
 seen = []
 kind, path = sys.argv[1:]
-slow = lf.Options(rtol=1e-13, max_iterations=200, acceleration=0, snapshots=0, stagnation_window=10**8)
+slow = lf.Options(rtol=1e-13, max_iterations=200, acceleration=0, snapshots=1, stagnation_window=10**8)
 values = np.linspace(20.0, 40.0, 200)
 
 def run():

@@ -340,7 +340,7 @@ def test_bad_questions() -> None:
         result.table()["force_q"]
     with pytest.raises(SceneError, match="0 rows with interface = 'j'"):
         result.table().value("force_x", "j")
-    with pytest.raises(SceneError, match="quantile 1.5 must be between 0 and 1"):
+    with pytest.raises(SceneError, match=r"quantile = 1.5; it must be in \(0, 1\)"):
         monte_carlo(assemble(layered()), 2).table(quantiles=[1.5])
 
 

@@ -111,11 +111,11 @@ def test_plan_refuses(problem):
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_directions_are_positive(problem, bad):
-    with pytest.raises(SceneError, match=f"factor is {bad}: it must be positive"):
+    with pytest.raises(SceneError, match=f"direction = {bad:g}; it must be a positive number"):
         make_plan(problem, direction=bad)
-    with pytest.raises(SceneError, match=f"length is {bad}"):
+    with pytest.raises(SceneError, match=f"length = {bad:g}"):
         Direction(length=bad)
-    with pytest.raises(SceneError, match="'layer' must be positive and finite"):
+    with pytest.raises(SceneError, match="'layer': given = .*: it must be positive and finite"):
         Direction(given={"layer": bad})
 
 
@@ -247,7 +247,7 @@ def test_start_does_not_change_the_answer(problem, reference):
 
 def test_start_of_another_plan(problem):
     other = solve(problem, active="all")
-    with pytest.raises(InputError, match=r"start state has shape \(\d+, 1\), this problem needs"):
+    with pytest.raises(SceneError, match=r"start has a state of shape \(\d+, 1\), this plan has"):
         solve(problem, "accelerated", start=other)
 
 
@@ -280,16 +280,16 @@ def test_criterion_is_what_is_stopped_on(problem):
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"rtol": 0.0}, r"rtol is 0\.0+: it must lie in \(0, 1\)"),
-        ({"rtol": 1.5}, r"rtol is 1\.50+"),
+        ({"rtol": 0.0}, r"rtol is 0\.0: it must lie in \(0, 1\)"),
+        ({"rtol": 1.5}, r"rtol is 1\.5"),
         ({"rtol": np.nan}, r"rtol is nan"),
-        ({"max_iterations": 0}, r"max_iterations is 0: it must be at least 1"),
-        ({"acceleration": -1}, r"acceleration is -1: it must lie in 0\.\.100"),
+        ({"max_iterations": 0}, r"max_iterations is 0: it must be a whole number, at least 1"),
+        ({"acceleration": -1}, r"acceleration is -1: it must be a whole number, in 0\.\.100"),
         ({"acceleration": 101}, r"acceleration is 101"),
-        ({"relaxation": 0.0}, r"relaxation is 0\.0+: it must lie in \(0, 1\]"),
-        ({"relaxation": 1.1}, r"relaxation is 1\.10+"),
-        ({"operator": "inverse"}, r"operator 'inverse': use 'automatic', 'condensed' or"),
-        ({"backend": "lu"}, r"backend 'lu': use 'automatic' or one of .*mumps"),
+        ({"relaxation": 0.0}, r"relaxation is 0\.0: it must lie in \(0, 1\]"),
+        ({"relaxation": 1.1}, r"relaxation is 1.1"),
+        ({"operator": "inverse"}, r"operator 'inverse' is not known: use 'automatic', 'condensed' or"),
+        ({"backend": "lu"}, r"backend 'lu' is not known: use 'automatic', 'cholmod' or 'mumps'"),
     ],
 )
 def test_options_out_of_range(problem, change, message):

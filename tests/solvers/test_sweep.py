@@ -222,7 +222,7 @@ def test_mistakes(problem):
             sweep(problem, grid, progress=False, **how)
 
     refuse({}, "grid is empty")
-    refuse({"layer.normal": []}, r"layer\.normal: give a list of finite numbers, got \[\]")
+    refuse({"layer.normal": []}, r"layer\.normal: values = \[\]: give a list of finite numbers")
     refuse({"layer.normal": [1.0, np.nan]}, "list of finite numbers")
     refuse({"layer.normal": [[1.0]]}, "list of finite numbers")
     refuse({"layer.norml": [1.0]}, r"unknown parameter 'layer\.norml'; did you mean 'layer\.normal'")

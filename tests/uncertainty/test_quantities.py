@@ -215,8 +215,8 @@ def test_bad_quantities(settings, message):
 @pytest.mark.parametrize(
     ("question", "message"),
     [
-        (lambda q: q.mean(95), "level = 95 must be between 0 and 1"),
-        (lambda q: q.quantile(5), "q = 5 must be"),
+        (lambda q: q.mean(95), r"level = 95; it must be in \(0, 1\)"),
+        (lambda q: q.quantile(5), "q = 5; it must be"),
         (lambda q: q.probability(), "give above, below or both"),
         (lambda q: q.probability(above=2, below=1), "nothing is above 2 and below 1"),
         (lambda q: q.probability(above=2, method="wald"), "unknown method 'wald'"),

@@ -298,7 +298,7 @@ def test_new_scipy_variables_are_understood() -> None:
 
 # --- bad input --------------------------------------------------------------------------------
 BAD = [
-    (lambda: Normal("", 1.0, cov=0.1), "give a random parameter a name"),
+    (lambda: Normal("", 1.0, cov=0.1), "name = ''; a name is a string"),
     (lambda: Normal("k", 1.0), "give either cov"),
     (lambda: Normal("k", 1.0, cov=0.1, std=0.1), "not both"),
     (lambda: Normal("k", 0.0, cov=0.1), "mean 0"),
@@ -315,26 +315,26 @@ BAD = [
     (lambda: TruncatedNormal("k", 1.0, cov=0.1, lower=5.0), "tail"),
     (lambda: FromSamples("k", [1.0, 1.0]), "all 2 values equal 1"),
     (lambda: FromSamples("k", [1.0, math.inf]), "finite numbers"),
-    (lambda: FromSamples("k", ["a"]), "not numbers"),
+    (lambda: FromSamples("k", ["a"]), "give a list of finite numbers"),
     (lambda: FromDistribution("k", "weibull"), "unknown distribution 'weibull' of type str"),
     (lambda: FromDistribution("k", stats.cauchy()), "finite variance"),
     (lambda: FromDistribution("k", stats.norm(), germ="hermite"), "unknown germ 'hermite'"),
-    (lambda: Chaos(-1), "order = -1 must be >= 0"),
-    (lambda: Chaos(1.5), "not a whole number"),
+    (lambda: Chaos(-1), "order = -1; give a whole number >= 0"),
+    (lambda: Chaos(1.5), "order = 1.5; give a whole number"),
     (lambda: Chaos(2, index_set="totl"), "unknown index set 'totl'; did you mean 'total'"),
     (lambda: Chaos(2, q=1.5), "q = 1.5"),
     (lambda: Chaos(2, max_interaction=0), "max_interaction = 0"),
-    (lambda: Chaos(2, weights=[1.0, -1.0]), "weight = -1"),
+    (lambda: Chaos(2, weights=[1.0, -1.0]), "weights = -1"),
     (lambda: RandomField("f", 1.0, cov=0.1, covariance="expo"), "unknown covariance 'expo'"),
     (lambda: RandomField("f", 1.0, cov=0.1, covariance="matern"), "needs its smoothness"),
     (lambda: RandomField("f", 1.0, cov=0.1, distribution="weibull"), "unknown distribution"),
     (lambda: RandomField("f", 1.0, cov=0.1, length=-1.0), "length = -1"),
-    (lambda: RandomField("f", 1.0, cov=0.1, variance_captured=1.5), "1.5 must be in"),
+    (lambda: RandomField("f", 1.0, cov=0.1, variance_captured=1.5), "1.5; it must be in"),
     (lambda: RandomField("f", 1.0, cov=0.1, modes=0), "modes = 0"),
     (lambda: RandomField("f", 1.0, cov=0.1, modes=2, variance_captured=0.9), "not both"),
     (lambda: RandomField("f", -1.0, cov=0.1, distribution="lognormal"), "mean = -1"),
     (lambda: RandomField("f", 1.0, cov=0.1).on(np.zeros((3, 2)), np.ones(2)), "wanted"),
-    (lambda: RandomField("f", 1.0, cov=0.1).on(np.zeros((2, 2)), np.zeros(2)), "weights positive"),
+    (lambda: RandomField("f", 1.0, cov=0.1).on(np.zeros((2, 2)), np.zeros(2)), "weights must be positive"),
     (
         lambda: RandomField("f", 1.0, cov=0.1, length=0.01, variance_captured=0.99).on(
             *segment(10)

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.describe import record
+from dolfinx_frontend.common.checks import checked_flag, checked_reals
+from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
@@ -235,6 +236,9 @@ class Law:
                 raise TypeError(f"{cls.__name__}: every law has a {name!r}: give the value another name")
 
     def __post_init__(self) -> None:
+        for each in dataclasses.fields(self):
+            if each.type in ("bool", bool):
+                checked_flag(self.title, each.name, getattr(self, each.name))
         self.validate()
         for each in dataclasses.fields(self):
             given = getattr(self, each.name)
@@ -543,15 +547,10 @@ class Law:
                 f"{self.title}: {name} = {value!r} is not a number, an array, a callable "
                 "or a parameter with a mean"
             )
-        try:
-            data = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise SceneError(
-                f"{self.title}: {name} = {value!r} is not a number or an array of numbers"
-            ) from None
+        data = checked_reals(self.title, name, value, "give a number or an array of numbers")
         end = f"; {remedy}" if remedy else ""
         if not np.all(np.isfinite(data)):
-            raise SceneError(f"{self.title}: {name} = {value!r} is not finite{end or '; give numbers'}")
+            raise SceneError(f"{self.title}: {name} = {short(value)} is not finite{end or '; give numbers'}")
         if minimum is not None and data.size and data.min() < minimum:
             raise SceneError(f"{self.title}: {name} = {data.min():g} is negative{end}")
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import is_whole
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws.base import Elimination, Face, Fields, Law, Points, resolve
 from dolfinx_frontend.scene.values import evaluate
@@ -41,15 +42,15 @@ class Displacement(Law):
     def validate(self) -> None:
         self.check_value("value", self.value)
         if self.components is not None:
-            try:
-                components = tuple(int(c) for c in np.atleast_1d(np.asarray(self.components)))
-            except (TypeError, ValueError, OverflowError):
-                components = ()
-            if not components or len(set(components)) < len(components) or min(components) < 0:
+            given = self.components
+            several = isinstance(given, (list, tuple, range, np.ndarray)) and np.ndim(given) == 1
+            components: tuple[Any, ...] = tuple(cast(Any, given)) if several else (given,)
+            known = bool(components) and all(is_whole(c) and c >= 0 for c in components)
+            if not known or len(set(components)) < len(components):
                 raise SceneError(
                     f"Displacement: components = {self.components!r}; name different axes, 0 = x"
                 )
-            object.__setattr__(self, "components", components)
+            object.__setattr__(self, "components", tuple(int(c) for c in components))
 
     def check_dimension(self, dim: int, where: str) -> None:
         if self.components is not None and max(self.components) >= dim:

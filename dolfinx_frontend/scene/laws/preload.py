@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_number, checked_reals
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, resolve, settled
 from dolfinx_frontend.scene.laws.perfect import Perfect
-from dolfinx_frontend.scene.values import number
 
 __all__ = ["Preload"]
 
@@ -51,18 +51,17 @@ class Preload(Law):
 
     def validate(self) -> None:
         self.check_value("force", self.force)
-        if self.until is not None and number(self.until) is None:
-            raise SceneError(f"Preload: until = {self.until!r} is not a time")
+        if self.until is not None:
+            checked_number("Preload", "until", self.until)
         if self.during is None:
             return
         if self.until is not None:
             raise SceneError("Preload: until and during are given: give one")
-        try:
-            spans = tuple((float(start), float(end)) for start, end in self.during)
-        except (TypeError, ValueError):
-            raise SceneError(
-                f"Preload: during = {self.during!r}; give intervals ((start, end), ...)"
-            ) from None
+        wanted = "give intervals ((start, end), ...)"
+        table = checked_reals("Preload", "during", self.during, wanted)
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise SceneError(f"Preload: during = {self.during!r}: {wanted}")
+        spans = tuple((float(start), float(end)) for start, end in table)
         ends = [t for span in spans for t in span]
         if not ends or not all(map(math.isfinite, ends)) or any(
             b < a or (b == a and k % 2 == 0) for k, (a, b) in enumerate(zip(ends, ends[1:]))

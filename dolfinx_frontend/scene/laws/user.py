@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import check_kind, checked_name
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws.base import Fields, Functions, Law, Points, resolve
 
@@ -76,10 +77,13 @@ class UserLaw(Law):
             raise SceneError("UserLaw: a tangent is of use with force only")
         if self.force is not None and self.history:
             raise SceneError("UserLaw: a law that remembers must be given by resolve or compiled")
-        if self.components not in ("all", "normal"):
+        if not isinstance(self.components, str) or self.components not in ("all", "normal"):
             raise SceneError(
                 f"UserLaw: components = {self.components!r}; give 'all' or 'normal'"
             )
+        check_kind("UserLaw", "values", self.values, Mapping, "give {name: value}")
+        if self.name is not None:
+            checked_name("UserLaw", self.name)
         own = {f.name for f in dataclasses.fields(self)} | {"flexibility", "steps"}
         for name, value in self.values.items():
             if not str(name).isidentifier() or name in own:

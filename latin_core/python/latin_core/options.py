@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
+
+import numpy as np
+
+from latin_core._core import InputError
 
 __all__ = ["Options"]
 
@@ -63,6 +68,11 @@ class Options:
     memory_limit
         Bytes that one condensed block may take before ``"automatic"`` goes sparse, and the dense
         flexibility of Newton steps before they do without; 0: no limit.
+
+    Raises
+    ------
+    InputError
+        A setting out of its range, or of another type; it names both.
     """
 
     rtol: float = 1e-6
@@ -83,7 +93,12 @@ class Options:
     memory_limit: float = 8e9
 
     def with_(self, **changes: Any) -> Options:
-        """A copy with some settings changed."""
+        """A copy with some settings changed; InputError: no such setting, or not such a value."""
+        for name in changes:
+            if name not in self.__dataclass_fields__:
+                raise InputError(
+                    f"there is no setting {name!r}: they are {', '.join(self.__dataclass_fields__)}"
+                )
         return replace(self, **changes)
 
     @classmethod
@@ -101,17 +116,51 @@ class Options:
         return cls(**{**settings, **changes})
 
     def __post_init__(self) -> None:
-        if self.criterion not in ("error", "indicator"):
-            raise ValueError(
-                f"criterion {self.criterion!r} is not known: use 'error' or 'indicator'"
-            )
-        if self.precision not in ("double", "single"):
-            raise ValueError(f"precision {self.precision!r} is not known: use 'double' or 'single'")
-        if self.macro not in ("automatic", "none", "resultants", "linear"):
-            raise ValueError(
-                f"macro {self.macro!r} is not known: use 'automatic', 'none', 'resultants' or 'linear'"
-            )
-        if self.directions not in ("automatic", "diagonal", "matrix"):
-            raise ValueError(
-                f"directions {self.directions!r} is not known: use 'automatic', 'diagonal' or 'matrix'"
-            )
+        self._number("rtol", lambda value: 0.0 < value < 1.0, "in (0, 1)")
+        self._number("relaxation", lambda value: 0.0 < value <= 1.0, "in (0, 1]")
+        self._number("memory_limit", lambda value: value >= 0.0, "at 0 or above")
+        for name, least, most in _COUNTS:
+            self._count(name, least, most)
+        if isinstance(self.newton, bool):
+            object.__setattr__(self, "newton", int(self.newton))
+        self._count("newton", 0, None)
+        if not isinstance(self.scatter, bool):
+            raise InputError(f"scatter is {self.scatter!r}: give True or False")
+        for name, words in _WORDS.items():
+            value = getattr(self, name)
+            if not isinstance(value, str) or value not in words:
+                *first, last = map(repr, words)
+                raise InputError(f"{name} {value!r} is not known: use {', '.join(first)} or {last}")
+
+    def _number(self, name: str, holds: Callable[[float], bool], where: str) -> None:
+        value = getattr(self, name)
+        real = isinstance(value, (int, float, np.integer, np.floating))
+        if not real or isinstance(value, bool) or not holds(value):
+            raise InputError(f"{name} is {value!r}: it must lie {where}")
+
+    def _count(self, name: str, least: int, most: int | None) -> None:
+        value = getattr(self, name)
+        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not whole or value < least or (most is not None and value > most):
+            wanted = f"at least {least}" if most is None else f"in {least}..{most}"
+            raise InputError(f"{name} is {value!r}: it must be a whole number, {wanted}")
+
+
+_COUNTS: tuple[tuple[str, int, int | None], ...] = (
+    ("max_iterations", 1, None),
+    ("acceleration", 0, 100),
+    ("stagnation_window", 1, None),
+    ("snapshots", 1, None),
+    ("together", 1, None),
+)
+"""Settings that count: name, least, most."""
+
+_WORDS: dict[str, tuple[str, ...]] = {
+    "criterion": ("error", "indicator"),
+    "precision": ("double", "single"),
+    "macro": ("automatic", "none", "resultants", "linear"),
+    "directions": ("automatic", "diagonal", "matrix"),
+    "operator": ("automatic", "condensed", "factored"),
+    "backend": ("automatic", "cholmod", "mumps"),
+}
+"""Settings that are one of some words."""

@@ -71,38 +71,45 @@ class Germ:
     Made by the class methods; ``str(germ)`` tells the family.
     """
 
-    def __init__(self, native: Any) -> None:
+    def __init__(self, native: Any, made: tuple[str, tuple[Any, ...]]) -> None:
         self._native = native
+        self._made = made  # class method and its arguments: the native object cannot leave the process
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        name, arguments = self._made
+        return getattr(Germ, name), arguments
 
     @classmethod
     def hermite(cls) -> Germ:
         """Standard normal."""
-        return cls(_native.Germ.family("hermite", []))
+        return cls(_native.Germ.family("hermite", []), ("hermite", ()))
 
     @classmethod
     def legendre(cls) -> Germ:
         """Uniform on [-1, 1]."""
-        return cls(_native.Germ.family("legendre", []))
+        return cls(_native.Germ.family("legendre", []), ("legendre", ()))
 
     @classmethod
     def laguerre(cls, shape: float) -> Germ:
         """Gamma on [0, inf) with this shape > 0 and scale 1."""
-        return cls(_native.Germ.family("laguerre", [shape]))
+        return cls(_native.Germ.family("laguerre", [shape]), ("laguerre", (shape,)))
 
     @classmethod
     def jacobi(cls, a: float, b: float) -> Germ:
         """beta(a, b) stretched to [-1, 1]; a > 0 belongs to the end -1, b > 0 to +1."""
-        return cls(_native.Germ.family("jacobi", [a, b]))
+        return cls(_native.Germ.family("jacobi", [a, b]), ("jacobi", (a, b)))
 
     @classmethod
     def from_measure(cls, nodes: npt.ArrayLike, weights: npt.ArrayLike) -> Germ:
         """Atoms at `nodes` (N,) with `weights` (N,) >= 0, which are scaled to the sum 1."""
-        return cls(_native.Germ.from_measure(_vector(nodes), _vector(weights)))
+        measure = np.array(_vector(nodes)), np.array(_vector(weights))
+        return cls(_native.Germ.from_measure(*measure), ("from_measure", measure))
 
     @classmethod
     def from_recurrence(cls, alpha: npt.ArrayLike, beta: npt.ArrayLike) -> Germ:
         """Coefficients (n,) of x psi_k = beta_k+1 psi_k+1 + alpha_k psi_k + beta_k psi_k-1."""
-        return cls(_native.Germ.from_recurrence(_vector(alpha), _vector(beta)))
+        steps = np.array(_vector(alpha)), np.array(_vector(beta))
+        return cls(_native.Germ.from_recurrence(*steps), ("from_recurrence", steps))
 
     @property
     def capacity(self) -> int | None:
@@ -187,6 +194,9 @@ class MultiIndexSet:
         count, dimension = self.table.shape
         return f"MultiIndexSet({count} indices of {dimension} variables)"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return MultiIndexSet.from_table, (np.array(self.table),)
+
     @classmethod
     def from_table(cls, rows: npt.ArrayLike) -> MultiIndexSet:
         """A set given by its rows (P + 1, L), in any order; the zero row must be among them."""
@@ -225,6 +235,10 @@ class ChaosBasis:
         self.germs = tuple(germs)
         self.indices = indices
         self._native = _native.ChaosBasis([germ._native for germ in germs], indices._native)
+        self._made = (tuple(germs), indices)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ChaosBasis, self._made
 
     @property
     def dimension(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from latin_core.options import Options
 
 __all__ = ["SweepPoints", "SweptParameter", "sweep"]
 
+_log = logging.getLogger(__name__)
 Array = npt.NDArray[np.float64]
 
 
@@ -111,6 +112,27 @@ class SweepPoints:
         )
 
 
+def _check_outputs(outputs: Iterable[str]) -> None:
+    clash = [name for name in outputs if ":" in name]
+    if clash:
+        raise ValueError(f"output {clash[0]!r}: a name without a colon is wanted")
+
+
+def _nothing_yet(points: int, states: tuple[int, int] | None) -> SweepPoints:
+    """A sweep of which no point was reached; `states`: rows and columns of those that are kept."""
+    return SweepPoints(
+        iterations=np.full(points, -1, dtype=np.int64),
+        error=np.full(points, np.nan),
+        seconds=np.full(points, np.nan),
+        status=np.full(points, "", dtype="<U16"),
+        forces={},
+        jumps={},
+        worst=np.full((points, 2), -1, dtype=np.int64),
+        largest=np.full(points, -1.0),
+        states=None if states is None else np.full((points, 2, *states), np.nan),
+    )
+
+
 def _worst(errors: Array) -> tuple[npt.NDArray[np.int64], float]:
     """Place (2,) of the largest error of a table, and that error; what is not known is larger than any."""
     if not errors.size:
@@ -136,7 +158,49 @@ class _Keeper:
 
     result: SweepPoints
     interfaces: Sequence[str]
-    outputs: Sequence[str]
+    outputs: Mapping[str, Callable[[int, Fields], npt.ArrayLike]]
+
+    def finish(
+        self, point: int, summary: _core.Summary, state: _core.State, fields: Fields
+    ) -> dict[str, Any]:
+        """Keep a point that was solved in this run; what it leaves, by name."""
+        _log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)
+        arrays = self._measured(point, summary, fields)
+        self.keep(point, arrays)
+        self.result.scatter = summary.scatter
+        if self.result.states is not None:
+            self.result.states[point] = state.data, state.traces
+        self.result.histories[point] = summary.history
+        self.result.order.append(point)
+        return arrays
+
+    def _measured(self, point: int, summary: _core.Summary, fields: Fields) -> dict[str, Any]:
+        worst, largest = _worst(summary.errors)
+        arrays: dict[str, Any] = {
+            "iterations": summary.iterations,
+            "error": summary.error,
+            "seconds": summary.history[-1].seconds if summary.history else 0.0,
+            "status": summary.status,
+            "worst": worst,
+            "largest": largest,
+        }
+        for name in self.interfaces:
+            arrays[f"force:{name}"], arrays[f"jump:{name}"] = (each.T for each in fields[name])
+        for name, function in self.outputs.items():
+            arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
+        return arrays
+
+    def read(self, file: Checkpoint | None) -> Iterator[tuple[int, _core.State]]:
+        """Keep the points of a checkpoint; numbers and states of those that converged."""
+        points = len(self.result.iterations)
+        if file is None:
+            return
+        for number, arrays in file:
+            if not 0 <= number < points:
+                raise CheckpointError(f"{file.path} holds point {number}, this sweep has {points} points")
+            self.keep(number, arrays)
+            if str(arrays["status"]) == "converged":
+                yield number, _core.State(arrays["data"], arrays["traces"])
 
     def keep(self, point: int, arrays: Mapping[str, Any]) -> None:
         """What a point has left, in memory or in a checkpoint."""
@@ -223,70 +287,30 @@ def sweep(
         Within one iteration of Ctrl-C; finished points are in the checkpoint.
     """
     options = options or Options()
-    log = logging.getLogger(__name__)
     points = parameters[0].values.shape[1] if parameters else 1
     amplitudes = np.asarray(amplitudes)
     if amplitudes.ndim != 2:
         raise _core.InputError(f"amplitudes: shape (loads, columns) is wanted, got {amplitudes.shape}")
     _check_points("order", order, points)
     _check_points("start", start or (), points)
-    result = SweepPoints(
-        iterations=np.full(points, -1, dtype=np.int64),
-        error=np.full(points, np.nan),
-        seconds=np.full(points, np.nan),
-        status=np.full(points, "", dtype="<U16"),
-        forces={},
-        jumps={},
-        worst=np.full((points, 2), -1, dtype=np.int64),
-        largest=np.full(points, -1.0),
-        states=(
-            np.full((points, 2, structure.rows, amplitudes.shape[1]), np.nan) if keep_states else None
-        ),
-    )
+    result = _nothing_yet(points, (structure.rows, amplitudes.shape[1]) if keep_states else None)
     outputs = outputs or {}
-    clash = [name for name in outputs if ":" in name]
-    if clash:
-        raise ValueError(f"output {clash[0]!r}: a name without a colon is wanted")
-
-    keeper = _Keeper(result, interfaces if keep_fields else (), tuple(outputs))
+    _check_outputs(outputs)
+    keeper = _Keeper(result, interfaces if keep_fields else (), outputs)
     known: list[_core.State] = list(start.values()) if start else []
     known_points: list[int] = list(start) if start else []
     file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
     try:
-        for number, arrays in file or ():
-            if not 0 <= number < points:
-                raise CheckpointError(f"{checkpoint} holds point {number}, this sweep has {points} points")
-            keeper.keep(number, arrays)
-            if str(arrays["status"]) == "converged":
-                known.append(_core.State(arrays["data"], arrays["traces"]))
-                known_points.append(number)
+        for number, state in keeper.read(file):
+            known.append(state)
+            known_points.append(number)
 
         def finished(
             point: int, laws: _core.Laws, summary: _core.Summary, state: _core.State
         ) -> None:
-            worst, largest = _worst(summary.errors)
-            arrays: dict[str, Any] = {
-                "iterations": summary.iterations,
-                "error": summary.error,
-                "seconds": summary.history[-1].seconds if summary.history else 0.0,
-                "status": summary.status,
-                "worst": worst,
-                "largest": largest,
-            }
-            fields: Fields = {}
-            for name in interfaces if keep_fields or outputs else ():
-                fields[name] = structure.local_fields(laws, name, state)
-                if keep_fields:
-                    arrays[f"force:{name}"], arrays[f"jump:{name}"] = (f.T for f in fields[name])
-            for name, function in outputs.items():
-                arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
-            keeper.keep(point, arrays)
-            result.scatter = summary.scatter
-            if result.states is not None:
-                result.states[point] = state.data, state.traces
-            log.debug("point %d: %s after %d iterations", point, summary.status, summary.iterations)
-            result.histories[point] = summary.history
-            result.order.append(point)
+            read = interfaces if keep_fields or outputs else ()
+            fields = {name: structure.local_fields(laws, name, state) for name in read}
+            arrays = keeper.finish(point, summary, state, fields)
             if file is not None:
                 file.append(point, {**arrays, "data": state.data, "traces": state.traces})
             if progress is not None:
