@@ -311,10 +311,23 @@ def test_folders_of_the_system_are_never_covered(folder: str, expected: bool) ->
 
 
 def test_variables_handed_on() -> None:
-    variables = {"LATIN_X": "1", "HYPOTHESIS_PROFILE": "ci", "PYTEST_ADDOPTS": "-q", "NO": "1"}
-    names = answer("handed_on", OMP_NUM_THREADS="2", PYTHONPATH="/nowhere", **variables).split()
-    assert {"LATIN_X", "HYPOTHESIS_PROFILE", "PYTEST_ADDOPTS", "OMP_NUM_THREADS"} <= set(names)
-    assert not {"NO", "PYTHONPATH", "HOME", "PATH"} & set(names)
+    """The user's own, and none that tells of the host's programs and libraries."""
+    mine = {"LATIN_X": "1", "HYPOTHESIS_PROFILE": "ci", "PYTEST_ADDOPTS": "-q", "MY_DATA": "1", "OMP_NUM_THREADS": "2"}
+    foreign = {"PYTHONPATH": "/x", "LD_LIBRARY_PATH": "/x", "PETSC_DIR": "/x", "CXXFLAGS": "-O0", "OMPI_COMM_WORLD_SIZE": "2"}
+    names = set(answer("handed_on", **mine, **foreign).split())
+    assert set(mine) <= names
+    assert not {"HOME", "PATH", "PWD", "LATIN_PYTHON", *foreign} & names
+
+
+def test_folders_of_the_user(tmp_path: Path) -> None:
+    for name in ("home", "my data", "etc", "usr", "lib64", "lost+found", "var/tmp", "var/lib", "run/media", "run/x", ".store"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("home")
+    (tmp_path / "gone").symlink_to("nowhere")
+    found = answer(f'user_folders "{tmp_path}" | tr "\\0" "\\n"').splitlines()
+    names = {"home", "my data", "link", ".store", "var/tmp", "run/media"}
+    assert sorted(found) == sorted(str(tmp_path / name) for name in names)
 
 
 def test_message_names_three_ways_to_dolfinx() -> None:
