@@ -253,13 +253,14 @@ def _triangulate(gmsh: Any, solids: Mapping[str, Solid], tags: Sequence[int]) ->
         model.setVisibility(model.getEntities(), 0)
         model.setVisibility([(2, tag) for tag in tags], 1, recursive=True)
         model.mesh.generate(2)
+        # all nodes: a point in which another part touches is no boundary of the face
+        nodes, x, _ = model.mesh.getNodes()
+        row = np.zeros(int(nodes.max(initial=0)) + 1, dtype=np.int64)
+        row[nodes.astype(np.int64)] = np.arange(nodes.size)
         out = {}
         for tag in tags:
-            nodes, x, _ = model.mesh.getNodes(2, tag, True, False)
-            row = dict(zip(nodes.tolist(), range(len(nodes)), strict=True))
             _, corners = model.mesh.getElementsByType(2, tag)
-            at = np.array([row[t] for t in corners.tolist()], dtype=int)
-            out[tag] = x.reshape(-1, 3)[at].reshape(-1, 3, 3)
+            out[tag] = x.reshape(-1, 3)[row[corners.astype(np.int64)]].reshape(-1, 3, 3)
     finally:
         model.mesh.clear()
         model.setVisibility(model.getEntities(), 1)

@@ -1,0 +1,114 @@
+"""A meshed gmsh model as arrays, to be handed from one process to another. Without dolfinx."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
+
+__all__ = ["Meshed", "meshed"]
+
+
+@dataclass(frozen=True)
+class Meshed:
+    """Cells and facets of the physical groups of a model.
+
+    Attributes
+    ----------
+    dim
+        Dimension of the parts.
+    x
+        (nodes, 3), coordinates.
+    cells
+        Part -> gmsh element type -> nodes of its elements, rows of `x`, (elements, nodes).
+    facets
+        Face -> the same for the elements one dimension lower.
+    kinds
+        gmsh element type -> its name.
+    """
+
+    dim: int
+    x: Array
+    cells: dict[str, dict[int, Ints]]
+    facets: dict[str, dict[int, Ints]]
+    kinds: dict[int, str]
+
+
+def meshed(model: Any) -> Meshed:
+    """The physical groups of ``gmsh.model``, see :func:`from_gmsh`.
+
+    Raises
+    ------
+    SceneError
+        No group of volumes or surfaces, groups without a name or of the same name, a face without its part,
+        elements with nodes that do not exist or come twice, coordinates that are not finite.
+    """
+    groups = model.getPhysicalGroups()
+    dim = max((d for d, _ in groups), default=-1)
+    if dim < 2:
+        raise SceneError(
+            "the gmsh model has no physical group of volumes or, in 2D, of surfaces; name every "
+            "part with addPhysicalGroup(dim, tags, name=...)"
+        )
+    entities: dict[int, dict[str, Sequence[int]]] = {dim: {}, dim - 1: {}}
+    for d, tag in groups:
+        if d < dim - 1:
+            continue
+        name = model.getPhysicalName(d, tag)
+        if not name or name in entities[d]:
+            raise SceneError(
+                f"physical group {tag} of dimension {d} has the name {name!r}; every group needs "
+                "a name of its own: addPhysicalGroup(dim, tags, name=...)"
+            )
+        entities[d][name] = model.getEntitiesForPhysicalGroup(d, tag)
+    cells, facets = entities[dim], entities[dim - 1]
+    for name in facets:
+        if ":" in name and name.partition(":")[0] not in cells:
+            raise SceneError(
+                f"the face {name!r} belongs to no part; the parts are: {', '.join(cells)}"
+            )
+    tags, x, _ = model.mesh.getNodes()
+    row = np.full(int(tags.max(initial=0)) + 2, -1, dtype=np.int64)
+    row[tags.astype(np.int64)] = np.arange(tags.size)
+    x = np.array(x, dtype=np.float64).reshape(-1, 3)
+    kinds: dict[int, str] = {}
+
+    def found(d: int, groups: dict[str, Sequence[int]], what: str) -> dict[str, dict[int, Ints]]:
+        return {
+            name: _elements(model, d, its, row, x, kinds, f"the {what} {name!r}") for name, its in groups.items()
+        }
+
+    return Meshed(dim, x, found(dim, cells, "part"), found(dim - 1, facets, "face"), kinds)
+
+
+def _elements(
+    model: Any, dim: int, entities: Sequence[int], row: Ints, x: Array, kinds: dict[int, str], where: str
+) -> dict[int, Ints]:
+    """gmsh element type -> nodes of its elements on these entities, (elements, nodes)."""
+    found: dict[int, list[Ints]] = {}
+    for entity in entities:
+        types, _, nodes = model.mesh.getElements(dim, entity)
+        for kind, tags in zip(types, nodes, strict=True):
+            kinds[int(kind)], _, _, width, _, _ = model.mesh.getElementProperties(kind)
+            # a node that no file has is a large number, or none of the rows
+            rows = row[np.minimum(tags, row.size - 1).astype(np.int64)].reshape(-1, width)
+            _check(rows, x, where)
+            found.setdefault(int(kind), []).append(rows)
+    return {kind: np.concatenate(rows) for kind, rows in found.items()}
+
+
+def _check(rows: Ints, x: Array, where: str) -> None:
+    """Refuse elements that are none: dolfinx may end the process for them."""
+    if rows.size and rows.min() < 0:
+        count = np.count_nonzero(rows.min(axis=1) < 0)
+        raise SceneError(f"{where} has {count} cells with nodes that the mesh does not have; mesh it again")
+    ordered = np.sort(rows, axis=1)
+    if twice := np.count_nonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1)):
+        raise SceneError(f"{where} has {twice} cells with the same node twice; mesh it again")
+    if not np.isfinite(x[rows]).all():
+        raise SceneError(f"{where} has nodes with coordinates that are not finite; mesh it again")
