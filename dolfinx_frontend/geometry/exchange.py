@@ -13,13 +13,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from dolfinx_frontend.common.errors import SceneError
+
 __all__ = ["Exchange"]
 
 _INSTANCE = re.compile(r"#(\d{1,12})\s*=\s*((?:[^';]++|'[^']*+')*+);")
-_KEYWORD = re.compile(r"\(?\s*([A-Z_0-9]+)\s*\(")
+_KEYWORD = re.compile(r"\(?\s*([A-Z_0-9]+)")
 _REFERENCE = re.compile(r"#(\d{1,12})")
 _TEXT = re.compile(r"'((?:[^']|'')*)'")
 _SOLIDS = frozenset(("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP"))
+_OF_SOLIDS = frozenset(("ADVANCED_BREP_SHAPE_REPRESENTATION", "FACETED_BREP_SHAPE_REPRESENTATION"))
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,19 @@ class Exchange:
 
     @staticmethod
     def of(path: Path) -> Exchange:
-        """The instances of a file, as far as they can be told apart."""
+        """The instances of a file, as far as they can be told apart.
+
+        Raises
+        ------
+        SceneError
+            The file has no end.
+        """
         text = path.read_text(encoding="latin-1")
+        if "END-ISO-10303-21" not in text[-4096:]:
+            raise SceneError(
+                f"{path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so that a part of "
+                "it may be missing; export or copy it again"
+            )
         return Exchange({int(m[1]): m[2] for m in _INSTANCE.finditer(text)})
 
     @cached_property
@@ -75,6 +89,9 @@ class Exchange:
                 linked.setdefault(pair[0], set()).add(pair[1])
                 linked.setdefault(pair[1], set()).add(pair[0])
         solids = set(self._all(_SOLIDS))
+        # an item of a representation of solids that is not in the file was one
+        for representation in self._all(_OF_SOLIDS):
+            solids |= {item for item in self._references(representation) if item not in self.instances}
         out: dict[int, tuple[str, int]] = {}
         for link in self._all(["SHAPE_DEFINITION_REPRESENTATION"]):
             ends = self._references(link)
@@ -94,20 +111,26 @@ class Exchange:
         places = uses.get(definition, [])
         return sum(self._count(p, uses, (*above, definition)) for p in places) if places else 1
 
-    def _broken(self, solid: int) -> int | None:
-        """An instance that a solid needs and the file does not have."""
-        seen, left = {solid}, [solid]
-        while left:
-            for other in self._references(left.pop()):
-                if other not in self.instances:
-                    return other
-                if other not in seen:
-                    seen.add(other)
-                    left.append(other)
-        return None
+    def broken(self) -> dict[int, int]:
+        """Solids that need an instance which the file does not have: number -> number of that instance."""
+        out = {}
+        sound: set[int] = set()  # instances that need nothing that is missing
+        for solid in self.solids:
+            seen, left = {solid}, [solid]
+            while left and solid not in out:
+                for other in self._references(left.pop()):
+                    if other not in self.instances:
+                        out[solid] = other
+                        break
+                    if other not in seen and other not in sound:
+                        seen.add(other)
+                        left.append(other)
+            if solid not in out:
+                sound |= seen
+        return out
 
     def lost(self, found: Iterable[str]) -> list[str]:
-        """Which solids are missing, in words, if the file has more of them than were `found`.
+        """Which solids are missing or damaged, in words.
 
         Parameters
         ----------
@@ -115,22 +138,22 @@ class Exchange:
             Names of the products of the solids that were translated, as the file has them.
         """
         names = Counter(found)
+        broken = self.broken()
+        out = [f"{self._words(s)} (it needs #{at}, which the file does not have)" for s, at in broken.items()]
         wanted = sum(count for _, count in self.solids.values())
         number = wanted - names.total()
-        if number <= 0:
-            return []
-        broken = {solid: at for solid in self.solids if (at := self._broken(solid)) is not None}
-        if sum(self.solids[solid][1] for solid in broken) == number:
-            return [f"{self._words(s)} (it needs #{at}, which the file does not have)" for s, at in broken.items()]
+        if number <= sum(self.solids[solid][1] for solid in broken):
+            return out
         expected: Counter[str] = Counter()
         for name, count in self.solids.values():
             expected[name] += count
         missing = expected - names
-        suspects = [solid for solid, (name, _) in self.solids.items() if missing[name]]
-        if missing.total() == number and len(suspects) == number:
-            return [self._words(solid) for solid in suspects]
+        suspects = [s for s, (name, _) in self.solids.items() if missing[name] and s not in broken]
+        if len(suspects) == number - len(broken):
+            return [*out, *map(self._words, suspects)]
         listed = ", ".join(map(self._words, (suspects or list(self.solids))[:8]))
-        return [f"{number} of {wanted}: of {listed}" + (", ..." if len(self.solids) > 8 else "")]
+        more = ", ..." if len(suspects or self.solids) > 8 else ""
+        return [*out, f"{number} of these {wanted}: {listed}{more}"]
 
     def _words(self, solid: int) -> str:
         name = self.solids[solid][0]

@@ -99,7 +99,37 @@ def _elements(
             rows = row[np.minimum(tags, row.size - 1).astype(np.int64)].reshape(-1, width)
             _check(rows, x, where)
             found.setdefault(int(kind), []).append(rows)
-    return {kind: np.concatenate(rows) for kind, rows in found.items()}
+    out = {kind: np.concatenate(rows) for kind, rows in found.items()}
+    for kind, cells in out.items():
+        if kind in _FACETS and (count := _crowded(cells, _FACETS[kind])):
+            raise SceneError(f"{where}: {count} facets belong to more than two cells; mesh it again")
+    return out
+
+
+_TRIANGLE = ((0, 1), (1, 2), (2, 0))
+_QUADRILATERAL = ((0, 1), (1, 2), (2, 3), (3, 0))
+_TETRAHEDRON = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
+_HEXAHEDRON = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+_FACETS = {
+    2: _TRIANGLE,
+    9: _TRIANGLE,
+    3: _QUADRILATERAL,
+    10: _QUADRILATERAL,
+    4: _TETRAHEDRON,
+    11: _TETRAHEDRON,
+    5: _HEXAHEDRON,
+    12: _HEXAHEDRON,
+}
+"""gmsh element type -> corners of its facets."""
+
+
+def _crowded(cells: Ints, facets: Sequence[Sequence[int]]) -> int:
+    """Number of facets of more than two cells."""
+    corners = np.sort(cells[:, facets].reshape(-1, len(facets[0])), axis=1)[:, :3]
+    # one number each; numbers of nodes that are too large wrap around, but not by chance into one another
+    weights = np.random.default_rng(0).integers(1, 2**62, size=corners.shape[1], dtype=np.int64)
+    key = np.sort((corners * weights).sum(axis=1))
+    return int(np.count_nonzero((key[2:] == key[:-2]) & (np.diff(key)[1:] == 0)))
 
 
 def _check(rows: Ints, x: Array, where: str) -> None:

@@ -100,7 +100,7 @@ def survey(say: Say, source: Source, gap: float | None) -> Survey:
         touches = touching(gmsh, loaded, solids, reach)
         used = {p for t in touches for p in t.parts}
         lonely = [n for n in solids if n not in used] if len(solids) > 1 else []
-        alone = tuple(nearest(gmsh.model, loaded, solids, [n], 1)[0] for n in lonely)
+        alone = tuple(nearest(gmsh.model, loaded, solids, [n], reach, 1)[0] for n in lonely)
         return Survey(solids, touches, reach, alone, loaded.lost)
 
 

@@ -166,6 +166,7 @@ def load(
             f"{path.name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "
             "of ISO 10303-21 does); export it as STEP AP203, AP214 or AP242"
         )
+    exchange = Exchange.of(path)
     say("reading the file")
     try:
         shapes = occ.importShapes(str(path), highestDimOnly=True, format="step")
@@ -174,7 +175,7 @@ def load(
         raise SceneError(f"{path.name!r} cannot be read as STEP ({failure}); export it again") from failure
     tags = [tag for dim, tag in shapes if dim == 3]
     labels = [model.getEntityName(3, tag) for tag in tags]
-    lost = Exchange.of(path).lost(label.split("/")[-1].strip() for label in labels)
+    lost = exchange.lost(label.split("/")[-1].strip() for label in labels)
     names = dict(zip(tags, _names(labels), strict=True))
     if tags:
         say("looking for holes in the solids")
@@ -185,8 +186,8 @@ def load(
             tags = [t for t in tags if t != tag]
     if lost and not (partial and tags):
         raise SceneError(
-            f"{path.name!r}: solids that cannot be read: {'; '.join(lost)}; export it again, or read the others "
-            "with partial=True"
+            f"{path.name!r}: solids that cannot be read, or not in full: {'; '.join(lost)}; export it again, "
+            "or go on without with partial=True"
         )
     if not tags:
         found = f"{len(shapes)} faces or curves" if shapes else "nothing"
@@ -447,9 +448,12 @@ def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
 
 
 def nearest(
-    model: Any, loaded: Loaded, solids: Mapping[str, Solid], names: Sequence[str], most: int = 5
+    model: Any, loaded: Loaded, solids: Mapping[str, Solid], names: Sequence[str], gap: float, most: int = 5
 ) -> list[str]:
-    """Sentences that name the parts that are nearest to each other, by exact distances."""
+    """Sentences that name the parts that are nearest to each other, by exact distances.
+
+    What is not further apart than `gap`, but was not found to face each other, meets in a point or along a line.
+    """
     everyone = list(solids)
     low = np.array([s.low for s in solids.values()])
     high = np.array([s.high for s in solids.values()])
@@ -468,4 +472,7 @@ def nearest(
                     for w in loaded.volumes[key[1]]
                 )
     ranked = sorted(found.items(), key=lambda item: item[1])[:most]
-    return [f"{a!r} and {b!r} are {d:.4g} apart" for (a, b), d in ranked]
+    return [
+        f"{a!r} and {b!r} are {d:.4g} apart" + (", in a point or along a line only" if d <= gap else "")
+        for (a, b), d in ranked
+    ]

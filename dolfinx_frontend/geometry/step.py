@@ -468,7 +468,7 @@ def read_step(
     )
     if found.lost:
         warnings.warn(
-            f"{file.name!r}: solids that cannot be read, and are left out: {'; '.join(found.lost)}",
+            f"{file.name!r}: solids that cannot be read, or not in full: {'; '.join(found.lost)}",
             SceneWarning,
             stacklevel=2,
         )

@@ -102,7 +102,7 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
     if not pairs and len(solids) > 1:
         raise SceneError(
             f"no faces touch or come nearer than gap = {gap:.3g}; the nearest parts: "
-            f"{'; '.join(nearest(model, loaded, solids, names))}; increase gap, or fix the geometry"
+            f"{'; '.join(nearest(model, loaded, solids, names, gap))}; increase gap, or fix the geometry"
         )
     out = []
     for touches in pairs.values():
