@@ -83,7 +83,14 @@ def meshed(model: Any) -> Meshed:
             name: _elements(model, d, its, row, x, kinds, f"the {what} {name!r}") for name, its in groups.items()
         }
 
-    return Meshed(dim, x, found(dim, cells, "part"), found(dim - 1, facets, "face"), kinds)
+    out = Meshed(dim, x, found(dim, cells, "part"), found(dim - 1, facets, "face"), kinds)
+    for name, blocks in out.cells.items():
+        for kind, nodes in blocks.items():
+            if kind in _FACETS and (count := _crowded(nodes, _FACETS[kind])):
+                raise SceneError(
+                    f"the part {name!r}: {count} facets belong to more than two cells; mesh it again"
+                )
+    return out
 
 
 def _elements(
@@ -99,11 +106,7 @@ def _elements(
             rows = row[np.minimum(tags, row.size - 1).astype(np.int64)].reshape(-1, width)
             _check(rows, x, where)
             found.setdefault(int(kind), []).append(rows)
-    out = {kind: np.concatenate(rows) for kind, rows in found.items()}
-    for kind, cells in out.items():
-        if kind in _FACETS and (count := _crowded(cells, _FACETS[kind])):
-            raise SceneError(f"{where}: {count} facets belong to more than two cells; mesh it again")
-    return out
+    return {kind: np.concatenate(rows) for kind, rows in found.items()}
 
 
 _TRIANGLE = ((0, 1), (1, 2), (2, 0))
