@@ -434,10 +434,8 @@ def average(
     index, s, w = first.quadrature(degree)
     x, normals, scale = first.surface(index, s)
     w = w * scale
-    if not np.all(np.isfinite(w)) or w.min() <= 0.0:
-        raise SceneError(f"{where}: facets of {names[0]} have no area; fix the mesh")
+    areas = first.areas(w, index, where, names[0])
     rule = _Rule(index, s, w, x, normals)
-    areas: Array = np.bincount(index, w, minlength=len(first)).astype(np.float64)
     columns = [v.dofmap.index_map.size_local for v in spaces]
     if second is None:
         return _of_one_side(first, spaces[0], rule, areas, columns[0])

@@ -76,6 +76,8 @@ def away(
     ------
     SceneError
         The one of the task, or what ended the process; with the name of the file.
+    RuntimeError
+        The program did not start, or has an error.
     """
     check_timeout(timeout)
     began = perf_counter()
@@ -128,6 +130,8 @@ def away(
         raise SceneError(str(answer))
     if state == "failed":
         raise SceneError(f"{file.name!r} {failed}, while {stage}: {answer}; {remedy}")
+    if state == "broken":
+        raise RuntimeError(f"reading {file.name!r} failed, through no fault of the file:\n{answer}")
     if expired.is_set():
         raise SceneError(
             f"{file.name!r} {failed}: gmsh was still {stage} after timeout = {timeout:g} s; {remedy}"

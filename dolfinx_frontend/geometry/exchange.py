@@ -23,6 +23,17 @@ _REFERENCE = re.compile(r"#(\d{1,12})")
 _TEXT = re.compile(r"'((?:[^']|'')*)'")
 _SOLIDS = frozenset(("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS", "FACETED_BREP"))
 _OF_SOLIDS = frozenset(("ADVANCED_BREP_SHAPE_REPRESENTATION", "FACETED_BREP_SHAPE_REPRESENTATION"))
+_NO_SOLIDS = frozenset(
+    (
+        "AXIS2_PLACEMENT_3D",
+        "MAPPED_ITEM",
+        "SHELL_BASED_SURFACE_MODEL",
+        "GEOMETRIC_SET",
+        "GEOMETRIC_CURVE_SET",
+        "CARTESIAN_POINT",
+        "STYLED_ITEM",
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -89,9 +100,13 @@ class Exchange:
                 linked.setdefault(pair[0], set()).add(pair[1])
                 linked.setdefault(pair[1], set()).add(pair[0])
         solids = set(self._all(_SOLIDS))
-        # an item of a representation of solids that is not in the file was one
+        # what a representation of solids has is one, in a damaged file under another name or under none
         for representation in self._all(_OF_SOLIDS):
-            solids |= {item for item in self._references(representation) if item not in self.instances}
+            text = self.instances[representation].rpartition(")")[0].rpartition(",")[0]  # without its units
+            for item in map(int, _REFERENCE.findall(_TEXT.sub("''", text))):
+                keyword = _KEYWORD.match(self.instances.get(item, ""))
+                if keyword is None or keyword[1] not in _NO_SOLIDS:
+                    solids.add(item)
         out: dict[int, tuple[str, int]] = {}
         for link in self._all(["SHAPE_DEFINITION_REPRESENTATION"]):
             ends = self._references(link)

@@ -90,6 +90,10 @@ def meshed(model: Any) -> Meshed:
                 raise SceneError(
                     f"the part {name!r}: {count} facets belong to more than two cells; mesh it again"
                 )
+            if kind in _MIDDLES and (count := _torn(nodes, _MIDDLES[kind])):
+                raise SceneError(
+                    f"the part {name!r}: {count} nodes on edges are not those of the cells beside; mesh it again"
+                )
     return out
 
 
@@ -126,13 +130,43 @@ _FACETS = {
 """gmsh element type -> corners of its facets."""
 
 
+_MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
+    9: _TRIANGLE,
+    10: (*_QUADRILATERAL, (0, 1, 2, 3)),
+    11: ((0, 1), (1, 2), (2, 0), (3, 0), (3, 2), (3, 1)),
+    12: (
+        *((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
+        *((0, 3, 2, 1), (0, 1, 5, 4), (0, 4, 7, 3), (1, 2, 6, 5), (2, 3, 7, 6), (4, 5, 6, 7)),
+        (0, 1, 2, 3, 4, 5, 6, 7),
+    ),
+}
+"""gmsh element type of second order -> corners that each of its other nodes is in the middle of."""
+
+
+def _keys(corners: Ints) -> Ints:
+    """One number per row, whatever the order in it.
+
+    Random numbers of the nodes are added, modulo 2^64: rows of n different nodes have the same sum by chance only.
+    """
+    names = np.random.default_rng(0).integers(-(2**62), 2**62, size=int(corners.max(initial=0)) + 1)
+    keys: Ints = names[corners].sum(axis=1)
+    return keys
+
+
 def _crowded(cells: Ints, facets: Sequence[Sequence[int]]) -> int:
     """Number of facets of more than two cells."""
-    corners = np.sort(cells[:, facets].reshape(-1, len(facets[0])), axis=1)[:, :3]
-    # one number each; numbers of nodes that are too large wrap around, but not by chance into one another
-    weights = np.random.default_rng(0).integers(1, 2**62, size=corners.shape[1], dtype=np.int64)
-    key = np.sort((corners * weights).sum(axis=1))
-    return int(np.count_nonzero((key[2:] == key[:-2]) & (np.diff(key)[1:] == 0)))
+    _, counts = np.unique(_keys(cells[:, facets].reshape(-1, len(facets[0]))), return_counts=True)
+    return int(np.count_nonzero(counts > 2))
+
+
+def _torn(cells: Ints, middles: Sequence[tuple[int, ...]]) -> int:
+    """Number of nodes of second order that are in the middle of two edges or faces, or share the middle of one."""
+    first = cells.shape[1] - len(middles)
+    keys = np.concatenate([_keys(cells[:, list(corners)]) for corners in middles])
+    nodes = cells[:, first:].T.reshape(-1)
+    pairs = np.unique(np.column_stack([keys, nodes]), axis=0)
+    several = len(pairs) - len(np.unique(pairs[:, 0])) + len(pairs) - len(np.unique(pairs[:, 1]))
+    return int(several + np.intersect1d(nodes, cells[:, :first]).size)
 
 
 def _check(rows: Ints, x: Array, where: str) -> None:

@@ -14,6 +14,7 @@ import os
 import pickle
 import sys
 import threading
+import traceback
 import types
 from typing import Any
 
@@ -66,8 +67,9 @@ def main() -> None:
         answer = TASKS[task](lambda what: send("next", what), **arguments)
     except SceneError as error:
         send("refused", str(error))
+    except (NameError, AttributeError, TypeError, ImportError):  # no fault of the file
+        send("broken", traceback.format_exc())
     except Exception as error:  # gmsh raises nothing more specific; strange geometry, anything
-        # gmsh itself raises bare exceptions
         kind = "" if type(error) is Exception else f"{type(error).__name__}: "
         send("failed", f"{kind}{error}")
     else:
