@@ -127,7 +127,8 @@ def away(
     if state == "done":
         return answer
     if state == "refused":
-        raise SceneError(str(answer))
+        text = str(answer)
+        raise SceneError(text if repr(file.name) in text else f"{file.name!r}: {text}")
     if state == "failed":
         raise SceneError(f"{file.name!r} {failed}, while {stage}: {answer}; {remedy}")
     if state == "broken":

@@ -183,14 +183,12 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
     file = Path(path)
     if not file.is_file():
         raise SceneError(f"there is no mesh file {str(path)!r}")
+    model: Meshed = away(
+        "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=file.absolute()
+    )
     try:
-        model: Meshed = away(
-            "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=file.absolute()
-        )
         return assembled(model, gdim)
     except SceneError as error:
-        if repr(file.name) in str(error):
-            raise
         raise SceneError(f"{file.name!r}: {error}") from error
     except RuntimeError as error:  # of dolfinx, for cells that do not make a mesh
         raise SceneError(f"{file.name!r}: its cells make no mesh ({error}); mesh it again") from error

@@ -16,6 +16,7 @@ import sys
 import threading
 import traceback
 import types
+from collections.abc import Callable
 from typing import Any
 
 
@@ -44,6 +45,24 @@ def end_with_input() -> None:
     os._exit(1)
 
 
+def attempt(task: str, arguments: dict[str, Any], send: Callable[..., None]) -> None:
+    """Carry out a task; `send` what comes of it."""
+    from dolfinx_frontend.common.errors import SceneError
+    from dolfinx_frontend.geometry.reading import TASKS
+
+    try:
+        answer = TASKS[task](lambda what: send("next", what), **arguments)
+    except SceneError as error:
+        send("refused", str(error))
+    except (NameError, AttributeError, TypeError, ImportError):  # no fault of the file
+        send("broken", traceback.format_exc())
+    except Exception as error:  # of gmsh, which raises nothing more specific, or of numbers that make no sense
+        kind = "" if type(error) is Exception else f"{type(error).__name__}: "
+        send("failed", f"{kind}{error}")
+    else:
+        send("done", answer)
+
+
 def main() -> None:
     """The program."""
     no_core_file()
@@ -60,20 +79,7 @@ def main() -> None:
         answers.flush()
 
     threading.Thread(target=end_with_input, daemon=True).start()
-    from dolfinx_frontend.common.errors import SceneError
-    from dolfinx_frontend.geometry.reading import TASKS
-
-    try:
-        answer = TASKS[task](lambda what: send("next", what), **arguments)
-    except SceneError as error:
-        send("refused", str(error))
-    except (NameError, AttributeError, TypeError, ImportError):  # no fault of the file
-        send("broken", traceback.format_exc())
-    except Exception as error:  # gmsh raises nothing more specific; strange geometry, anything
-        kind = "" if type(error) is Exception else f"{type(error).__name__}: "
-        send("failed", f"{kind}{error}")
-    else:
-        send("done", answer)
+    attempt(task, arguments, send)
     answers.close()
     os._exit(0)  # nothing is left to tidy up, which a damaged model may not survive
 

@@ -6,7 +6,12 @@ and says in a word what happened. ``./run bench fuzz_geometry`` does so thousand
 
 from __future__ import annotations
 
+import io
+import json
+import pickle
 import re
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +22,10 @@ import numpy as np
 
 from dolfinx_frontend import read_step
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry import away as away_module
+from dolfinx_frontend.geometry import gmsh as gmsh_module
 from dolfinx_frontend.geometry import gmsh_session, read_msh
+from dolfinx_frontend.geometry import step as step_module
 
 TIMEOUT = 60.0
 """Seconds after which reading is given up."""
@@ -137,6 +145,87 @@ DAMAGES: tuple[Callable[[bytes, np.random.Generator], bytes], ...] = (
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     """A file that was damaged in one way."""
     return DAMAGES[rng.integers(len(DAMAGES))](data, rng)
+
+
+# --- many files, quickly ----------------------------------------------------------------------------
+_FORKING = """
+import json, os, pickle, runpy, select, sys
+worker = runpy.run_path(sys.argv[1])
+worker["light_package"]()
+worker["no_core_file"]()
+answers, sys.path[:] = os.fdopen(os.dup(1), "wb"), json.loads(sys.argv[2])
+os.dup2(2, 1)
+import gmsh
+import dolfinx_frontend.geometry.reading
+while True:
+    try:
+        task, arguments, timeout = pickle.load(sys.stdin.buffer)
+    except EOFError:
+        break
+    out, into = os.pipe()
+    child = os.fork()
+    if child == 0:
+        with os.fdopen(into, "wb") as messages:
+            worker["attempt"](task, arguments, lambda *m: (pickle.dump(m, messages), messages.flush()))
+        os._exit(0)
+    os.close(into)
+    data, late = b"", False
+    while True:
+        late = not select.select([out], [], [], timeout)[0]
+        piece = b"" if late else os.read(out, 1 << 20)
+        if not piece:
+            break
+        data += piece
+    os.close(out)
+    if late:
+        os.kill(child, 9)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    pickle.dump((data, late, code), answers)
+    answers.flush()
+"""
+
+
+class Forking:
+    """Stands in for :func:`away`: one process, which starts once and forks for every file.
+
+    What reads a file is the same; starting it, which takes most of the time for a small file, is left out.
+    """
+
+    def __init__(self) -> None:
+        line = [sys.executable, "-P", "-c", _FORKING, str(away_module._PROGRAM), json.dumps(sys.path)]
+        self.process = subprocess.Popen(
+            line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+
+    def __call__(
+        self, task: str, file: Path, failed: str, remedy: str, timeout: float, each: Any = None, **arguments: Any
+    ) -> Any:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        pickle.dump((task, arguments, timeout), self.process.stdin)
+        self.process.stdin.flush()
+        data, late, code = pickle.load(self.process.stdout)
+        kind, answer, stage, stream = "", None, "starting", io.BytesIO(data)
+        while stream.tell() < len(data):
+            try:
+                kind, answer = pickle.load(stream)
+            except (EOFError, pickle.UnpicklingError):
+                break
+            stage = answer if kind == "next" else stage
+        if kind == "done":
+            return answer
+        if kind == "broken":
+            raise RuntimeError(answer)
+        what = f"timeout, {stage}" if late else f"gmsh ended with {code}, {stage}"
+        raise SceneError(f"{file.name!r}: " + (answer if kind in ("refused", "failed") else what))
+
+    def __enter__(self) -> Forking:
+        self._before = step_module.away, gmsh_module.away
+        step_module.away = gmsh_module.away = self  # type: ignore[assignment]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        step_module.away, gmsh_module.away = self._before
+        self.process.communicate()
 
 
 # --- verdicts ---------------------------------------------------------------------------------------
