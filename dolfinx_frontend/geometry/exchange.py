@@ -18,6 +18,9 @@ from dolfinx_frontend.common.errors import SceneError
 __all__ = ["Exchange"]
 
 _INSTANCE = re.compile(r"#(\d{1,12})\s*=\s*((?:[^';]++|'[^']*+')*+);")
+_COMMENT = re.compile(r"('[^']*+')|/\*.*?\*/", re.DOTALL)
+_BETWEEN = re.compile(r"\s*(ENDSEC\s*;\s*DATA\s*(\([^;]*\))?\s*;\s*)*")
+_SYNTAX = re.compile(r"\(?[\s!]*[A-Z][A-Z0-9_]*\s*\([A-Z0-9_#$*.,()+\-\s\"!'e]*\)\s*")
 _KEYWORD = re.compile(r"\(?\s*([A-Z_0-9]+)")
 _REFERENCE = re.compile(r"#(\d{1,12})")
 _TEXT = re.compile(r"'((?:[^']|'')*)'")
@@ -38,9 +41,18 @@ _NO_SOLIDS = frozenset(
 
 @dataclass(frozen=True)
 class Exchange:
-    """The instances of a file: number -> what stands behind the equals sign."""
+    """What is in a file.
+
+    Attributes
+    ----------
+    instances
+        Number -> what stands behind the equals sign.
+    flaws
+        Lines that are not written as ISO 10303-21 has it, in words.
+    """
 
     instances: Mapping[int, str]
+    flaws: tuple[str, ...] = ()
 
     @staticmethod
     def of(path: Path) -> Exchange:
@@ -57,7 +69,26 @@ class Exchange:
                 f"{path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so that a part of "
                 "it may be missing; export or copy it again"
             )
-        return Exchange({int(m[1]): m[2] for m in _INSTANCE.finditer(text)})
+        if "/*" in text:  # comments, but not their lines
+            text = _COMMENT.sub(lambda m: m[1] or "\n" * m[0].count("\n"), text)
+        begin = re.search(r"\bDATA\s*(\([^;]*\))?\s*;", text)
+        end = text.rfind("ENDSEC")
+        instances: dict[int, str] = {}
+        wrong = []
+        at = begin.end() if begin else 0
+        for m in _INSTANCE.finditer(text, at, end if end > at else len(text)):
+            plain = _TEXT.sub("''", m[2]) if "'" in m[2] else m[2]
+            if not _BETWEEN.fullmatch(text, at, m.start()):
+                wrong.append(at)
+            if int(m[1]) in instances or not _SYNTAX.fullmatch(plain) or plain.count("(") != plain.count(")"):
+                wrong.append(m.start())
+            instances[int(m[1])] = m[2]
+            at = m.end()
+        if end > at and not _BETWEEN.fullmatch(text, at, end):
+            wrong.append(at)
+        lines = [text.count("\n", 0, at + len(text[at:]) - len(text[at:].lstrip())) + 1 for at in wrong[:3]]
+        more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+        return Exchange(instances, tuple(f"line {line} is damaged" + more * (line == lines[-1]) for line in lines))
 
     @cached_property
     def _by_keyword(self) -> dict[str, list[int]]:
@@ -70,9 +101,16 @@ class Exchange:
     def _all(self, keywords: Iterable[str]) -> list[int]:
         return [number for keyword in keywords for number in self._by_keyword.get(keyword, ())]
 
+    @cached_property
+    def _all_references(self) -> dict[int, list[int]]:
+        """What each instance refers to, in order."""
+        return {
+            number: [int(r) for r in _REFERENCE.findall(_TEXT.sub("''", text) if "'" in text else text)]
+            for number, text in self.instances.items()
+        }
+
     def _references(self, number: int) -> list[int]:
-        text = _TEXT.sub("''", self.instances.get(number, ""))
-        return [int(r) for r in _REFERENCE.findall(text)]
+        return self._all_references.get(number, [])
 
     def _name(self, definition: int) -> str:
         """Name of the product of a definition: definition -> formation -> product."""
@@ -86,7 +124,7 @@ class Exchange:
     def solids(self) -> dict[int, tuple[str, int]]:
         """Number of a solid -> name of its product, and how often an assembly has it.
 
-        Solids that belong to no product are left out, as OpenCASCADE leaves them out.
+        A shape that is not there is counted as one. Solids that nothing refers to belong to no product.
         """
         shapes = {n: self._references(n)[:1] for n in self._all(["PRODUCT_DEFINITION_SHAPE"])}
         uses: dict[int, list[int]] = {}
@@ -113,11 +151,28 @@ class Exchange:
             if len(ends) < 2 or not shapes.get(ends[0]):
                 continue
             definition = shapes[ends[0]][0]
+            one = self._name(definition), self._count(definition, uses, ())
+            if not self._is_shape(ends[1]):  # whatever was in it
+                out[ends[1]] = one
             for representation in (ends[1], *linked.get(ends[1], ())):
-                for item in self._references(representation):
-                    if item in solids:
-                        out[item] = (self._name(definition), self._count(definition, uses, ()))
+                out |= {item: one for item in self._references(representation) if item in solids}
+        # in a damaged file nothing may be left of a product but its solids
+        used = set().union(*self._all_references.values())
+        for representation in self._all(_OF_SOLIDS):
+            if representation not in used:
+                out |= {i: ("", 1) for i in self._references(representation) if i in solids and i not in out}
         return out
+
+    def _is_shape(self, number: int) -> bool:
+        """Whether an instance is a representation, and not one of solids that has none."""
+        text = self.instances.get(number, "")
+        keyword = _KEYWORD.match(text)
+        if keyword is None or "REPRESENTATION" not in text:
+            return False
+        kinds = [_KEYWORD.match(self.instances.get(item, "")) for item in self._references(number)]
+        return keyword[1] not in _OF_SOLIDS or any(
+            k is not None and (k[1] in _SOLIDS or k[1] == "MAPPED_ITEM") for k in kinds
+        )
 
     def _count(self, definition: int, uses: Mapping[int, list[int]], above: tuple[int, ...]) -> int:
         """How often a definition is there: once, or in each place of each assembly that uses it."""
@@ -132,6 +187,9 @@ class Exchange:
         sound: set[int] = set()  # instances that need nothing that is missing
         for solid in self.solids:
             seen, left = {solid}, [solid]
+            keyword = _KEYWORD.match(self.instances.get(solid, ""))
+            if keyword is None or keyword[1] not in _SOLIDS:
+                out[solid] = solid
             while left and solid not in out:
                 for other in self._references(left.pop()):
                     if other not in self.instances:
@@ -154,7 +212,10 @@ class Exchange:
         """
         names = Counter(found)
         broken = self.broken()
-        out = [f"{self._words(s)} (it needs #{at}, which the file does not have)" for s, at in broken.items()]
+        out = [*self.flaws]
+        for solid, at in broken.items():
+            why = "it is damaged" if solid == at else f"it needs #{at}, which the file does not have"
+            out.append(f"{self._words(solid)} ({why})")
         wanted = sum(count for _, count in self.solids.values())
         number = wanted - names.total()
         if number <= sum(self.solids[solid][1] for solid in broken):

@@ -6,6 +6,7 @@ would start MPI in that process.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,7 +126,21 @@ def mesh_file(say: Say, path: Path) -> Meshed:
     say("reading the mesh")
     with gmsh_session("file") as gmsh:
         gmsh.merge(str(path))
+        found = gmsh.model.getPhysicalGroups()
+        highest = max((dim for dim, _ in found), default=0)
+        # gmsh forgets groups of which it finds nothing
+        for dim, tag, name in _named_groups(path):
+            if dim >= max(2, highest) and (dim, tag) not in found:
+                raise SceneError(f"the part {name!r} has no cells; write the mesh again")
         return meshed(gmsh.model)
+
+
+def _named_groups(path: Path) -> list[tuple[int, int, str]]:
+    """(dimension, tag, name) of the physical groups that a mesh file names, in text even in a binary file."""
+    rest = path.read_bytes().partition(b"$PhysicalNames")[2]
+    lines = rest.partition(b"$EndPhysicalNames")[0].decode(errors="replace").splitlines()
+    found = (re.fullmatch(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*', line) for line in lines)
+    return [(int(m[1]), int(m[2]), m[3]) for m in found if m]
 
 
 def _load(gmsh: Any, say: Say, source: Source) -> Loaded:
