@@ -258,8 +258,8 @@ class FacetMap:
         far = float(np.abs(self.nodes).max(initial=0.0))
         if width < DIGITS * far:
             raise SceneError(
-                f"{where}: facets of {name} are {width:.3g} wide, and coordinates of {far:.3g} are rounded to "
-                f"{far * EPS:.2g}; move the mesh to the origin, or fix it"
+                f"{where}: facets of {name} are {width:.3g} wide, and coordinates of {far:.3g} are rounded "
+                f"to {far * EPS:.2g}; move the mesh to the origin, or fix it"
             )
         return areas
 

@@ -139,8 +139,8 @@ _STRAINLESS = 1e-10
 
 
 _FLAT, _LOST = 1e-5, 1e-8
-"""Height of a cell relative to its length: below, its stiffness has the square of it as condition number, so that
-six digits are left of sixteen, or none."""
+"""Height of a cell relative to its length. The condition number of its stiffness is the inverse square: six
+digits are left of sixteen, or none."""
 
 
 def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
@@ -177,15 +177,16 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
     far = float(np.abs(x).max())
     if lowest < DIGITS * far:
         raise SceneError(
-            f"{where}: cells are {lowest:.3g} high, and coordinates of {far:.3g} are rounded to {far * EPS:.2g}; "
-            "move the mesh to the origin, or fix it"
+            f"{where}: cells are {lowest:.3g} high, and coordinates of {far:.3g} are rounded to "
+            f"{far * EPS:.2g}; move the mesh to the origin, or fix it"
         )
     if flat:
         place = ", ".join(f"{v:.4g}" for v in at)
         text = f"{where}: {flat} cells are nearly flat (height / length down to {worst:.2g}, at ({place}))"
         if worst < _LOST:
             raise SceneError(f"{text}: rounding leaves nothing of their stiffness; fix the mesh")
-        warnings.warn(f"{text}: rounding may be seen in the answer; mesh it again", SceneWarning, stacklevel=7)
+        text += ": rounding may be seen in the answer; mesh it again"
+        warnings.warn(text, SceneWarning, stacklevel=7)
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 

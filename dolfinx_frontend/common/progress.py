@@ -34,7 +34,7 @@ def progress(on: bool | None = None) -> bool:
 
 
 def _size() -> dict[str, Any]:
-    """How wide a bar is: as the terminal, or the usual 80 columns of one that does not tell (tqdm draws nothing)."""
+    """How wide a bar is: as the terminal, or 80 columns where it does not tell (tqdm would draw nothing)."""
     try:
         known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
     except (OSError, ValueError):

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 _PROGRAM = Path(__file__).with_name("worker.py")
 
-_SIGNALS = {
+_SIGNALS: dict[int, str] = {
     signal.SIGSEGV: "a segmentation fault",
     signal.SIGABRT: "an abort",
     signal.SIGFPE: "an arithmetic error",
@@ -84,7 +84,8 @@ def away(
     state, stage, answer = "ended", "starting", None
     expired = threading.Event()
     with tempfile.TemporaryFile() as said:
-        # a group of its own: Ctrl-C is the business of this process; -P: the folder of the program has a gmsh.py
+        # a group of its own: Ctrl-C is the business of this process
+        # -P: the folder of the program has a gmsh.py of its own
         process = subprocess.Popen(
             [sys.executable, "-P", str(_PROGRAM)],
             stdin=subprocess.PIPE,
@@ -138,7 +139,7 @@ def away(
             f"{file.name!r} {failed}: gmsh was still {stage} after timeout = {timeout:g} s; {remedy}"
         )
     _log.debug("the other process said: %s", words)
-    how = _SIGNALS.get(signal.Signals(-code), f"signal {-code}") if code < 0 else f"exit code {code}"
+    how = _SIGNALS.get(-code, f"signal {-code}") if code < 0 else f"exit code {code}"
     if stage == "starting":
         raise RuntimeError(f"the process that reads {file.name!r} did not start ({how}): {words}")
     raise SceneError(f"{file.name!r} {failed}: gmsh ended with {how}, while {stage}; {remedy}")

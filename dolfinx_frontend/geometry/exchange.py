@@ -66,8 +66,8 @@ class Exchange:
         text = path.read_text(encoding="latin-1")
         if "END-ISO-10303-21" not in text[-4096:]:
             raise SceneError(
-                f"{path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so that a part of "
-                "it may be missing; export or copy it again"
+                f"{path.name!r} cannot be read as STEP: it does not end with END-ISO-10303-21, so that a "
+                "part of it may be missing; export or copy it again"
             )
         if "/*" in text:  # comments, but not their lines
             text = _COMMENT.sub(lambda m: m[1] or "\n" * m[0].count("\n"), text)
@@ -87,8 +87,10 @@ class Exchange:
         if end > at and not _BETWEEN.fullmatch(text, at, end):
             wrong.append(at)
         lines = [text.count("\n", 0, at + len(text[at:]) - len(text[at:].lstrip())) + 1 for at in wrong[:3]]
-        more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-        return Exchange(instances, tuple(f"line {line} is damaged" + more * (line == lines[-1]) for line in lines))
+        flaws = [f"line {line} is damaged" for line in lines]
+        if len(wrong) > len(flaws):
+            flaws.append(f"{len(wrong) - len(flaws)} more lines are")
+        return Exchange(instances, tuple(flaws))
 
     @cached_property
     def _by_keyword(self) -> dict[str, list[int]]:

@@ -178,7 +178,7 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
     Raises
     ------
     SceneError
-        With the name of the file: there is none, it cannot be read, or it holds what :func:`from_gmsh` refuses.
+        With the name of the file: it is not there, cannot be read, or holds what :func:`from_gmsh` refuses.
     """
     file = Path(path)
     if not file.is_file():

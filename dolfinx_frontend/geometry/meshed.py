@@ -80,7 +80,8 @@ def meshed(model: Any) -> Meshed:
 
     def found(d: int, groups: dict[str, Sequence[int]], what: str) -> dict[str, dict[int, Ints]]:
         return {
-            name: _elements(model, d, its, row, x, kinds, f"the {what} {name!r}") for name, its in groups.items()
+            name: _elements(model, d, tags, row, x, kinds, f"the {what} {name!r}")
+            for name, tags in groups.items()
         }
 
     out = Meshed(dim, x, found(dim, cells, "part"), found(dim - 1, facets, "face"), kinds)
@@ -92,7 +93,8 @@ def meshed(model: Any) -> Meshed:
                 )
             if kind in _MIDDLES and (count := _torn(nodes, _MIDDLES[kind])):
                 raise SceneError(
-                    f"the part {name!r}: {count} nodes on edges are not those of the cells beside; mesh it again"
+                    f"the part {name!r}: {count} nodes on edges are not those of the cells beside; mesh it "
+                    "again"
                 )
     return out
 
@@ -146,7 +148,7 @@ _MIDDLES: dict[int, tuple[tuple[int, ...], ...]] = {
 def _keys(corners: Ints) -> Ints:
     """One number per row, whatever the order in it.
 
-    Random numbers of the nodes are added, modulo 2^64: rows of n different nodes have the same sum by chance only.
+    Random numbers of the nodes are added, modulo 2^64: rows of other nodes have the same sum by chance only.
     """
     names = np.random.default_rng(0).integers(-(2**62), 2**62, size=int(corners.max(initial=0)) + 1)
     keys: Ints = names[corners].sum(axis=1)
@@ -160,7 +162,7 @@ def _crowded(cells: Ints, facets: Sequence[Sequence[int]]) -> int:
 
 
 def _torn(cells: Ints, middles: Sequence[tuple[int, ...]]) -> int:
-    """Number of nodes of second order that are in the middle of two edges or faces, or share the middle of one."""
+    """Number of nodes of second order in the middle of two edges or faces, or sharing the middle of one."""
     first = cells.shape[1] - len(middles)
     keys = np.concatenate([_keys(cells[:, list(corners)]) for corners in middles])
     nodes = cells[:, first:].T.reshape(-1)

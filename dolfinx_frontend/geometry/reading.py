@@ -1,7 +1,7 @@
 """What is done with files by gmsh, in a process of its own (:mod:`worker`): read, compared, meshed.
 
-OpenCASCADE and gmsh can end the process for a damaged file, or never come back. Nothing here uses dolfinx, which
-would start MPI in that process.
+OpenCASCADE and gmsh can end the process for a damaged file, or never come back. Nothing here uses dolfinx,
+which would start MPI in that process.
 """
 
 from __future__ import annotations

@@ -125,7 +125,17 @@ class Solid:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Solids of a model that is open in gmsh: name -> volumes, the pairs that were one solid, and what was not read."""
+    """Solids of a model that is open in gmsh.
+
+    Attributes
+    ----------
+    volumes
+        Name -> volumes.
+    halves
+        Pairs that were one solid.
+    lost
+        Solids that were not read, or not in full, in words.
+    """
 
     volumes: dict[str, list[int]]
     halves: frozenset[tuple[str, str]]
@@ -452,7 +462,7 @@ def nearest(
 ) -> list[str]:
     """Sentences that name the parts that are nearest to each other, by exact distances.
 
-    What is not further apart than `gap`, but was not found to face each other, meets in a point or along a line.
+    What is within `gap`, but was not found to face each other, meets in a point or along a line.
     """
     everyone = list(solids)
     low = np.array([s.low for s in solids.values()])

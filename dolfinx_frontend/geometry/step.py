@@ -441,7 +441,8 @@ def read_step(
     partial
         Go on without solids that cannot be read; a warning names them. False: an error names them.
     timeout
-        Seconds after which reading is given up; None: never. A damaged file may keep OpenCASCADE busy for ever.
+        Seconds after which reading is given up; None: never. OpenCASCADE may be busy for ever with a damaged
+        file.
 
     Returns
     -------
@@ -451,8 +452,9 @@ def read_step(
     Raises
     ------
     SceneError
-        A file that cannot be read as STEP or holds no solid; a solid that cannot be read; solids that overlap (which, and how much); parts
-        that do not touch (with the nearest distances); a cut that does not cut in two.
+        A file that cannot be read as STEP or holds no solid; a solid that cannot be read; solids that
+        overlap (which, and how much); parts that do not touch (with the nearest distances); a cut that
+        does not cut in two.
     """
     file = Path(path)
     planes = (cuts,) if isinstance(cuts, Cut) else tuple(cuts)

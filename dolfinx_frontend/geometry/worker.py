@@ -3,8 +3,8 @@
 This file is run, not imported. It imports the modules of the package that it needs without the package
 itself, which would import dolfinx and start MPI, a second time under the number of the same rank.
 
-From its input: one line with the search path of modules, as JSON, then the task and its arguments, pickled. To its
-output, pickled: what is done next, then the answer or the error. It ends when its input ends.
+From its input: one line with the search path of modules, as JSON, then the task and its arguments, pickled.
+To its output, pickled: what is done next, then the answer or the error. It ends when its input ends.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def attempt(task: str, arguments: dict[str, Any], send: Callable[..., None]) -> 
         send("refused", str(error))
     except (NameError, AttributeError, TypeError, ImportError):  # no fault of the file
         send("broken", traceback.format_exc())
-    except Exception as error:  # of gmsh, which raises nothing more specific, or of numbers that make no sense
+    except Exception as error:  # of gmsh, nothing more specific, or of numbers without sense
         kind = "" if type(error) is Exception else f"{type(error).__name__}: "
         send("failed", f"{kind}{error}")
     else:

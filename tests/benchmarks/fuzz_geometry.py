@@ -1,7 +1,7 @@
 """Damaged STEP and mesh files: each is read, or refused with one error that names it.
 
-``./run bench fuzz_geometry --count 2000`` damages 2000 files of each kind; the interpreter that reads them is watched
-from outside. `fuzz` is to be called from other programs. One process forks for every file: what
+``./run bench fuzz_geometry --count 2000`` damages 2000 files of each kind; the interpreter that reads them is
+watched from outside. `fuzz` is to be called from other programs. One process forks for every file: what
 reads it is the same as in `read_step` and `read_msh`, only not started each time (the tests do that).
 """
 

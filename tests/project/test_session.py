@@ -275,7 +275,7 @@ lf.sweep(p, {"layer.normal": [1.0, 2.0, 3.0]})
 
 
 def on_a_terminal(*arguments: str, size: tuple[int, int] = (0, 0), **environment: str) -> str:
-    """What the script writes to its error stream, a terminal of so many rows and columns (0: it does not tell)."""
+    """What the script writes to its error stream, a terminal of so many rows and columns (0: untold)."""
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, size)
     process = subprocess.Popen(
