@@ -175,9 +175,10 @@ def test_signals_reach_the_program(host: Path, number: signal.Signals) -> None:
 
 def on_a_terminal(line: Sequence[str], keys: bytes = b"", after: bytes = b"") -> tuple[str, int]:
     """Output and exit code of a session of its own on a terminal, at which `keys` are pressed."""
-    child, terminal = pty.fork()
-    if child == 0:
-        os.execvp(line[0], line)
+    terminal, other = pty.openpty()
+    # a session with this terminal, without a fork of this process, which may have threads
+    process = subprocess.Popen(["setsid", "--ctty", *line], stdin=other, stdout=other, stderr=other)
+    os.close(other)
     text, pressed = b"", not keys
     while select.select([terminal], [], [], 60)[0]:
         try:
@@ -188,10 +189,9 @@ def on_a_terminal(line: Sequence[str], keys: bytes = b"", after: bytes = b"") ->
         if not pressed and after in text:
             pressed = bool(os.write(terminal, keys))
     else:
-        os.kill(child, signal.SIGKILL)
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        process.kill()
     os.close(terminal)
-    return text.decode(), code
+    return text.decode(), process.wait(60)
 
 
 def test_a_terminal(host: Path) -> None:
