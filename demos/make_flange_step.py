@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dolfinx_frontend.geometry.gmsh import gmsh_session
+from dolfinx_frontend.geometry.session import gmsh_session
 
 
 @dataclass(frozen=True)

@@ -439,7 +439,7 @@ def average(
     """
     highest = max(s.element.basix_element.degree for s in spaces)
     rule = _rule(first, quadrature_degree or 2 * highest + first.order - 1, where, names[0])
-    areas: Array = np.bincount(rule.facet, rule.weights, minlength=len(first)).astype(np.float64)
+    areas = first.areas(rule.weights, rule.facet, where, names[0])
     columns = [v.dofmap.index_map.size_local for v in spaces]
     if second is None:
         return _of_one_side(first, spaces[0], rule, areas, columns[0])

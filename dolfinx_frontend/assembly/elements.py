@@ -13,9 +13,13 @@ from petsc4py import PETSc as _PETSc
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 
-__all__ = ["coordinate_element", "csr", "petsc_matrix", "quadrature", "tabulate"]
+__all__ = ["DIGITS", "EPS", "coordinate_element", "csr", "petsc_matrix", "quadrature", "tabulate"]
 
 PETSc: Any = _PETSc  # its stubs know no members
+
+EPS = float(np.finfo(np.float64).eps)
+DIGITS = 1e3 * EPS
+"""Rounding, and the size relative to coordinates below which a length has fewer than three digits."""
 
 
 def petsc_matrix(matrix: sp.csr_matrix) -> Any:

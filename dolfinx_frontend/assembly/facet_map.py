@@ -11,7 +11,7 @@ import basix
 import numpy as np
 import scipy.sparse as sp
 
-from dolfinx_frontend.assembly.elements import coordinate_element, quadrature, tabulate
+from dolfinx_frontend.assembly.elements import DIGITS, EPS, coordinate_element, quadrature, tabulate
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
@@ -235,6 +235,33 @@ class FacetMap:
         """(facets,), diagonal of the bounding box."""
         size: Array = np.linalg.norm(np.ptp(self.samples, axis=1), axis=1)
         return size
+
+    def areas(self, weights: Array, index: Ints, where: str, name: str) -> Array:
+        """(facets,), the sum of the weights on each; refuses facets that are nothing, or below the rounding.
+
+        Parameters
+        ----------
+        weights, index
+            (points,), areas or lengths, and the facet of each.
+        where, name
+            For the message: the interface, and the face.
+
+        Raises
+        ------
+        SceneError
+            If there is one.
+        """
+        if not np.all(np.isfinite(weights)) or weights.min(initial=np.inf) <= 0.0:
+            raise SceneError(f"{where}: facets of {name} have no area; fix the mesh")
+        areas = np.bincount(index, weights, minlength=len(self)).astype(np.float64)
+        width = float((areas / self.sizes ** (self.dim - 2)).min(initial=np.inf))
+        far = float(np.abs(self.nodes).max(initial=0.0))
+        if width < DIGITS * far:
+            raise SceneError(
+                f"{where}: facets of {name} are {width:.3g} wide, and coordinates of {far:.3g} are rounded "
+                f"to {far * EPS:.2g}; move the mesh to the origin, or fix it"
+            )
+        return areas
 
     @cached_property
     def sags(self) -> Array:

@@ -246,8 +246,7 @@ def _sample_points(
     index, s, w = first.quadrature(degree)
     points, normals, area = first.surface(index, s)
     weights = w * area
-    if not np.all(np.isfinite(weights)) or weights.min() <= 0.0:
-        raise SceneError(f"{where}: facets of {names[0]} have no area; fix the mesh")
+    first.areas(weights, index, where, names[0])
     columns = [v.dofmap.index_map.size_local for v in spaces]
     shape = first.trace(spaces[0], index, s, columns[0])
     if second is None:

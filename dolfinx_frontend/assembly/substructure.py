@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,12 +16,12 @@ import scipy.sparse as sp
 import ufl
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.assembly.elements import coordinate_element, csr, quadrature, tabulate
+from dolfinx_frontend.assembly.elements import DIGITS, EPS, coordinate_element, csr, quadrature, tabulate
 from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.frozen import locked, locked_matrix, read_only
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
@@ -138,24 +139,55 @@ _STRAINLESS = 1e-10
 """A motion that K resists less than so, relative to its diagonal, is one that strains nothing."""
 
 
+_FLAT, _LOST = 1e-5, 1e-8
+"""Height of a cell relative to its length. The condition number of its stiffness is the inverse square: six
+digits are left of sixteen, or none."""
+
+
 def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
-    """Volume and centre of gravity of a mesh; rejects cells that are inside out."""
+    """Volume and centre of gravity of a mesh; rejects cells that are inside out, or flat to rounding."""
     cell = basix.CellType[mesh.topology.cell_name()]
     element = coordinate_element(mesh)
     d, order = int(mesh.geometry.dim), int(coordinate_map(mesh).degree)
     points, weights = quadrature(cell, d * order + (order > 1))
     tables = tabulate(element, 1, points)
     volume, moment, bad = 0.0, np.zeros(d, dtype=np.float64), 0
+    flat, worst, lowest, at = 0, np.inf, np.inf, np.zeros(d)
     dofmap, x = cell_nodes(mesh), np.asarray(mesh.geometry.x, dtype=np.float64)
     for cells in np.array_split(dofmap, 1 + len(dofmap) // 20_000):
         nodes = x[cells][:, :, :d]
-        det = np.linalg.det(np.einsum("jqk,cki->cqij", tables[1:], nodes))
+        jacobians = np.einsum("jqk,cki->cqij", tables[1:], nodes)
+        det = np.linalg.det(jacobians)
         bad += np.count_nonzero(det.min(axis=1) * det.max(axis=1) <= 0.0)
         dx = np.abs(det) * weights
         volume += float(dx.sum())
         moment += np.einsum("cq,qk,cki->i", dx, tables[0], nodes)
+        # singular values of those cells only that a cheap bound does not clear
+        length = np.linalg.norm(jacobians, axis=(2, 3))
+        low = np.minimum.reduce(np.abs(det) / length ** (d - 1), axis=1)
+        thin = np.flatnonzero((low < _FLAT * length.max(axis=1)) | (low < DIGITS * np.abs(x).max()))
+        if thin.size and not bad:
+            values = np.linalg.svd(jacobians[thin], compute_uv=False)
+            ratios = (values[..., -1] / values[..., 0]).min(axis=1)
+            flat += np.count_nonzero(ratios < _FLAT)
+            lowest = min(lowest, float(values[..., -1].min()))
+            if ratios.min() < worst:
+                worst, at = float(ratios.min()), nodes[thin[ratios.argmin()]].mean(axis=0)
     if bad:
         raise SceneError(f"{where}: {bad} cells are degenerate or inside out; fix the mesh")
+    far = float(np.abs(x).max())
+    if lowest < DIGITS * far:
+        raise SceneError(
+            f"{where}: cells are {lowest:.3g} high, and coordinates of {far:.3g} are rounded to "
+            f"{far * EPS:.2g}; move the mesh to the origin, or fix it"
+        )
+    if flat:
+        place = ", ".join(f"{v:.4g}" for v in at)
+        text = f"{where}: {flat} cells are nearly flat (height / length down to {worst:.2g}, at ({place}))"
+        if worst < _LOST:
+            raise SceneError(f"{text}: rounding leaves nothing of their stiffness; fix the mesh")
+        text += ": rounding may be seen in the answer; mesh it again"
+        warnings.warn(text, SceneWarning, stacklevel=7)
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 

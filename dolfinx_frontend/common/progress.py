@@ -35,6 +35,15 @@ def progress(on: bool | None = None) -> bool:
     return _on
 
 
+def _size() -> dict[str, Any]:
+    """How wide a bar is: as the terminal, or 80 columns where it does not tell (tqdm would draw nothing)."""
+    try:
+        known = os.get_terminal_size(sys.stderr.fileno()).columns > 0
+    except (OSError, ValueError):
+        known = False
+    return {"dynamic_ncols": True} if known else {"ncols": 80, "nrows": 24}
+
+
 class Bar:
     """A progress bar, or nothing: a context in which :meth:`step` is called.
 
@@ -60,7 +69,7 @@ class Bar:
             from tqdm import tqdm  # type: ignore[import-untyped,unused-ignore]
         except ImportError:
             return
-        self._bar = tqdm(total=total, desc=what, unit=unit, leave=stays, delay=_DELAY, dynamic_ncols=True)
+        self._bar = tqdm(total=total, desc=what, unit=unit, leave=stays, delay=_DELAY, **_size())
 
     def step(self, **shown: Any) -> None:
         """One step is done; the keyword arguments are shown behind the bar."""

@@ -14,9 +14,10 @@ no degree of freedom: what connects them is an interface of the scene.
 Lengths are in the unit of the coordinates.
 """
 
-from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session, read_msh
+from dolfinx_frontend.geometry.gmsh import from_gmsh, read_msh
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection, Part
 from dolfinx_frontend.geometry.primitives import box
+from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.solids import Cut, Solid, Surface
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
 from dolfinx_frontend.geometry.touching import Touch

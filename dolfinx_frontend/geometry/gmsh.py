@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -18,59 +16,14 @@ from dolfinx_frontend.common.checks import checked_path, checked_whole
 from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.away import away
+from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
+from dolfinx_frontend.geometry.session import gmsh_session
 
 __all__ = ["from_gmsh", "gmsh_session", "read_msh"]
 
 _log = logging.getLogger(__name__)
-
-
-@contextmanager
-def gmsh_session(
-    name: str = "assembly", options: Mapping[str, float] | None = None
-) -> Iterator[Any]:
-    """A gmsh model of its own, without output, removed at the end.
-
-    A session that is already open stays open, with its current model and its options restored.
-
-    Parameters
-    ----------
-    name
-        Name of the model.
-    options
-        gmsh options, for example ``{"Mesh.Algorithm3D": 1}``.
-
-    Yields
-    ------
-    The ``gmsh`` module.
-    """
-    import gmsh
-
-    began = perf_counter()
-    ours = not gmsh.isInitialized()
-    if ours:
-        # no configuration files: the same mesh for everyone; not interruptible: Ctrl-C is Python's
-        gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
-    previous = "" if ours else gmsh.model.getCurrent()
-    wanted = {"General.Terminal": 0.0, "General.NumThreads": 1.0} | dict(options or {})
-    before = {key: gmsh.option.getNumber(key) for key in wanted}
-    try:
-        for key, value in wanted.items():
-            gmsh.option.setNumber(key, value)
-        gmsh.model.add(name)
-        try:
-            yield gmsh
-        finally:
-            gmsh.model.setCurrent(name)
-            gmsh.model.remove()
-    finally:
-        for key, value in before.items():
-            gmsh.option.setNumber(key, value)
-        if ours:
-            gmsh.finalize()
-        elif previous in gmsh.model.list():
-            gmsh.model.setCurrent(previous)
-        _log.info("gmsh: %s, %.2f s", name, perf_counter() - began)
 
 
 _GMSH_CELLS = {
@@ -83,17 +36,6 @@ _GMSH_CELLS = {
     11: ("tetrahedron", 2),
     12: ("hexahedron", 2),
 }
-
-
-def _elements(model: Any, dim: int, entities: Sequence[int]) -> dict[int, npt.NDArray[np.int64]]:
-    """gmsh element type -> node tags of its elements on these entities, (elements, nodes)."""
-    found: dict[int, list[npt.NDArray[np.int64]]] = {}
-    for entity in entities:
-        types, _, nodes = model.mesh.getElements(dim, entity)
-        for kind, tags in zip(types, nodes):
-            width = model.mesh.getElementProperties(kind)[3]
-            found.setdefault(int(kind), []).append(tags.astype(np.int64).reshape(-1, width))
-    return {kind: np.concatenate(rows) for kind, rows in found.items()}
 
 
 def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
@@ -128,57 +70,29 @@ def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
         raise SceneError(f"from_gmsh: model = {short(model)} is no gmsh model; give gmsh.model")
     if gdim is not None:
         checked_whole("from_gmsh", "gdim", gdim, 2, 3)
-    groups = model.getPhysicalGroups()
-    dim = max((d for d, _ in groups), default=-1)
-    if dim < 2:
-        raise SceneError(
-            "the gmsh model has no physical group of volumes or, in 2D, of surfaces; name every "
-            "part with addPhysicalGroup(dim, tags, name=...)"
-        )
-    entities: dict[int, dict[str, Sequence[int]]] = {dim: {}, dim - 1: {}}
-    for d, tag in groups:
-        if d < dim - 1:
-            continue
-        name = model.getPhysicalName(d, tag)
-        if not name or name in entities[d]:
-            raise SceneError(
-                f"physical group {tag} of dimension {d} has the name {name!r}; every group needs "
-                "a name of its own: addPhysicalGroup(dim, tags, name=...)"
-            )
-        entities[d][name] = model.getEntitiesForPhysicalGroup(d, tag)
-    cells, facets = entities[dim], entities[dim - 1]
-    for name in facets:
-        if ":" in name and name.partition(":")[0] not in cells:
-            raise SceneError(
-                f"the face {name!r} belongs to no part; the parts are: {', '.join(cells)}"
-            )
+    return assembled(meshed(model), gdim)
 
-    node_tags, coordinates, _ = model.mesh.getNodes()
-    row = np.full(int(node_tags.max(initial=0)) + 1, -1, dtype=np.int64)
-    row[node_tags.astype(np.int64)] = np.arange(node_tags.size)
-    x = coordinates.reshape(-1, 3)[:, : gdim or dim]
-    rows = {
-        name: [row[nodes] for nodes in _elements(model, dim - 1, tags).values()]
-        for name, tags in facets.items()
-    }
 
+def assembled(model: Meshed, gdim: int | None = None) -> Assembly:
+    """The parts of a model whose groups are arrays, see :func:`from_gmsh`."""
+    x = model.x[:, : gdim or model.dim]
     parts: dict[str, Part] = {}
     used: set[str] = set()
-    for name, tags in cells.items():
-        mesh, node_of_vertex = _gmsh_mesh(model, name, _elements(model, dim, tags), row, x)
+    for name, blocks in model.cells.items():
+        mesh, node_of_vertex = _gmsh_mesh(model, name, blocks, x)
         faces: dict[str, npt.NDArray[np.int32]] = {}
         index = _FacetIndex(mesh, node_of_vertex)
-        for group, blocks in rows.items():
+        for group, rows in model.facets.items():
             owner, colon, face = group.partition(":")
             if colon and owner != name:
                 continue
-            found = np.concatenate([NO_FACETS, *(index.find(block) for block in blocks)])
+            found = np.concatenate([NO_FACETS, *(index.find(block) for block in rows.values())])
             if found.size:
                 used.add(group)
                 faces[face if colon else group] = found
         _check_faces(name, mesh, faces)
         parts[name] = tagged(mesh, faces)
-    if unused := [group for group in facets if group not in used]:
+    if unused := [group for group in model.facets if group not in used]:
         raise SceneError(
             f"no facet of a part lies on the face {unused[0]!r}; check the entities of its "
             "physical group"
@@ -188,16 +102,15 @@ def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
 
 
 def _gmsh_mesh(
-    model: Any,
+    model: Meshed,
     name: str,
-    blocks: dict[int, npt.NDArray[np.int64]],
-    row: npt.NDArray[np.int64],
+    blocks: Mapping[int, npt.NDArray[np.int64]],
     x: Array,
 ) -> tuple[dmesh.Mesh, npt.NDArray[np.int64]]:
     """Mesh of one part, and the row in ``x`` of each of its vertices."""
     if not blocks:
         raise SceneError(f"the part {name!r} has no cells; call gmsh.model.mesh.generate first")
-    described = ", ".join(model.mesh.getElementProperties(kind)[0] for kind in blocks)
+    described = ", ".join(model.kinds[kind] for kind in blocks)
     if len(blocks) > 1:
         raise SceneError(f"the part {name!r} mixes cells ({described}); mesh it with one type")
     ((kind, nodes),) = blocks.items()
@@ -207,7 +120,7 @@ def _gmsh_mesh(
             "tetrahedra or hexahedra of order 1 or 2 (with Mesh.SecondOrderIncomplete = 0)"
         )
     cell, order = _GMSH_CELLS[kind]
-    permuted = row[nodes[:, gmsh_cell_permutation(cell, nodes.shape[1])]]
+    permuted = nodes[:, gmsh_cell_permutation(cell, nodes.shape[1])]
     kept, local = np.unique(permuted, return_inverse=True)
     mesh = create_mesh(local.reshape(permuted.shape), x[kept], cell, order)
     rows = np.asarray(mesh.geometry.input_global_indices, dtype=np.int64)  # of the input coordinates
@@ -254,16 +167,37 @@ def _check_faces(
         claimed = np.concatenate([claimed, facets])
 
 
-def read_msh(path: str | Path, gdim: int | None = None) -> Assembly:
-    """The parts of a gmsh file with physical groups, see :func:`from_gmsh`."""
-    if not checked_path("read_msh", path).is_file():
+def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None = None) -> Assembly:
+    """The parts of a gmsh file with physical groups, see :func:`from_gmsh`.
+
+    The file is read in a process of its own: a damaged one may end it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    gdim
+        Number of coordinates; the dimension of the parts if not given.
+    timeout
+        Seconds after which reading is given up; None: never.
+
+    Raises
+    ------
+    SceneError
+        With the name of the file: it is not there, cannot be read, or holds what :func:`from_gmsh` refuses.
+    """
+    file = checked_path("read_msh", path)
+    if not file.is_file():
         raise SceneError(f"there is no mesh file {str(path)!r}")
-    with gmsh_session("file") as gmsh:
-        try:
-            gmsh.merge(str(path))
-        except Exception as error:  # gmsh has no class of its own
-            raise SceneError(f"the mesh file {str(path)!r} cannot be read: {error}") from error
-        return from_gmsh(gmsh.model, gdim)
+    model: Meshed = away(
+        "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=file.absolute()
+    )
+    try:
+        return assembled(model, gdim)
+    except SceneError as error:
+        raise SceneError(f"{file.name!r}: {error}") from error
+    except RuntimeError as error:  # of dolfinx, for cells that do not make a mesh
+        raise SceneError(f"{file.name!r}: its cells make no mesh ({error}); mesh it again") from error
 
 
 def refine_around(

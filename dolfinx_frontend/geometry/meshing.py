@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.solids import Loaded
 
 
@@ -43,32 +42,30 @@ def some(names: Sequence[str]) -> str:
     return ", ".join(repr(n) for n in names[:6]) + more
 
 
-def generate(gmsh: Any, loaded: Loaded, order: int, progress: bool) -> None:
-    """Mesh, curve the cells, and make sure that none is folded."""
+def generate(gmsh: Any, loaded: Loaded, order: int, say: Callable[[str], None]) -> None:
+    """Mesh, curve the cells, and make sure that none is folded; `say` is told the next stage."""
     model = gmsh.model
-    with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
-        for dim in (1, 2, 3):
-            try:
-                model.mesh.generate(dim)
-            except Exception as failure:  # gmsh raises nothing more specific
-                what = ("", "curves", "faces", "solids")[dim]
-                raise SceneError(
-                    f"gmsh cannot mesh the {what} of {some(list(loaded.volumes))} ({failure}); give "
-                    "smaller sizes, or fix the geometry"
-                ) from failure
-            bar.step()
-        if order == 2:
-            model.mesh.setOrder(2)
-            if min(_worst(model, loaded).values()) < _POOR:
-                model.mesh.optimize("HighOrderElastic")
-                _straighten(model)
-            folded = {n: q for n, q in _worst(model, loaded).items() if q <= 0.0}
-            if folded:
-                raise SceneError(
-                    f"curved cells of {some(list(folded))} are folded (scaled Jacobian "
-                    f"{min(folded.values()):.2g}); give smaller sizes, more cells per_turn, or order=1"
-                )
-            bar.step()
+    for dim, what in enumerate(("curves", "faces", "solids"), start=1):
+        say(f"meshing the {what}")
+        try:
+            model.mesh.generate(dim)
+        except Exception as failure:  # gmsh raises nothing more specific
+            raise SceneError(
+                f"gmsh cannot mesh the {what} of {some(list(loaded.volumes))} ({failure}); give "
+                "smaller sizes, or fix the geometry"
+            ) from failure
+    if order == 2:
+        say("curving the cells")
+        model.mesh.setOrder(2)
+        if min(_worst(model, loaded).values()) < _POOR:
+            model.mesh.optimize("HighOrderElastic")
+            _straighten(model)
+        folded = {n: q for n, q in _worst(model, loaded).items() if q <= 0.0}
+        if folded:
+            raise SceneError(
+                f"curved cells of {some(list(folded))} are folded (scaled Jacobian "
+                f"{min(folded.values()):.2g}); give smaller sizes, more cells per_turn, or order=1"
+            )
 
 
 def _straighten(model: Any) -> None:

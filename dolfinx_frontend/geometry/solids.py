@@ -13,7 +13,7 @@ from __future__ import annotations
 import fnmatch
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from dolfinx_frontend.common.checks import checked_numbers
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, unknown_name
 from dolfinx_frontend.common.vectors import unit
+from dolfinx_frontend.geometry.exchange import Exchange
 
 __all__ = ["Cut", "Loaded", "Solid", "Surface", "load", "matching", "nearest", "solids_of", "vector"]
 
@@ -139,10 +140,21 @@ class Solid:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Solids of a model that is open in gmsh: name -> volumes, and the pairs that were one solid."""
+    """Solids of a model that is open in gmsh.
+
+    Attributes
+    ----------
+    volumes
+        Name -> volumes.
+    halves
+        Pairs that were one solid.
+    lost
+        Solids that were not read, or not in full, in words.
+    """
 
     volumes: dict[str, list[int]]
     halves: frozenset[tuple[str, str]]
+    lost: tuple[str, ...] = ()
 
 
 def vector(v: Array) -> str:
@@ -151,14 +163,23 @@ def vector(v: Array) -> str:
 
 
 def load(
-    gmsh: Any, path: Path, cuts: Sequence[Cut], imprint: bool, tolerance: float | None
+    gmsh: Any,
+    path: Path,
+    cuts: Sequence[Cut],
+    imprint: bool,
+    tolerance: float | None,
+    partial: bool,
+    say: Callable[[str], None],
 ) -> Loaded:
     """Import a STEP file into the current model, cut solids, and fuse those that touch.
+
+    `say` is told the next stage; `partial`: solids that cannot be read are left out.
 
     Raises
     ------
     SceneError
-        No such file, not STEP, no solids in it, a cut that does not cut in two, solids that overlap.
+        No such file, not STEP, no solids in it, solids that cannot be read, a cut that does not cut in two,
+        solids that overlap.
     """
     if not path.is_file():
         raise SceneError(f"there is no STEP file {str(path)!r}")
@@ -170,26 +191,61 @@ def load(
             f"{path.name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "
             "of ISO 10303-21 does); export it as STEP AP203, AP214 or AP242"
         )
+    exchange = Exchange.of(path)
+    say("reading the file")
     try:
         shapes = occ.importShapes(str(path), highestDimOnly=True, format="step")
         occ.synchronize()
     except Exception as failure:  # gmsh raises nothing more specific
         raise SceneError(f"{path.name!r} cannot be read as STEP ({failure}); export it again") from failure
     tags = [tag for dim, tag in shapes if dim == 3]
+    labels = [model.getEntityName(3, tag) for tag in tags]
+    lost = exchange.lost(label.split("/")[-1].strip() for label in labels)
+    names = dict(zip(tags, _names(labels), strict=True))
+    if tags:
+        say("looking for holes in the solids")
+    for tag, name in names.items():
+        if why := _flaw(model, tag):
+            lost.append(f"{name!r} ({why})")
+            occ.remove([(3, tag)], recursive=True)
+            tags = [t for t in tags if t != tag]
+    if lost and not (partial and tags):
+        raise SceneError(
+            f"{path.name!r}: solids that cannot be read, or not in full: {'; '.join(lost)}; export it again, "
+            "or go on without with partial=True"
+        )
     if not tags:
         found = f"{len(shapes)} faces or curves" if shapes else "nothing"
         raise SceneError(
             f"{path.name!r} cannot be modelled: it holds no solid, but {found}; export solids, not surfaces"
         )
-    names = _names([model.getEntityName(3, tag) for tag in tags])
-    volumes = dict(zip(names, tags, strict=True))
+    occ.synchronize()
+    volumes = {names[tag]: tag for tag in tags}
     volumes, halves = _cut(gmsh, volumes, cuts)
     if tolerance is not None:
         gmsh.option.setNumber("Geometry.ToleranceBoolean", tolerance)
     if not imprint or len(volumes) == 1:
+        say("looking for solids that overlap")
         _refuse_intersections(gmsh, volumes)
-        return Loaded({name: [tag] for name, tag in volumes.items()}, halves)
-    return Loaded(_fuse(gmsh, volumes), halves)
+        return Loaded({name: [tag] for name, tag in volumes.items()}, halves, tuple(lost))
+    say("dividing the faces that touch")
+    return Loaded(_fuse(gmsh, volumes), halves, tuple(lost))
+
+
+def _flaw(model: Any, volume: int) -> str:
+    """Why a solid is none: OpenCASCADE leaves out faces that it cannot translate; empty if it is sound."""
+    faces = [abs(t) for _, t in model.getBoundary([(3, volume)], oriented=False)]
+    counts: dict[int, int] = {}
+    for face in faces:
+        # a seam comes twice
+        for _, curve in model.getBoundary([(2, face)], combined=False, oriented=False):
+            counts[abs(curve)] = counts.get(abs(curve), 0) + 1
+    size = float(model.occ.getMass(3, volume))
+    if not (math.isfinite(size) and size > 0.0):
+        return f"its volume is {size:.4g}"
+    small = ROUNDING * size ** (1.0 / 3.0)  # the poles of a sphere are curves without length
+    free = sum(1 for curve, count in counts.items() if count == 1 and model.occ.getMass(1, curve) > small)
+    return f"{free} edges belong to one face only: faces are missing" if free or not faces else ""
 
 
 def _names(labels: Sequence[str]) -> list[str]:
@@ -419,9 +475,12 @@ def solids_of(model: Any, loaded: Loaded) -> dict[str, Solid]:
 
 
 def nearest(
-    model: Any, loaded: Loaded, solids: Mapping[str, Solid], names: Sequence[str], most: int = 5
+    model: Any, loaded: Loaded, solids: Mapping[str, Solid], names: Sequence[str], gap: float, most: int = 5
 ) -> list[str]:
-    """Sentences that name the parts that are nearest to each other, by exact distances."""
+    """Sentences that name the parts that are nearest to each other, by exact distances.
+
+    What is within `gap`, but was not found to face each other, meets in a point or along a line.
+    """
     everyone = list(solids)
     low = np.array([s.low for s in solids.values()])
     high = np.array([s.high for s in solids.values()])
@@ -440,4 +499,7 @@ def nearest(
                     for w in loaded.volumes[key[1]]
                 )
     ranked = sorted(found.items(), key=lambda item: item[1])[:most]
-    return [f"{a!r} and {b!r} are {d:.4g} apart" for (a, b), d in ranked]
+    return [
+        f"{a!r} and {b!r} are {d:.4g} apart" + (", in a point or along a line only" if d <= gap else "")
+        for (a, b), d in ranked
+    ]

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -37,22 +37,15 @@ from dolfinx_frontend.common.checks import (
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
-from dolfinx_frontend.common.errors import SceneError, unknown_name
-from dolfinx_frontend.geometry.gmsh import from_gmsh, gmsh_session
-from dolfinx_frontend.geometry.meshing import OPTIONS, generate, some
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.progress import Bar
+from dolfinx_frontend.geometry.away import away, check_timeout
+from dolfinx_frontend.geometry.gmsh import assembled
+from dolfinx_frontend.geometry.meshing import some
 from dolfinx_frontend.geometry.parts import FREE, Assembly, Connection
-from dolfinx_frontend.geometry.solids import (
-    Cut,
-    Loaded,
-    Solid,
-    Surface,
-    load,
-    matching,
-    nearest,
-    solids_of,
-    vector,
-)
-from dolfinx_frontend.geometry.touching import Touch, touching
+from dolfinx_frontend.geometry.reading import Recipe, Source, Survey
+from dolfinx_frontend.geometry.solids import Cut, Solid, Surface, matching, vector
+from dolfinx_frontend.geometry.touching import Touch
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.scene import Scene
@@ -60,9 +53,6 @@ from dolfinx_frontend.scene.specs import Overlap, Space
 
 __all__ = ["StepAssembly", "read_step"]
 
-
-GAP = 1e-4
-"""Default gap up to which faces count as nearly touching, relative to the diagonal of the assembly."""
 
 _ANGLE = math.cos(math.radians(1.0))
 
@@ -106,9 +96,7 @@ class StepAssembly:
     solids: dict[str, Solid]
     touches: dict[str, Touch]
     gap: float
-    _cuts: tuple[Cut, ...]
-    _imprint: bool
-    _tolerance: float | None
+    _source: Source
     _bodies: dict[str, _Body] = field(default_factory=dict)
     _sizes: dict[str, float] = field(default_factory=dict)
     _local: dict[str, float] = field(default_factory=dict)
@@ -291,8 +279,10 @@ class StepAssembly:
         return f"StepAssembly({self.path.name}: {len(self.solids)} parts, {len(self.touches)} interfaces)"
 
     # -- from here to a scene --------------------------------------------------------------------
-    def mesh(self, *, per_turn: int = 8, order: int = 2, progress: bool = True) -> Assembly:
-        """Mesh the parts.
+    def mesh(
+        self, *, per_turn: int = 8, order: int = 2, progress: bool = True, timeout: float | None = None
+    ) -> Assembly:
+        """Mesh the parts, in a process of its own.
 
         Parameters
         ----------
@@ -302,6 +292,8 @@ class StepAssembly:
             2: cells follow round faces; 1: straight cells.
         progress
             A progress bar if on a terminal.
+        timeout
+            Seconds after which meshing is given up; None: never.
 
         Raises
         ------
@@ -313,16 +305,30 @@ class StepAssembly:
         if not is_whole(per_turn) or per_turn < 3:
             raise SceneError(f"per_turn = {per_turn!r}: a circle needs three cells at least")
         checked_flag("mesh", "progress", progress)
-        with self._model({"Mesh.MeshSizeFromCurvature": float(per_turn)}) as (gmsh, loaded):
-            model = gmsh.model
-            self._check_same(model, loaded)
-            for name, tags in loaded.volumes.items():
-                model.addPhysicalGroup(3, tags, name=name)
-            for (part, face), surfaces in {**self._taken, **self._named}.items():
-                model.addPhysicalGroup(2, sorted(surfaces), name=f"{part}:{face}")
-            self._set_sizes(model, loaded)
-            generate(gmsh, loaded, order, progress)
-            parts = from_gmsh(model).parts
+        faces = {f"{part}:{face}": tags for (part, face), tags in {**self._taken, **self._named}.items()}
+        local = [
+            (tuple(sorted({*self.touches[n].surfaces[0], *self.touches[n].surfaces[1]})), size)
+            for n, size in self._local.items()
+        ]
+        sizes = {name: self._size(name) for name in self.solids}
+        recipe = Recipe(self.solids, faces, sizes, local, per_turn, order)
+        with Bar(3 + (order == 2), "mesh", "stage", progress) as bar:
+
+            def each(stage: str) -> None:
+                if stage.startswith(("meshing", "curving")):
+                    bar.step()
+
+            model = away(
+                "mesh",
+                self.path,
+                "cannot be meshed",
+                "give smaller sizes, or fix the geometry",
+                timeout,
+                each,
+                source=self._source,
+                recipe=recipe,
+            )
+        parts = assembled(model).parts
         kinds = {name: j.law.drawn for name, j in self._joins.items() if j is not None}
         connections = tuple(Connection(n, kinds[n], *self._faces[n]) for n in self.touches if n in kinds)
         parameters = {"path": str(self.path), "per_turn": per_turn, "order": order}
@@ -412,44 +418,6 @@ class StepAssembly:
             s for s in self.solids[part].surfaces if s.tag not in named and not self._in_contact(s)
         ]
 
-    @contextmanager
-    def _model(self, options: Mapping[str, float]) -> Iterator[tuple[Any, Loaded]]:
-        """The CAD model, read again: nothing of gmsh is kept between calls."""
-        with gmsh_session(self.path.stem, {**OPTIONS, **options}) as gmsh:
-            yield gmsh, load(gmsh, self.path, self._cuts, self._imprint, self._tolerance)
-
-    def _check_same(self, model: Any, loaded: Loaded) -> None:
-        """Numbers of faces are those of the first reading, unless the file has changed."""
-        for name, solid in self.solids.items():
-            tags = loaded.volumes.get(name, [])
-            same = bool(tags) and np.isclose(
-                sum(model.occ.getMass(3, t) for t in tags), solid.volume, rtol=1e-9
-            )
-            found = {abs(t) for _, t in model.getBoundary([(3, t) for t in tags], oriented=False)}
-            if not same or found != {s.tag for s in solid.surfaces}:
-                raise SceneError(f"{self.path.name!r} has changed since it was read: read it again")
-
-    def _set_sizes(self, model: Any, loaded: Loaded) -> None:
-        """Cells of a part, and of an interface, are not larger than requested."""
-        mesh = model.mesh.field
-        fields = []
-
-        def constant(key: str, tags: Sequence[int], size: float) -> None:
-            number = mesh.add("Constant")
-            mesh.setNumbers(number, key, tags)
-            mesh.setNumber(number, "VIn", size)
-            mesh.setNumber(number, "IncludeBoundary", 1)
-            fields.append(number)
-
-        for name, tags in loaded.volumes.items():
-            constant("VolumesList", tags, self._size(name))
-        for name, size in self._local.items():
-            touch = self.touches[name]
-            constant("SurfacesList", sorted({*touch.surfaces[0], *touch.surfaces[1]}), size)
-        smallest = mesh.add("Min")
-        mesh.setNumbers(smallest, "FieldsList", fields)
-        mesh.setAsBackgroundMesh(smallest)
-
 
 def read_step(
     path: str | Path,
@@ -458,8 +426,12 @@ def read_step(
     cuts: Sequence[Cut] | Cut = (),
     imprint: bool = True,
     tolerance: float | None = None,
+    partial: bool = False,
+    timeout: float | None = None,
 ) -> StepAssembly:
     """Parts of a STEP file, and where they touch.
+
+    The file is read in a process of its own: OpenCASCADE may end it if the file is damaged.
 
     Parameters
     ----------
@@ -475,6 +447,11 @@ def read_step(
         match. False: every part keeps its faces and gets a mesh of its own.
     tolerance
         Distance up to which OpenCASCADE merges points when it divides faces, mm; None: its default.
+    partial
+        Go on without solids that cannot be read; a warning names them. False: an error names them.
+    timeout
+        Seconds after which reading is given up; None: never. OpenCASCADE may be busy for ever with a damaged
+        file.
 
     Returns
     -------
@@ -484,8 +461,9 @@ def read_step(
     Raises
     ------
     SceneError
-        A file that cannot be read as STEP or holds no solid; solids that overlap (which, and how much); parts
-        that do not touch (with the nearest distances); a cut that does not cut in two.
+        A file that cannot be read as STEP or holds no solid; a solid that cannot be read; solids that
+        overlap (which, and how much); parts that do not touch (with the nearest distances); a cut that
+        does not cut in two.
     """
     file = checked_path("read_step", path)
     several = isinstance(cuts, Sequence) and not isinstance(cuts, (str, Cut))
@@ -496,18 +474,22 @@ def read_step(
     for name, value in (("gap", gap), ("tolerance", tolerance)):
         if value is not None:
             checked_number("read_step", name, value, least=0.0)
-    with gmsh_session(file.stem, OPTIONS) as gmsh:
-        loaded = load(gmsh, file, planes, imprint, tolerance)
-        solids = solids_of(gmsh.model, loaded)
-        low = np.min([s.low for s in solids.values()], axis=0)
-        high = np.max([s.high for s in solids.values()], axis=0)
-        reach = GAP * float(np.linalg.norm(high - low)) if gap is None else float(gap)
-        touches = touching(gmsh, loaded, solids, reach)
-        used = {p for t in touches for p in t.parts}
-        lonely = [n for n in solids if n not in used] if len(solids) > 1 else []
-        alone = tuple(nearest(gmsh.model, loaded, solids, [n], 1)[0] for n in lonely)
-    names = {t.name: t for t in touches}
-    return StepAssembly(file, solids, names, reach, planes, imprint, tolerance, _alone=alone)
+    checked_flag("read_step", "partial", partial)
+    check_timeout(timeout)
+    if not file.is_file():
+        raise SceneError(f"there is no STEP file {str(path)!r}")
+    source = Source(file.absolute(), planes, imprint, tolerance, partial)
+    found: Survey = away(
+        "survey", file, "cannot be read as STEP", "export it again", timeout, source=source, gap=gap
+    )
+    if found.lost:
+        warnings.warn(
+            f"{file.name!r}: solids that cannot be read, or not in full: {'; '.join(found.lost)}",
+            SceneWarning,
+            stacklevel=2,
+        )
+    touches = {t.name: t for t in found.touches}
+    return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)
 
 
 def _contact_faces(touches: Any) -> dict[tuple[str, str], tuple[int, ...]]:

@@ -25,6 +25,7 @@ from dolfinx_frontend.geometry.solids import (
     nearest,
     outward,
     parameters_of,
+    vector,
 )
 
 __all__ = ["Kind", "Touch", "touching"]
@@ -95,6 +96,7 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
     for (a, b), surfaces in shared.items():
         kind: Kind = "cut" if (a, b) in loaded.halves else "touching"
         for group in _groups(model, surfaces):
+            _refuse_strip(a, b, group)
             pairs.setdefault((a, b), []).append(_shared_touch(model, loaded, a, b, kind, group))
     for touch in _near(gmsh, loaded, solids, where, gap):
         key = touch.parts if touch.parts in pairs else touch.parts[::-1]
@@ -102,7 +104,7 @@ def touching(gmsh: Any, loaded: Loaded, solids: Mapping[str, Solid], gap: float)
     if not pairs and len(solids) > 1:
         raise SceneError(
             f"no faces touch or come nearer than gap = {gap:.3g}; the nearest parts: "
-            f"{'; '.join(nearest(model, loaded, solids, names))}; increase gap, or fix the geometry"
+            f"{'; '.join(nearest(model, loaded, solids, names, gap))}; increase gap, or fix the geometry"
         )
     out = []
     for touches in pairs.values():
@@ -135,6 +137,19 @@ def _groups(model: Any, surfaces: Sequence[Surface]) -> list[list[Surface]]:
     pairs = [(a.tag, b.tag) for a, b in combinations(surfaces, 2) if _continue(model, a, b, edges)]
     by_tag = {s.tag: s for s in surfaces}
     return [[by_tag[tag] for tag in group] for group in grouped(list(by_tag), pairs)]
+
+
+def _refuse_strip(a: str, b: str, group: Sequence[Surface]) -> None:
+    """Refuse what two parts share if it is no wider than rounding: parts that should touch, or should not."""
+    low = np.min([s.low for s in group], axis=0)
+    high = np.max([s.high for s in group], axis=0)
+    length = float(np.linalg.norm(high - low))
+    width = sum(s.area for s in group) / length
+    if width < _SLIVER * length:
+        raise SceneError(
+            f"{a!r} and {b!r} touch in a strip that is {width:.3g} wide and {length:.4g} long, at "
+            f"{vector(0.5 * (low + high))}; fix the geometry, or give a tolerance or imprint=False"
+        )
 
 
 def _shared_touch(
@@ -253,13 +268,14 @@ def _triangulate(gmsh: Any, solids: Mapping[str, Solid], tags: Sequence[int]) ->
         model.setVisibility(model.getEntities(), 0)
         model.setVisibility([(2, tag) for tag in tags], 1, recursive=True)
         model.mesh.generate(2)
+        # all nodes: a point in which another part touches is no boundary of the face
+        nodes, x, _ = model.mesh.getNodes()
+        row = np.zeros(int(nodes.max(initial=0)) + 1, dtype=np.int64)
+        row[nodes.astype(np.int64)] = np.arange(nodes.size)
         out = {}
         for tag in tags:
-            nodes, x, _ = model.mesh.getNodes(2, tag, True, False)
-            row = dict(zip(nodes.tolist(), range(len(nodes)), strict=True))
             _, corners = model.mesh.getElementsByType(2, tag)
-            at = np.array([row[t] for t in corners.tolist()], dtype=int)
-            out[tag] = x.reshape(-1, 3)[at].reshape(-1, 3, 3)
+            out[tag] = x.reshape(-1, 3)[row[corners.astype(np.int64)]].reshape(-1, 3, 3)
     finally:
         model.mesh.clear()
         model.setVisibility(model.getEntities(), 1)

@@ -14,7 +14,7 @@ import pytest
 
 from dolfinx_frontend import Contact, Elastic, LinearElastic, Perfect, Preload, assemble, read_step, solve
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.geometry.gmsh import gmsh_session
+from dolfinx_frontend.geometry.session import gmsh_session
 from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly
 

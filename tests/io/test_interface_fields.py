@@ -310,7 +310,9 @@ def same_data(mine: Any, theirs: Any) -> None:
 
 def by_place(grid: Any) -> Any:
     """Point data in an order that does not depend on that of the cells."""
-    middle = np.repeat(grid.cell_centers().points, np.diff(grid.offset), axis=0)
+    # by VTK: pyvista has given the property another name
+    offsets = pyvista.convert_array(grid.GetCells().GetOffsetsArray())
+    middle = np.repeat(grid.cell_centers().points, np.diff(offsets), axis=0)
     order = np.lexsort(np.round(np.hstack([middle, grid.points]), 6).T)
     return {key: values[order] for key, values in grid.point_data.items()}
 

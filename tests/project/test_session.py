@@ -9,6 +9,7 @@ import select
 import signal
 import subprocess
 import sys
+import termios
 from pathlib import Path
 from typing import Any
 
@@ -273,9 +274,10 @@ lf.sweep(p, {"layer.normal": [1.0, 2.0, 3.0]})
 """
 
 
-def on_a_terminal(*arguments: str, **environment: str) -> str:
-    """What the script writes to its error stream, a terminal."""
+def on_a_terminal(*arguments: str, size: tuple[int, int] = (0, 0), **environment: str) -> str:
+    """What the script writes to its error stream, a terminal of so many rows and columns (0: untold)."""
     master, slave = pty.openpty()
+    termios.tcsetwinsize(slave, size)
     process = subprocess.Popen(
         [sys.executable, "-c", MAIN + BARS, *arguments],
         stdout=subprocess.DEVNULL,
@@ -296,9 +298,10 @@ def on_a_terminal(*arguments: str, **environment: str) -> str:
 
 def test_bars_are_drawn_on_a_terminal_only() -> None:
     pytest.importorskip("tqdm")
-    text = on_a_terminal()
-    for what in ("assemble", "solve", "sweep: 100%", "iterations="):
-        assert what in text
+    for size in ((0, 0), (24, 100)):
+        text = on_a_terminal(size=size)
+        for what in ("assemble", "solve", "sweep: 100%", "iterations="):
+            assert what in text
     assert on_a_terminal("off") == ""
     assert on_a_terminal(LATIN_PROGRESS="0") == ""
     piped = subprocess.run([sys.executable, "-c", MAIN + BARS], capture_output=True, text=True, check=True)

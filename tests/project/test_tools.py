@@ -311,10 +311,24 @@ def test_folders_of_the_system_are_never_covered(folder: str, expected: bool) ->
 
 
 def test_variables_handed_on() -> None:
-    variables = {"LATIN_X": "1", "HYPOTHESIS_PROFILE": "ci", "PYTEST_ADDOPTS": "-q", "NO": "1"}
-    names = answer("handed_on", OMP_NUM_THREADS="2", PYTHONPATH="/nowhere", **variables).split()
-    assert {"LATIN_X", "HYPOTHESIS_PROFILE", "PYTEST_ADDOPTS", "OMP_NUM_THREADS"} <= set(names)
-    assert not {"NO", "PYTHONPATH", "HOME", "PATH"} & set(names)
+    """The user's own, and none that tells of the host's programs and libraries."""
+    mine = ["LATIN_X", "HYPOTHESIS_PROFILE", "PYTEST_ADDOPTS", "MY_DATA", "OMP_NUM_THREADS"]
+    foreign = ["PYTHONPATH", "LD_LIBRARY_PATH", "PETSC_DIR", "CXXFLAGS", "OMPI_COMM_WORLD_SIZE"]
+    names = set(answer("handed_on", **dict.fromkeys(mine + foreign, "2")).split())
+    assert set(mine) <= names
+    assert not {"HOME", "PATH", "PWD", "LATIN_PYTHON", *foreign} & names
+
+
+def test_folders_of_the_user(tmp_path: Path) -> None:
+    system = ("etc", "usr", "lib64", "lost+found", "var/lib", "run/x")
+    for name in (*system, "home", "my data", "var/tmp", "run/media", ".store"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to("home")
+    (tmp_path / "gone").symlink_to("nowhere")
+    found = answer(f'user_folders "{tmp_path}" | tr "\\0" "\\n"').splitlines()
+    names = {"home", "my data", "link", ".store", "var/tmp", "run/media"}
+    assert sorted(found) == sorted(str(tmp_path / name) for name in names)
 
 
 def test_message_names_three_ways_to_dolfinx() -> None:

@@ -153,18 +153,47 @@ make_root() { # SUITE ROOT
   ) 9>"$root.lock"
 }
 
-# Names of the variables that are handed on into the private root.
-handed_on() {
-  compgen -e | grep -xE 'CI|TERM|COLUMNS|LINES|NO_COLOR|FORCE_COLOR|OMP_NUM_THREADS|OPENBLAS_NUM_THREADS|PETSC_OPTIONS|(LATIN|HYPOTHESIS|PYTEST)_.*'
-}
+# Variables that describe the programs, libraries and languages of the host, which the root does not have.
+# A display is one of them: the root draws without.
+latin_host_variables='PATH|MANPATH|INFOPATH|LD_.*|LIBRARY_PATH|CPATH|C_INCLUDE_PATH|CPLUS_INCLUDE_PATH|PKG_CONFIG.*|CMAKE_.*
+  |CC|CXX|CPP|FC|F77|AR|LD|NM|RANLIB|[A-Z]*FLAGS|PYTHON.*|VIRTUAL_ENV.*|CONDA.*|_CE_.*|MAMBA_.*|PYENV.*|PIP_.*|UV_.*
+  |PETSC_DIR|PETSC_ARCH|SLEPC_.*|MPI.*|OMPI_.*|PMIX_?.*|PMI_.*|PRTE_.*|I_MPI_.*|HYDRA_.*|SLURM_.*|MODULE.*|LMOD.*|LOADEDMODULES|_LM.*
+  |PERL.*|RUBY.*|GEM_.*|NODE_.*|TCL.*|TK_.*|QT_.*|GTK.*|GI_.*|GIO_.*|GCONV_PATH|LOCPATH|NLSPATH|LANG|LANGUAGE|LC_.*
+  |XDG_(CONFIG|DATA)_DIRS|XDG_(RUNTIME_DIR|SESSION.*|SEAT.*|VTNR|CURRENT_DESKTOP)|DBUS_.*|DISPLAY|WAYLAND_DISPLAY|XAUTHORITY
+  |SHELL|SHELLOPTS|BASHOPTS|BASH_ENV|ENV|PS[0-4]|_|PWD|OLDPWD|SHLVL|HOME|TMPDIR|DEBIAN_FRONTEND|APT_.*|DPKG_.*
+  |LATIN_(ENVIRONMENT|PYTHON|MISSING)'
+
+# Names of the variables that are handed on into the private root: the user's own.
+handed_on() { compgen -e | grep -vxE "${latin_host_variables//[[:space:]]/}" || true; }
 
 # Folders of the host that must not cover the ones of the root.
 is_system_folder() {
   case $1 in
-    /usr/src/* | /usr/local/src/*) return 1 ;;
-    / | /bin | /boot | /etc | /etc/* | /lib | /lib64 | /run | /sbin | /usr | /usr/* | /var | /var/lib | /var/cache) return 0 ;;
+    /usr/src/* | /usr/local/src/* | /usr/home/* | /run/media/*) return 1 ;;
+    / | /bin | /boot | /etc | /etc/* | /lib | /lib64 | /run | /run/* | /sbin | /usr | /usr/* | /var | /var/lib | /var/cache) return 0 ;;
     *) return 1 ;;
   esac
+}
+
+# Folders that are the user's, each ended by a zero byte: /home, /root, /mnt, /opt, /tmp, /var/tmp, /data, ...
+# What Linux and Debian have under the same names is left out, and so are folders that are not there.
+user_folders() { # [TOP]
+  local top=${1:-} folder
+  for folder in "$top"/* "$top"/.[!.]* "$top"/var/* "$top"/run/media; do
+    [[ -d $folder ]] || continue
+    case ${folder#"$top"} in
+      /bin | /boot | /dev | /efi | /etc | /lib | /lib[0-9]* | /libx32 | /lost+found | /proc | /run | /sbin | /sys | /usr | /var) ;;
+      /var/backups | /var/cache | /var/crash | /var/db | /var/empty | /var/lib | /var/lock | /var/log | /var/mail) ;;
+      /var/run | /var/spool | /var/lost+found) ;;
+      *) printf '%s\0' "$folder" ;;
+    esac
+  done
+}
+
+# Shows a folder of the host at the same place in the root. A link to a folder is shown as that folder.
+show_folder() { # ROOT FOLDER
+  [[ ! $2 -ef $1$2 ]] || return 0
+  mkdir -p "$1$2" && mount --rbind "$(readlink -f "$2")" "$1$2"
 }
 
 # Runs in a mount namespace of its own: the mounts vanish with the process.
@@ -172,15 +201,19 @@ mount_and_chroot() { # ROOT FOLDER_TO_SHOW... -- COMMAND...
   set -e
   local root=$1 folder file
   shift
-  for folder in /proc /sys /dev /tmp; do mount --rbind "$folder" "$root$folder"; done
+  # the folder that holds the root comes first, with nothing mounted in it
+  while IFS= read -r -d '' folder; do
+    [[ $root/ != "$(readlink -f "$folder")"/* ]] || show_folder "$root" "$folder"
+  done < <(user_folders)
+  while IFS= read -r -d '' folder; do
+    show_folder "$root" "$folder" || printf 'latin: %s cannot be shown in the private root\n' "$folder" >&2
+  done < <(user_folders)
+  for folder in /proc /sys /dev; do mount --rbind "$folder" "$root$folder"; done
   for file in /etc/resolv.conf /etc/hosts; do
     if [[ -e $file && -e $root$file ]]; then mount --bind "$(readlink -f "$file")" "$root$file"; fi
   done
   while [[ $1 != -- ]]; do
-    if [[ $1/ != /tmp/* && $1/ != /dev/* && $1/ != /proc/* && $1/ != /sys/* ]]; then
-      mkdir -p "$root$1"
-      mount --rbind "$1" "$root$1"
-    fi
+    show_folder "$root" "$1"
     shift
   done
   shift
@@ -189,16 +222,23 @@ mount_and_chroot() { # ROOT FOLDER_TO_SHOW... -- COMMAND...
 
 # Replaces this process by `run ARGS...` in the root: signals, terminal and exit code are the program's.
 enter_root() { # ROOT ARGS...
-  local root=$1 here variables=() name
+  local root here home=${HOME:-/root} folders variables=() name
+  root=$(readlink -f "$1") here=$(pwd -P)
   shift
-  here=$(pwd -P)
   is_system_folder "$here" && die "run cannot work from $here (the environment has its own): change to another folder"
   is_system_folder "$latin_home" && die "the project cannot be used in $latin_home, a folder of the system: move it"
-  for name in $(handed_on); do variables+=("$name=${!name}"); done
-  exec unshare --mount --propagation private \
-    bash -c "$(declare -f mount_and_chroot); mount_and_chroot \"\$@\"" run "$root" "$here" "$latin_home" -- \
-    /usr/bin/env -i --chdir="$here" HOME=/root USER=root PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 \
-    SHELL=/bin/bash "${variables[@]}" LATIN_ENVIRONMENT="${root##*/}" LATIN_PYTHON=/usr/bin/python3 \
+  folders=("$here" "$latin_home")
+  # a service may have its home folder in a folder of the system, or none
+  if [[ -d $home ]] && ! is_system_folder "$(readlink -f "$home")"; then folders+=("$home"); else home=/root; fi
+  if [[ -d ${TMPDIR:-} ]] && ! is_system_folder "$(readlink -f "$TMPDIR")"; then
+    variables+=("TMPDIR=$TMPDIR") folders+=("$TMPDIR")
+  fi
+  while IFS= read -r name; do variables+=("$name=${!name}"); done < <(handed_on)
+  # mounts that the host makes later (an automatic one of a home folder, a disk) appear as well
+  exec unshare --mount --propagation slave \
+    bash -c "$(declare -f user_folders show_folder mount_and_chroot); mount_and_chroot \"\$@\"" run "$root" "${folders[@]}" -- \
+    /usr/bin/env -i --chdir="$here" USER=root LOGNAME=root "${variables[@]}" HOME="$home" PATH=/usr/sbin:/usr/bin:/sbin:/bin \
+    LANG=C.UTF-8 SHELL=/bin/bash LATIN_ENVIRONMENT="${root##*/}" LATIN_PYTHON=/usr/bin/python3 \
     bash "$latin_home/run" "$@"
 }
 

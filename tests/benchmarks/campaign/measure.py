@@ -9,14 +9,14 @@ its estimate. Two norms of a part's error, each relative to the part's own answe
 A part's error is the larger of the two. Neither is enough alone: a part on soft springs may carry the right
 force at the wrong place, and a part that flies far may be nearly unstrained. What double precision leaves
 (`floors` of the reference, ten times; ten rounding errors of the largest displacement of the parts it is
-connected with, for an iteration passes on displacements and forces that differ by them; 1e-10 in any case, of
-a scatter 1e-10 of the mean) is no error, so that a part without a load is not wrong by 1e-16 of its neighbour's
-motion. What is nothing but rounding, or moves by less than thirty such errors, has no size of its own: a scatter
-is then compared with the mean, the displacement of a part that stays where it is with the largest one of the
-scene, and strains are not compared. The fluctuation of a chaos is all its columns but the
-first; that of samples is what is left without their mean. A step is compared with itself, but with no less
-than 1e-9 of the part's largest step; a scatter with itself, below 1e-6 of the mean with the mean: it is not
-worth an order of a chaos or a sample.
+connected with, for an iteration passes on displacements and forces that differ by them; 1e-10 in any case,
+of a scatter 1e-10 of the mean) is no error, so that a part without a load is not wrong by 1e-16 of its
+neighbour's motion. What is nothing but rounding, or moves by less than thirty such errors, has no size of
+its own: a scatter is then compared with the mean, the displacement of a part that stays where it is with
+the largest one of the scene, and strains are not compared. The fluctuation of a chaos is all its columns
+but the first; that of samples is what is left without their mean. A step is compared with itself, but with
+no less than 1e-9 of the part's largest step; a scatter with itself, below 1e-6 of the mean with the mean:
+it is not worth an order of a chaos or a sample.
 """
 
 from __future__ import annotations

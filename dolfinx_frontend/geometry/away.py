@@ -1,0 +1,154 @@
+"""Work of gmsh in a process of its own: what ends that process is an error here."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from dolfinx_frontend.common.errors import SceneError
+
+__all__ = ["away", "check_timeout"]
+
+_log = logging.getLogger(__name__)
+
+_PROGRAM = Path(__file__).with_name("worker.py")
+
+_SIGNALS: dict[int, str] = {
+    signal.SIGSEGV: "a segmentation fault",
+    signal.SIGABRT: "an abort",
+    signal.SIGFPE: "an arithmetic error",
+    signal.SIGILL: "an illegal instruction",
+    signal.SIGBUS: "a bus error",
+    signal.SIGKILL: "a kill (out of memory, perhaps)",
+}
+
+
+def check_timeout(timeout: float | None) -> None:
+    """Refuse what is no time.
+
+    Raises
+    ------
+    SceneError
+        Not None, and not a positive finite number.
+    """
+    if timeout is not None and not (
+        isinstance(timeout, (int, float)) and math.isfinite(timeout) and timeout > 0.0
+    ):
+        raise SceneError(f"timeout = {timeout!r} must be positive seconds, or None")
+
+
+def away(
+    task: str,
+    file: Path,
+    failed: str,
+    remedy: str,
+    timeout: float | None = None,
+    each: Callable[[str], None] | None = None,
+    **arguments: Any,
+) -> Any:
+    """Carry out one of the tasks of :mod:`reading` in another process.
+
+    Parameters
+    ----------
+    task, arguments
+        Its name, and what it is called with.
+    file
+        The file that it is about.
+    failed, remedy
+        For messages: what could not be done ("cannot be read"), and what may help.
+    timeout
+        Seconds, None: as long as it takes.
+    each
+        Told what is done next.
+
+    Raises
+    ------
+    SceneError
+        The one of the task, or what ended the process; with the name of the file.
+    RuntimeError
+        The program did not start, or has an error.
+    """
+    check_timeout(timeout)
+    began = perf_counter()
+    state, stage, answer = "ended", "starting", None
+    expired = threading.Event()
+    with tempfile.TemporaryFile() as said:
+        # a group of its own: Ctrl-C is the business of this process
+        # -P: the folder of the program has a gmsh.py of its own
+        process = subprocess.Popen(
+            [sys.executable, "-P", str(_PROGRAM)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=said,
+            process_group=0,
+        )
+        assert process.stdin is not None and process.stdout is not None
+
+        def expire() -> None:
+            expired.set()
+            process.kill()
+
+        timer = threading.Timer(timeout or 0.0, expire)
+        try:
+            if timeout is not None:
+                timer.start()
+            try:
+                process.stdin.write(json.dumps(sys.path).encode() + b"\n" + pickle.dumps((task, arguments)))
+                process.stdin.flush()
+                while state == "ended":
+                    kind, answer = pickle.load(process.stdout)
+                    if kind != "next":
+                        state = kind
+                    else:
+                        stage = answer
+                        if each is not None:
+                            each(answer)
+            except (OSError, EOFError, pickle.UnpicklingError):  # it is gone
+                pass
+        finally:
+            timer.cancel()
+            if state == "ended" and sys.exc_info()[0] is not None or expired.is_set():
+                process.kill()
+            _close(process)
+            code = process.wait()
+        said.seek(0)
+        words = said.read()[-2000:].decode(errors="replace")
+    _log.info("gmsh: %s, %.2f s", file.name, perf_counter() - began)
+    if state == "done":
+        return answer
+    if state == "refused":
+        text = str(answer)
+        raise SceneError(text if repr(file.name) in text else f"{file.name!r}: {text}")
+    if state == "failed":
+        raise SceneError(f"{file.name!r} {failed}, while {stage}: {answer}; {remedy}")
+    if state == "broken":
+        raise RuntimeError(f"reading {file.name!r} failed, through no fault of the file:\n{answer}")
+    if expired.is_set():
+        raise SceneError(
+            f"{file.name!r} {failed}: gmsh was still {stage} after timeout = {timeout:g} s; {remedy}"
+        )
+    _log.debug("the other process said: %s", words)
+    how = _SIGNALS.get(-code, f"signal {-code}") if code < 0 else f"exit code {code}"
+    if stage == "starting":
+        raise RuntimeError(f"the process that reads {file.name!r} did not start ({how}): {words}")
+    raise SceneError(f"{file.name!r} {failed}: gmsh ended with {how}, while {stage}; {remedy}")
+
+
+def _close(process: subprocess.Popen[bytes]) -> None:
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            try:
+                stream.close()
+            except OSError:  # what was not written stays so
+                pass

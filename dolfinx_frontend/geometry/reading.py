@@ -1,0 +1,185 @@
+"""What is done with files by gmsh, in a process of its own (:mod:`worker`): read, compared, meshed.
+
+OpenCASCADE and gmsh can end the process for a damaged file, or never come back. Nothing here uses dolfinx,
+which would start MPI in that process.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.geometry.meshed import Meshed, meshed
+from dolfinx_frontend.geometry.meshing import OPTIONS, generate
+from dolfinx_frontend.geometry.session import gmsh_session
+from dolfinx_frontend.geometry.solids import Cut, Loaded, Solid, load, nearest, solids_of
+from dolfinx_frontend.geometry.touching import Touch, touching
+
+__all__ = ["TASKS", "Recipe", "Source", "Survey"]
+
+Say = Callable[[str], None]
+"""Told what is done next."""
+
+GAP = 1e-4
+"""Default gap up to which faces count as nearly touching, relative to the diagonal of the assembly."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A STEP file and how it is read; see :func:`read_step`."""
+
+    path: Path
+    cuts: tuple[Cut, ...]
+    imprint: bool
+    tolerance: float | None
+    partial: bool
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is in a STEP file.
+
+    Attributes
+    ----------
+    solids, touches
+        The parts by name, and where they touch.
+    gap
+        Up to which faces count as nearly touching, length.
+    alone
+        Sentences for the parts that touch nothing.
+    lost
+        Solids that could not be read, in words.
+    """
+
+    solids: dict[str, Solid]
+    touches: list[Touch]
+    gap: float
+    alone: tuple[str, ...]
+    lost: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How the solids of a file are meshed.
+
+    Attributes
+    ----------
+    solids
+        As they were when the file was read first.
+    faces
+        ``"part:face"`` -> numbers of surfaces.
+    sizes, local
+        Largest cells of a part, and on surfaces: length.
+    per_turn, order
+        See :meth:`StepAssembly.mesh`.
+    """
+
+    solids: dict[str, Solid]
+    faces: dict[str, tuple[int, ...]]
+    sizes: dict[str, float]
+    local: list[tuple[tuple[int, ...], float]]
+    per_turn: int
+    order: int
+
+
+def survey(say: Say, source: Source, gap: float | None) -> Survey:
+    """Parts of a STEP file, and where they touch."""
+    with gmsh_session(source.path.stem, OPTIONS) as gmsh:
+        loaded = _load(gmsh, say, source)
+        say("measuring the faces")
+        solids = solids_of(gmsh.model, loaded)
+        low = np.min([s.low for s in solids.values()], axis=0)
+        high = np.max([s.high for s in solids.values()], axis=0)
+        reach = GAP * float(np.linalg.norm(high - low)) if gap is None else float(gap)
+        say("comparing the faces")
+        touches = touching(gmsh, loaded, solids, reach)
+        used = {p for t in touches for p in t.parts}
+        lonely = [n for n in solids if n not in used] if len(solids) > 1 else []
+        alone = tuple(nearest(gmsh.model, loaded, solids, [n], reach, 1)[0] for n in lonely)
+        return Survey(solids, touches, reach, alone, loaded.lost)
+
+
+def mesh(say: Say, source: Source, recipe: Recipe) -> Meshed:
+    """The meshes of the parts of a STEP file."""
+    options = {**OPTIONS, "Mesh.MeshSizeFromCurvature": float(recipe.per_turn)}
+    with gmsh_session(source.path.stem, options) as gmsh:
+        model = gmsh.model
+        loaded = _load(gmsh, say, source)
+        _check_same(model, loaded, source.path, recipe.solids)
+        for name, tags in loaded.volumes.items():
+            model.addPhysicalGroup(3, tags, name=name)
+        for name, surfaces in recipe.faces.items():
+            model.addPhysicalGroup(2, sorted(surfaces), name=name)
+        _set_sizes(model, loaded, recipe)
+        generate(gmsh, loaded, recipe.order, say)
+        return meshed(model)
+
+
+def mesh_file(say: Say, path: Path) -> Meshed:
+    """The mesh in a file of gmsh."""
+    say("reading the mesh")
+    with gmsh_session("file") as gmsh:
+        gmsh.merge(str(path))
+        found = gmsh.model.getPhysicalGroups()
+        highest = max((dim for dim, _ in found), default=0)
+        # gmsh forgets groups of which it finds nothing
+        for dim, tag, name in _named_groups(path):
+            if dim >= max(2, highest) and (dim, tag) not in found:
+                raise SceneError(f"the part {name!r} has no cells; write the mesh again")
+        return meshed(gmsh.model)
+
+
+def _named_groups(path: Path) -> list[tuple[int, int, str]]:
+    """(dimension, tag, name) of the physical groups that a mesh file names, in text even in a binary file."""
+    rest = path.read_bytes().partition(b"$PhysicalNames")[2]
+    lines = rest.partition(b"$EndPhysicalNames")[0].decode(errors="replace").splitlines()
+    found = (re.fullmatch(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*', line) for line in lines)
+    return [(int(m[1]), int(m[2]), m[3]) for m in found if m]
+
+
+def _load(gmsh: Any, say: Say, source: Source) -> Loaded:
+    """The CAD model, read again: nothing of gmsh is kept between calls."""
+    return load(gmsh, source.path, source.cuts, source.imprint, source.tolerance, source.partial, say)
+
+
+def _check_same(model: Any, loaded: Loaded, path: Path, solids: Mapping[str, Solid]) -> None:
+    """Numbers of faces are those of the first reading, unless the file has changed."""
+    for name, solid in solids.items():
+        tags = loaded.volumes.get(name, [])
+        same = bool(tags) and np.isclose(
+            sum(model.occ.getMass(3, t) for t in tags), solid.volume, rtol=1e-9
+        )
+        found = {abs(t) for _, t in model.getBoundary([(3, t) for t in tags], oriented=False)}
+        if not same or found != {s.tag for s in solid.surfaces}:
+            raise SceneError(f"{path.name!r} has changed since it was read: read it again")
+
+
+def _set_sizes(model: Any, loaded: Loaded, recipe: Recipe) -> None:
+    """Cells of a part, and of an interface, are not larger than requested."""
+    field = model.mesh.field
+    fields = []
+
+    def constant(key: str, tags: Sequence[int], size: float) -> None:
+        number = field.add("Constant")
+        field.setNumbers(number, key, tags)
+        field.setNumber(number, "VIn", size)
+        field.setNumber(number, "IncludeBoundary", 1)
+        fields.append(number)
+
+    for name, tags in loaded.volumes.items():
+        constant("VolumesList", tags, recipe.sizes[name])
+    for surfaces, size in recipe.local:
+        constant("SurfacesList", surfaces, size)
+    smallest = field.add("Min")
+    field.setNumbers(smallest, "FieldsList", fields)
+    field.setAsBackgroundMesh(smallest)
+
+
+TASKS: dict[str, Callable[..., Any]] = {"survey": survey, "mesh": mesh, "mesh_file": mesh_file}
+"""What the other process can be asked for."""
