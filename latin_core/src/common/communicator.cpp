@@ -100,6 +100,72 @@ std::vector<std::vector<std::string>> Communicator::gather(
   return found;
 }
 
+std::vector<std::vector<double>> Communicator::gather(const std::vector<double>& numbers) const {
+  if (alone()) {
+    return {numbers};
+  }
+  const auto ranks = static_cast<std::size_t>(size_);
+  const auto length = static_cast<long long>(numbers.size());
+  std::vector<long long> lengths(ranks);
+  MPI_Allgather(&length, 1, MPI_LONG_LONG, lengths.data(), 1, MPI_LONG_LONG, comm_);
+  std::vector<int> counts(ranks);
+  std::vector<int> starts(ranks);
+  std::size_t total = 0;
+  for (std::size_t r = 0; r < ranks; ++r) {
+    // the same numbers on all ranks: what throws here throws on all
+    starts[r] = count_of(total);
+    counts[r] = count_of(static_cast<std::size_t>(lengths[r]));
+    total += static_cast<std::size_t>(lengths[r]);
+  }
+  std::vector<double> all(total);
+  MPI_Allgatherv(numbers.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, all.data(),
+                 counts.data(), starts.data(), MPI_DOUBLE, comm_);
+  std::vector<std::vector<double>> found;
+  for (std::size_t r = 0; r < ranks; ++r) {
+    found.emplace_back(all.begin() + starts[r], all.begin() + starts[r] + counts[r]);
+  }
+  return found;
+}
+
+Matrix Communicator::stacked(ConstMatrixRef own) const {
+  if (alone()) {
+    return own;
+  }
+  const Matrix mine = own;
+  const auto blocks = gather(std::vector<double>(mine.data(), mine.data() + mine.size()));
+  Index rows = 0;
+  for (const auto& block : blocks) {
+    rows += static_cast<Index>(block.size()) / std::max<Index>(own.cols(), 1);
+  }
+  Matrix all(rows, own.cols());
+  Index first = 0;
+  for (const auto& block : blocks) {
+    const Index count = static_cast<Index>(block.size()) / std::max<Index>(own.cols(), 1);
+    all.middleRows(first, count) = Eigen::Map<const Matrix>(block.data(), count, own.cols());
+    first += count;
+  }
+  return all;
+}
+
+bool Communicator::none_failed(const std::exception_ptr& failure) const {
+  enum Kind : Index { none, no_answer, other };
+  Index own = none;
+  try {
+    if (failure) {
+      std::rethrow_exception(failure);
+    }
+  } catch (const NumericalError&) {
+    own = no_answer;
+  } catch (...) {
+    own = other;
+  }
+  const Index worst = maximum(own);
+  if (worst == other) {
+    agree(own == other ? failure : nullptr);
+  }
+  return worst == none;
+}
+
 void Communicator::agree(const std::exception_ptr& failure) const {
   if (!alone()) {
     int first = failure ? rank_ : size_;

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <utility>
 
+#include "latin/common/error.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
@@ -21,23 +23,41 @@ constexpr double quiet_column = 1e-3;
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
 
-/// The slopes of the laws in every column of a state; of a chaos, those of the mean stand for all modes of a step.
-template <class F>
-void for_slopes(const substructure::Laws& laws, const State& state, const F& take) {
+/// The slopes of the laws of all ranks in every column of a state, (unknowns, most components) each; of a chaos,
+/// those of the mean stand for all modes of a step. Collective.
+/// @throws NumericalError on all ranks if a law has no answer there
+std::vector<Matrix> slopes_at(const substructure::Laws& laws, const State& state,
+                              const substructure::Joined& joined) {
   const Index own = laws.modes() > 1 ? laws.steps() : state.data.cols();
   const substructure::InterfaceSystem system(laws);
   const Matrix jumps = system.free_jumps(state.data.leftCols(own), state.traces.leftCols(own));
-  const bool remembers = laws.remembers();
-  substructure::InterfaceSystem::Memory memory = system.blank();
-  for (Index column = 0; column < own; ++column) {
-    if (remembers && column % laws.steps() == 0) {
-      memory = system.blank();
+  std::vector<Matrix> slopes;
+  std::exception_ptr failure;
+  try {
+    const bool remembers = laws.remembers();
+    substructure::InterfaceSystem::Memory memory = system.blank();
+    for (Index column = 0; column < own; ++column) {
+      if (remembers && column % laws.steps() == 0) {
+        memory = system.blank();
+      }
+      slopes.push_back(system.slopes(column, memory, jumps.col(column), system.direct()));
+      if (remembers) {
+        system.advance(column, memory, jumps.col(column), system.direct());
+      }
     }
-    take(column, system.slopes(column, memory, jumps.col(column), system.direct()));
-    if (remembers) {
-      system.advance(column, memory, jumps.col(column), system.direct());
+  } catch (...) {
+    if (laws.structure().communicator().alone()) {
+      throw;
     }
+    failure = std::current_exception();
   }
+  if (!laws.structure().communicator().none_failed(failure)) {
+    throw NumericalError("a law has no answer at an iterate");
+  }
+  for (Matrix& each : slopes) {
+    each = joined.of_unknowns(each);
+  }
+  return slopes;
 }
 
 /// Whether slopes are the same to rounding of differences.
@@ -56,9 +76,10 @@ double contrast(double a, double b) {
 
 }  // namespace
 
-Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, const State& state) {
+Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
+                                               const State& state) const {
   Slopes slopes;
-  for_slopes(laws, state, [&slopes](Index, Matrix now) {
+  for (Matrix& now : slopes_at(laws, state, tangents_.front()->joined())) {
     std::size_t at = 0;
     while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now)) {
       ++at;
@@ -71,11 +92,31 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, c
       }
     }
     slopes.of_column.push_back(at);
-  });
+  }
   return slopes;
 }
 
+/// Every rank factorises the same matrix: they agree that all could.
+void Linearisation::factorise(Tangent& tangent, const Matrix& slopes, double hold,
+                              const Communicator& communicator) {
+  std::exception_ptr failure;
+  try {
+    tangent.factorise(slopes, hold);
+  } catch (...) {
+    if (communicator.alone()) {
+      throw;
+    }
+    failure = std::current_exception();
+  }
+  if (!communicator.none_failed(failure)) {
+    throw NumericalError("the structure is not stable with the tangents of its laws");
+  }
+}
+
 bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {
+  if (tangents_.empty()) {
+    tangents_.push_back(std::make_unique<Tangent>(laws.structure()));
+  }
   Slopes now = slopes_of(laws, state);
   bool changed = now.distinct.size() != slopes_.size() || hold != hold_;
   for (std::size_t i = 0; i < now.distinct.size() && !changed; ++i) {
@@ -90,7 +131,7 @@ bool Linearisation::take(const substructure::Laws& laws, const State& state, dou
       if (!tangents_[i]) {
         tangents_[i] = std::make_unique<Tangent>(laws.structure());
       }
-      tangents_[i]->factorise(now.distinct[i], hold);
+      factorise(*tangents_[i], now.distinct[i], hold, laws.structure().communicator());
     }
     slopes_ = std::move(now.distinct);
     hold_ = hold;
@@ -108,7 +149,8 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
   const auto own = static_cast<Index>(of_column_.size());
   const Tangent& any = *tangents_.front();
   std::vector<double> found;
-  for_slopes(laws, state, [&](Index column, const Matrix& now) {
+  for (const Matrix& now : slopes_at(laws, state, any.joined())) {
+    const auto column = static_cast<Index>(found.size());
     const Matrix& here = slopes_[of_column_[static_cast<std::size_t>(column % own)]];
     double largest = 1.0;
     for (Index row = 0; row < now.rows(); ++row) {
@@ -118,7 +160,7 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
       largest = std::max(largest, contrast(c * now(row, component), c * here(row, component)));
     }
     found.push_back(largest);
-  });
+  }
   return found;
 }
 

@@ -4,8 +4,11 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <exception>
 #include <memory>
+#include <utility>
 
+#include "latin/common/error.hpp"
 #include "latin/iteration/newton.hpp"
 #include "latin/iteration/subspace.hpp"
 #include "latin/substructure/interface_system.hpp"
@@ -60,6 +63,17 @@ FixedPoint Stages::fixed_point() {
 void Stages::evaluate(Iterate at) {
   global(nullptr, at.state.data, at.state.traces);
   local(at.state.data, at.state.traces, at.residual);
+}
+
+bool Stages::try_evaluate(Iterate at) {
+  std::exception_ptr failure;
+  try {
+    evaluate(at);
+  } catch (const NumericalError&) {
+    return false;  // there is one rank
+  }
+  std::swap(failure, failure_);
+  return structure().communicator().none_failed(failure);
 }
 
 void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {

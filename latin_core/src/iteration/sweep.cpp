@@ -81,7 +81,7 @@ class Scatter {
     squares_ += away.cwiseProduct(state.traces - mean_);
   }
   [[nodiscard]] Index count() const { return count_; }
-  /// The least of a body that scatters at all, relative to the size of its mean; at most 1.
+  /// The least of a body that scatters at all, on any rank, relative to the size of its mean; at most 1. Collective.
   [[nodiscard]] double least() const {
     double least = 1.0;
     for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
@@ -98,7 +98,7 @@ class Scatter {
         }
       }
     }
-    return least;
+    return -structure_.communicator().largest(-least);
   }
 
  private:
@@ -186,7 +186,7 @@ class Sweep {
  private:
   /// The tolerance of the next samples.
   void set_tolerance() {
-    if (!options_.scatter || options_.stop_on_indicator || !structure_.communicator().alone()) {
+    if (!options_.scatter || options_.stop_on_indicator) {
       return;
     }
     const double tolerance = scatter_.count() < first_samples
@@ -279,7 +279,7 @@ class Sweep {
 
   /// @throws Interrupted on all ranks if a callback of any of them did
   void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
-    if (options_.scatter && structure_.rows() > 0) {
+    if (options_.scatter && structure_.total_rows() > 0) {
       const auto bodies = static_cast<Index>(structure_.bodies().size());
       scatter_.add(state, summary.errors.cols() == bodies && summary.errors.rows() > 0
                               ? Vector(summary.errors.colwise().maxCoeff().transpose())

@@ -52,13 +52,13 @@ bool Verification::possible(const substructure::Laws& laws) {
   if (!Tangent::possible(laws.structure())) {
     return false;
   }
-  return laws.steps() <= most_steps_of_history || !laws.remembers();
+  return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
 }
 
 bool Verification::exact(const substructure::Laws& laws) {
   // what the coarse problem and matrix directions add is not in the tangents
-  return laws.linear() && laws.modes() == 1 && !laws.preconditions() &&
-         laws.structure().macro_size() == 0;
+  return laws.modes() == 1 && !laws.preconditions() && laws.structure().macro_size() == 0 &&
+         laws.linear_everywhere();
 }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
@@ -69,18 +69,23 @@ Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
 
 /// Both stages. @return whether the laws have an answer there: too far off they may have none
 bool Verification::evaluate(State& state, Matrix& residual) {
-  try {
-    stages_.evaluate({state, residual});
-  } catch (const NumericalError&) {
-    return false;
-  }
-  return residual.allFinite();
+  return stages_.try_evaluate({state, residual}) && everywhere(residual.allFinite());
+}
+
+double Verification::largest(const Matrix& errors) const {
+  const double here = iteration::largest(errors);
+  const Communicator& communicator = stages_.structure().communicator();
+  return communicator.alone() ? here : communicator.largest(here);
+}
+
+bool Verification::everywhere(bool holds) const {
+  return stages_.structure().communicator().everywhere(holds);
 }
 
 /// Errors of steps with those that laws with memory carry over from the steps before.
 Matrix Verification::carried(Matrix errors) const {
   const substructure::ColumnGroups groups = stages_.laws().groups();
-  if (!stages_.laws().remembers()) {
+  if (!stages_.laws().remembers_anywhere()) {
     return errors;
   }
   const Index block = groups.steps * groups.kinds();
@@ -171,7 +176,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     if (count == 0) {
       noise = within_rounding * rounding_share * linear_->nodal(state.data).norm();
     }
-    if (!step.allFinite()) {
+    if (!everywhere(step.allFinite())) {
       return std::nullopt;
     }
     if (history_.size() > 0) {
@@ -209,9 +214,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           ((ahead.array() <= shorter * distance_.array()) && (left.array() <= contraction));
       // tangents of another set say nothing where a law has changed its branch
       borrowed = borrowed && linear_->near(stages_.laws(), better_);
-      if (enough.all() && borrowed == was_borrowed &&
+      if (everywhere(enough.all()) && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
-          ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
+          (everywhere((rest.array() <= least_known.array()).all()) || stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error = linear_->rounding(stages_.laws(), better_, whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
@@ -250,7 +255,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
 
 /// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.
 bool Verification::stays_in_branch(const Matrix& step) const {
-  return stages_.laws().linear() ||
+  return stages_.laws().linear_everywhere() ||
          linear_->near(stages_.laws(), {better_.data + step, better_.traces + moved_});
 }
 
@@ -263,7 +268,7 @@ bool Verification::held_step(double hold, double& norm) {
   } catch (const NumericalError&) {
     return false;
   }
-  if (!step.allFinite()) {
+  if (!everywhere(step.allFinite())) {
     return false;
   }
   State trial{better_.data + step, Matrix(step.rows(), step.cols())};
