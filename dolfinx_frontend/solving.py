@@ -186,6 +186,22 @@ def solve(
     SceneWarning
         Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
     """
+    problem.check_alike(
+        "solve",
+        laws=True,
+        method=method,
+        chaos=chaos,
+        times=times,
+        active=active,
+        direction=direction,
+        options=options,
+        plan=plan is None,
+        start=start is None,
+        indefinite=indefinite,
+        accuracy=accuracy,
+        quantity=quantity,
+        meshes=meshes,
+    )
     if accuracy is not None:
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():

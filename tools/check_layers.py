@@ -32,6 +32,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "groups",
         "vectors",
         "errors",
+        "alike",
         "threads",
         "describe",
         "progress",

@@ -26,7 +26,9 @@ from dolfinx_frontend.assembly.ranks import (
     Distribution,
     agreement,
     bound_threads,
+    check_alike,
     end_all_on_errors,
+    own_communicator,
     place,
     swap,
 )
@@ -113,11 +115,13 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
             stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
-    owner = place(scene.substructures, 1 if comm is None else comm.size)
-    rank = 0 if comm is None else comm.rank
     if comm is not None:
+        comm = own_communicator(comm)
         end_all_on_errors(comm)
         bound_threads(comm.py2f())
+        check_alike(comm, "assemble", _described(scene))
+    owner = place(scene.substructures, 1 if comm is None else comm.size)
+    rank = 0 if comm is None else comm.rank
 
     substructures, copies = _own_parts(scene, owner, rank, say, comm)
     interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), say, comm)
@@ -147,6 +151,27 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
     return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+
+
+def _described(scene: Scene) -> dict[str, object]:
+    """What all ranks must be given alike, but for the meshes, of which each may have its own only."""
+    parts: dict[str, object] = {
+        f"substructure {name!r}": (spec.material, spec.degree, spec.body_force, spec.rank)
+        for name, spec in scene.substructures.items()
+    }
+    joints: dict[str, object] = {
+        f"interface {name!r}": (
+            tuple(map(str, joint.faces)),
+            joint.law,
+            joint.quadrature_degree,
+            joint.max_distance,
+            joint.space,
+            joint.overlap,
+        )
+        for name, joint in scene.interfaces.items()
+    }
+    names = {"the names of the substructures": list(scene.substructures)}
+    return {**names, "the names of the interfaces": list(scene.interfaces), **parts, **joints}
 
 
 def _own_parts(

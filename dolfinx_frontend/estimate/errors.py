@@ -201,6 +201,7 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
 
     Ctrl-C ends the measurement: what it has not reached is NaN then, and a note says so.
     """
+    result.problem.check_alike("errors", quantity=quantity)
     if quantity is None and result.found is not None:
         return result.found
     return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))

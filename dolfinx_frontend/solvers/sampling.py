@@ -188,6 +188,7 @@ def sample_on(
         Seconds that the solver took.
     """
     problem = random.problem
+    problem.check_alike("sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol)
     points = frozen(np.atleast_2d(np.asarray(germs, dtype=np.float64)))
     weights = None if weights is None else frozen(np.asarray(weights, dtype=np.float64))
     if points.shape[1] != random.space.dimension:

@@ -137,6 +137,10 @@ def sweep(
     KeyboardInterrupt
         At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     """
+    problem.check_alike(
+        "sweep", laws=True, grid=grid, method=method, active=active, options=options, plan=plan is None,
+        times=times, outputs=None if outputs is None else tuple(outputs)
+    )
     if checkpoint is not None:
         problem.on_one_rank("a checkpoint")
     axes = _axes(grid)
