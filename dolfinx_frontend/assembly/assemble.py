@@ -155,23 +155,19 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
 
 def _described(scene: Scene) -> dict[str, object]:
     """What all ranks must be given alike, but for the meshes, of which each may have its own only."""
-    parts: dict[str, object] = {
-        f"substructure {name!r}": (spec.material, spec.degree, spec.body_force, spec.rank)
-        for name, spec in scene.substructures.items()
+    given: dict[str, object] = {
+        "the list of substructures": list(scene.substructures),
+        "the list of interfaces": list(scene.interfaces),
     }
-    joints: dict[str, object] = {
-        f"interface {name!r}": (
-            tuple(map(str, joint.faces)),
-            joint.law,
-            joint.quadrature_degree,
-            joint.max_distance,
-            joint.space,
-            joint.overlap,
-        )
-        for name, joint in scene.interfaces.items()
-    }
-    names = {"the names of the substructures": list(scene.substructures)}
-    return {**names, "the names of the interfaces": list(scene.interfaces), **parts, **joints}
+    for name, spec in scene.substructures.items():
+        for what in ("material", "degree", "body_force", "rank"):
+            given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    for name, joint in scene.interfaces.items():
+        given[f"the law of interface {name!r}"] = joint.law
+        given[f"the faces of interface {name!r}"] = tuple(map(str, joint.faces))
+        for what in ("quadrature_degree", "max_distance", "space", "overlap"):
+            given[f"{what} of interface {name!r}"] = getattr(joint, what)
+    return given
 
 
 def _own_parts(
