@@ -36,7 +36,7 @@ def solve_once(
     solver = Solver(problem, plan)
     setup = perf_counter() - began
     result = _run(solver, plan, start_states(start), setup, callback, progress, estimator)
-    if not result.converged:
+    if not result.converged and problem.rank == 0:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status != "interrupted":  # which is returned, whatever it is

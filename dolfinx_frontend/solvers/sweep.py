@@ -246,4 +246,5 @@ def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver) ->
         accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
         place = "" if accuracy is None else accuracy.place
         text = ended(summary.status, summary.error, place, plan.options.rtol, summary.iterations)
-        _log.warning("%s %d ended as %s", what, point, text)
+        if solver.problem.rank == 0:
+            _log.warning("%s %d ended as %s", what, point, text)
