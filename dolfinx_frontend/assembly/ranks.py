@@ -131,7 +131,7 @@ _DUPLICATE: list[int] = []
 
 
 def own_communicator(comm: Any) -> Any:
-    """A duplicate of the user's communicator, one for each: messages of the user never meet those of the project.
+    """A duplicate of the user's communicator, one for each: so messages of the user never meet the project's.
 
     It is freed together with the user's. Collective when it is first asked for.
     """

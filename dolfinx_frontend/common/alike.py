@@ -18,10 +18,10 @@ _ELSEWHERE = ("ufl", "dolfinx", "basix", "petsc4py", "mpi4py", "scipy", "opentur
 
 
 def digest(value: Any) -> str:
-    """Digest of a value: numbers, arrays, records, containers, and functions by their code and what they enclose.
+    """Digest of a value: numbers, arrays, records, containers, functions by their code and what they enclose.
 
-    It never fails, and equal values have equal digests. Objects of which only a library knows the content count by
-    their kind: they are taken to be the same.
+    It never fails, and equal values have equal digests. Objects of which only a library knows the content
+    count by their kind: they are taken to be the same.
     """
     reader = _Reader()
     reader.feed(value)
@@ -29,7 +29,7 @@ def digest(value: Any) -> str:
 
 
 class _Reader:
-    """Feeds values to a hash; what is being read already, or was, counts by its number, so that circles end."""
+    """Feeds values to a hash; what was met before counts by its number, so that circles end."""
 
     def __init__(self) -> None:
         self.hash = hashlib.sha256()

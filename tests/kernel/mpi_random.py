@@ -1,7 +1,8 @@
 """Program of test_mpi.py: random chains and towers over the ranks, against the same scenes on one rank.
 
-``mpirun -n N python mpi_random.py FIRST LAST`` takes the scenes of these seeds: parts anywhere, on some seeds all of
-them on one rank, interfaces that no other rank sees. What is compared is status, number of columns and nodal forces.
+``mpirun -n N python mpi_random.py FIRST LAST`` takes the scenes of these seeds: parts anywhere, on some seeds
+all of them on one rank, interfaces that no other rank sees. Status, number of columns and nodal forces are
+compared.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ class Drawn:
 
     def law(self, k: int, rng: np.random.Generator) -> Any:
         """The law of joint k; friction is left out, whose answers need not be unique."""
-        stiffness, cov, other = float(10.0 ** rng.uniform(0.0, 3.0)), rng.uniform(0.1, 0.4), rng.random() < 0.3
+        stiffness = float(10.0 ** rng.uniform(0.0, 3.0))
+        cov, other = rng.uniform(0.1, 0.4), rng.random() < 0.3
         if self.kind in ("contact", "history") and not other:
             return Contact(gap=float(rng.uniform(-0.01, 0.05)))
         if self.kind in ("random", "accuracy", "samples") and (k == 1 or not other):
@@ -84,7 +86,7 @@ class Drawn:
 
 
 def nodal(result: Any, name: str, read: Callable[[], Any]) -> Any:
-    """Nodal forces (..., nodes) of an interface on all ranks: forces at more points than nodes are not unique."""
+    """Nodal forces (..., nodes) of an interface: forces at more points than nodes are not unique."""
 
     def found() -> Any:
         interface = result.problem.interfaces[name]
@@ -110,9 +112,8 @@ def answer(seed: int, comm: Any, active: Any) -> tuple[str, tuple[str, ...], dic
         else:
             # every rank asks for an interface that some do not have
             quantity = (None, "energy", "j1", f"j{drawn.count - 1}")[seed // len(KINDS) % 4]
-            result = solve(
-                problem, accuracy=drawn.accuracy, quantity=quantity, options=OPTIONS, meshes=seed % 2 == 0, **extra
-            )
+            extra |= {"quantity": quantity, "meshes": seed % 2 == 0}
+            result = solve(problem, accuracy=drawn.accuracy, options=OPTIONS, **extra)
             tolerance = 1e-2 * drawn.accuracy
         for name in result.plan.active:
             block = result.force_coefficients

@@ -127,22 +127,30 @@ std::vector<std::vector<double>> Communicator::gather(const std::vector<double>&
   return found;
 }
 
-Matrix Communicator::stacked(ConstMatrixRef own) const {
+Matrix Communicator::stacked(ConstMatrixRef own, const std::vector<Index>& rows) const {
   if (alone()) {
     return own;
   }
+  const Index columns = own.cols();
   const Matrix mine = own;
-  const auto blocks = gather(std::vector<double>(mine.data(), mine.data() + mine.size()));
-  Index rows = 0;
-  for (const auto& block : blocks) {
-    rows += static_cast<Index>(block.size()) / std::max<Index>(own.cols(), 1);
+  std::vector<int> counts;
+  std::vector<int> starts;
+  Index total = 0;
+  for (const Index each : rows) {
+    // the same numbers on all ranks: what throws here throws on all
+    starts.push_back(count_of(static_cast<std::size_t>(total * columns)));
+    counts.push_back(count_of(static_cast<std::size_t>(each * columns)));
+    total += each;
   }
-  Matrix all(rows, own.cols());
+  std::vector<double> blocks(static_cast<std::size_t>(total * columns));
+  MPI_Allgatherv(mine.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, blocks.data(),
+                 counts.data(), starts.data(), MPI_DOUBLE, comm_);
+  Matrix all(total, columns);
   Index first = 0;
-  for (const auto& block : blocks) {
-    const Index count = static_cast<Index>(block.size()) / std::max<Index>(own.cols(), 1);
-    all.middleRows(first, count) = Eigen::Map<const Matrix>(block.data(), count, own.cols());
-    first += count;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    all.middleRows(first, rows[r]) =
+        Eigen::Map<const Matrix>(blocks.data() + starts[r], rows[r], columns);
+    first += rows[r];
   }
   return all;
 }

@@ -54,8 +54,19 @@ std::vector<Matrix> slopes_at(const substructure::Laws& laws, const State& state
   if (!laws.structure().communicator().none_failed(failure)) {
     throw NumericalError("a law has no answer at an iterate");
   }
-  for (Matrix& each : slopes) {
-    each = joined.of_unknowns(each);
+  if (laws.structure().communicator().alone()) {
+    return slopes;
+  }
+  // in one message
+  const Index most = joined.most_components();
+  Matrix side_by_side = Matrix::Zero(system.unknowns(), own * most);
+  for (Index column = 0; column < own; ++column) {
+    const Matrix& each = slopes[static_cast<std::size_t>(column)];
+    side_by_side.middleCols(column * most, each.cols()) = each;
+  }
+  side_by_side = joined.of_unknowns(side_by_side);
+  for (Index column = 0; column < own; ++column) {
+    slopes[static_cast<std::size_t>(column)] = side_by_side.middleCols(column * most, most);
   }
   return slopes;
 }
@@ -96,12 +107,14 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
   return slopes;
 }
 
-/// Every rank factorises the same matrix: they agree that all could.
-void Linearisation::factorise(Tangent& tangent, const Matrix& slopes, double hold,
+/// Every rank factorises the same matrices: they agree that all could.
+void Linearisation::factorise(const std::vector<Matrix>& slopes, double hold,
                               const Communicator& communicator) {
   std::exception_ptr failure;
   try {
-    tangent.factorise(slopes, hold);
+    for (std::size_t i = 0; i < slopes.size(); ++i) {
+      tangents_[i]->factorise(slopes[i], hold);
+    }
   } catch (...) {
     if (communicator.alone()) {
       throw;
@@ -129,10 +142,11 @@ bool Linearisation::take(const substructure::Laws& laws, const State& state, dou
     tangents_.resize(now.distinct.size());
     for (std::size_t i = 0; i < now.distinct.size(); ++i) {
       if (!tangents_[i]) {
-        tangents_[i] = std::make_unique<Tangent>(laws.structure());
+        tangents_[i] =
+            std::make_unique<Tangent>(laws.structure(), tangents_.front()->shared_joined());
       }
-      factorise(*tangents_[i], now.distinct[i], hold, laws.structure().communicator());
     }
+    factorise(now.distinct, hold, laws.structure().communicator());
     slopes_ = std::move(now.distinct);
     hold_ = hold;
   }
@@ -235,6 +249,7 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
     return;
   }
   const auto own = of_column_.size();
+  const Matrix half = tangents_.front()->joined().of_rows(0.5 * residual);
   for (std::size_t i = 0; i < tangents_.size(); ++i) {
     std::vector<Index> columns;
     for (Index column = 0; column < residual.cols(); ++column) {
@@ -242,9 +257,10 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
         columns.push_back(column);
       }
     }
-    Matrix block = residual(every, columns);
-    Matrix change(block.rows(), block.cols());
-    tangents_[i]->correct(block, change);
+    const auto count = static_cast<Index>(columns.size());
+    Matrix block(residual.rows(), count);
+    Matrix change(residual.rows(), count);
+    tangents_[i]->correct_all(half(every, columns), block, change);
     residual(every, columns) = block;
     moved(every, columns) = change;
   }

@@ -39,9 +39,7 @@ bool gave_up(Status status) {
 }
 
 /// Whether some law is nonlinear, so that a body may lose touch. Collective.
-bool may_fly(const Laws& laws) {
-  return !laws.linear_everywhere();
-}
+bool may_fly(const Laws& laws) { return !laws.linear_everywhere(); }
 
 NewtonProposal::Solver newton_of(Stages& stages, const Options& options) {
   if (options.acceleration < 1 || options.newton < 1) {

@@ -86,8 +86,8 @@ void Joined::take_own() {
   }
   for (const std::size_t i : spoken_for_) {
     const ActiveInterface& own = structure_.interface(i);
-    interfaces_.push_back({own.geometry.components, own.size(), 0, own.rows, own.geometry.weights,
-                           own.flexibility});
+    interfaces_.push_back(
+        {own.geometry.components, own.size(), 0, own.rows, own.geometry.weights, own.flexibility});
   }
   weights_ = structure_.weights();
   directions_ = structure_.directions();
@@ -97,6 +97,7 @@ void Joined::number_interfaces() {
   for (JoinedInterface& interface : interfaces_) {
     interface.first_unknown = unknowns_;
     unknowns_ += interface.size;
+    most_components_ = std::max(most_components_, interface.components);
   }
 }
 
@@ -182,6 +183,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
   for (const std::vector<double>& numbers : of_ranks) {
     Unpacker from(numbers);
     const Index rows = from.index();
+    rows_of_ranks_.push_back(rows);
     for (std::vector<double>* values : {&weights, &directions}) {
       const Vector own = from.list(rows);
       values->insert(values->end(), own.begin(), own.end());
@@ -203,10 +205,12 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
       body.traces.setFromTriplets(entries.begin(), entries.end());
       bodies_.push_back(std::move(body));
     }
+    unknowns_of_ranks_.push_back(0);
     for (Index left = from.index(); left > 0; --left) {
       JoinedInterface interface;
       interface.components = from.index();
       interface.size = from.index();
+      unknowns_of_ranks_.back() += interface.size;
       interface.rows.resize(static_cast<std::size_t>(from.index()));
       for (Index& row : interface.rows) {
         row = from.index();
@@ -222,11 +226,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
 }
 
 Matrix Joined::of_rows(ConstMatrixRef own) const {
-  return structure_.communicator().stacked(own);
-}
-
-Matrix Joined::of_active(ConstMatrixRef own) const {
-  return structure_.communicator().stacked(own);
+  return structure_.communicator().stacked(own, rows_of_ranks_);
 }
 
 Matrix Joined::of_unknowns(const Matrix& own) const {
@@ -234,20 +234,15 @@ Matrix Joined::of_unknowns(const Matrix& own) const {
   if (communicator.alone()) {
     return own;
   }
-  const Index columns = communicator.maximum(own.cols());
-  Index size = 0;
-  for (const std::size_t i : spoken_for_) {
-    size += structure_.interface(i).size();
-  }
-  Matrix spoken = Matrix::Zero(size, columns);
+  Matrix spoken(unknowns_of_ranks_[static_cast<std::size_t>(communicator.rank())], own.cols());
   Index first = 0;
   for (const std::size_t i : spoken_for_) {
     const ActiveInterface& interface = structure_.interface(i);
-    spoken.block(first, 0, interface.size(), own.cols()) =
+    spoken.middleRows(first, interface.size()) =
         own.middleRows(interface.first_unknown, interface.size());
     first += interface.size();
   }
-  return communicator.stacked(spoken);
+  return communicator.stacked(spoken, unknowns_of_ranks_);
 }
 
 }  // namespace latin::substructure

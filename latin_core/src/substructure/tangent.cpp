@@ -58,12 +58,15 @@ bool Tangent::possible(const Structure& structure) {
 }
 
 Tangent::Tangent(const Structure& structure)
-    : structure_(structure), joined_(structure), active_(joined_.active()) {
+    : Tangent(structure, std::make_shared<const Joined>(structure)) {}
+
+Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joined)
+    : structure_(structure), joined_(std::move(joined)), active_(joined_->active()) {
   Triplets traces;
   double entries = 0.0;
-  for (std::size_t b = 0; b < joined_.bodies().size(); ++b) {
-    const Joined::JoinedBody& body = joined_.bodies()[b];
-    const Index first = joined_.first_active()[b];
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Joined::JoinedBody& body = joined_->bodies()[b];
+    const Index first = joined_->first_active()[b];
     for (Index i = 0; i < body.traces.rows(); ++i) {
       for (SparseRows::InnerIterator it(body.traces, i); it; ++it) {
         traces.emplace_back(static_cast<int>(body.first_row + i),
@@ -73,13 +76,13 @@ Tangent::Tangent(const Structure& structure)
     entries += static_cast<double>(body.stiffness.size());
   }
   dense_ = entries > filled * static_cast<double>(active_ * active_);
-  traces_ = from(traces, joined_.rows(), active_);
-  const Index unknowns = joined_.unknowns();
+  traces_ = from(traces, joined_->rows(), active_);
+  const Index unknowns = joined_->unknowns();
   areas_.resize(unknowns);
   flexibility_.resize(unknowns);
   rigid_.resize(unknowns);
   Triplets sides;
-  for (const Joined::JoinedInterface& interface : joined_.interfaces()) {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
     for (Index i = 0; i < interface.size; ++i) {
       component_.push_back(i % interface.components);
     }
@@ -92,7 +95,7 @@ Tangent::Tangent(const Structure& structure)
       }
     }
   }
-  sides_ = from(sides, unknowns, joined_.rows());
+  sides_ = from(sides, unknowns, joined_->rows());
   set_rigid();
   jumps_ = sides_ * traces_;
 }
@@ -100,23 +103,23 @@ Tangent::Tangent(const Structure& structure)
 /// Bounds of what slopes of the laws may be.
 void Tangent::set_rigid() {
   // stiffness of the nodes per area, of each its own
-  const Vector areas = traces_.cwiseAbs().transpose() * joined_.weights();
+  const Vector areas = traces_.cwiseAbs().transpose() * joined_->weights();
   Vector stiffness(active_);
-  for (std::size_t b = 0; b < joined_.bodies().size(); ++b) {
-    const Matrix& own = joined_.bodies()[b].stiffness;
-    stiffness.segment(joined_.first_active()[b], own.rows()) = own.diagonal();
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Matrix& own = joined_->bodies()[b].stiffness;
+    stiffness.segment(joined_->first_active()[b], own.rows()) = own.diagonal();
   }
-  Vector of_rows = Vector::Zero(joined_.rows());
+  Vector of_rows = Vector::Zero(joined_->rows());
   for (Index row = 0; row < traces_.rows(); ++row) {
     for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
       // nodes that see next to nothing of the interface have no say
-      const double area = std::max(areas(it.col()), least_area * joined_.weights()(row));
+      const double area = std::max(areas(it.col()), least_area * joined_->weights()(row));
       if (area > 0.0) {
         of_rows(row) = std::max(of_rows(row), stiffness(it.col()) / area);
       }
     }
   }
-  for (const Joined::JoinedInterface& interface : joined_.interfaces()) {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
     for (Index i = 0; i < interface.size; ++i) {
       double stiffest = 0.0;
       for (const Index row : interface.rows) {
@@ -131,7 +134,7 @@ void Tangent::set_rigid() {
 
 /// J^T W K J and what holds the bodies.
 SparseRows Tangent::joined_springs() const {
-  const Vector holding = joined_.weights().cwiseProduct(holding_);
+  const Vector holding = joined_->weights().cwiseProduct(holding_);
   return SparseRows(jumps_.transpose() * SparseRows(tangent_ * jumps_)) +
          SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
@@ -140,7 +143,7 @@ SparseRows Tangent::joined_springs() const {
 void Tangent::set_tangents(const Matrix& slopes) {
   Triplets entries;
   symmetric_ = true;
-  for (const Joined::JoinedInterface& interface : joined_.interfaces()) {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
     const Index components = interface.components;
     for (Index point = 0; point < interface.size / components; ++point) {
       const Index first = interface.first_unknown + components * point;
@@ -166,7 +169,7 @@ void Tangent::set_tangents(const Matrix& slopes) {
 SparseColumns Tangent::assemble() const {
   Triplets entries;
   Index first = 0;
-  for (const Joined::JoinedBody& body : joined_.bodies()) {
+  for (const Joined::JoinedBody& body : joined_->bodies()) {
     const Matrix& each = body.stiffness;
     for (Index column = 0; column < each.cols(); ++column) {
       for (Index row = column; row < each.rows(); ++row) {
@@ -188,7 +191,7 @@ SparseColumns Tangent::assemble() const {
 Matrix Tangent::assemble_dense() const {
   Matrix matrix = Matrix::Zero(active_, active_);
   Index first = 0;
-  for (const Joined::JoinedBody& body : joined_.bodies()) {
+  for (const Joined::JoinedBody& body : joined_->bodies()) {
     const Matrix& each = body.stiffness;
     matrix.block(first, first, each.rows(), each.cols()) = each.selfadjointView<Eigen::Lower>();
     first += each.rows();
@@ -257,11 +260,11 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   }
   slopes_.resize(0, 0);
   hold_ = hold;
-  holding_ = hold * joined_.directions();
+  holding_ = hold * joined_->directions();
   if (hold <= least_hold) {
     // a soft body beside a stiff one must not feel the springs of the stiff one, which are above rounding of its own
-    const double softest = joined_.directions().minCoeff();
-    holding_ = (of_rounding * joined_.directions()).cwiseMax(hold * softest).cwiseMin(holding_);
+    const double softest = joined_->directions().minCoeff();
+    holding_ = (of_rounding * joined_->directions()).cwiseMax(hold * softest).cwiseMin(holding_);
   }
   inverse_.resize(0, 0);
   solved_ = 0;
@@ -277,15 +280,15 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
 
 /// What correct() multiplies with: all of it but the factor, in three matrices.
 void Tangent::combine() {
-  const Vector& weights = joined_.weights();
-  const Vector inverse_directions = joined_.directions().cwiseInverse();
+  const Vector& weights = joined_->weights();
+  const Vector inverse_directions = joined_->directions().cwiseInverse();
   const SparseRows jump_of_residual = sides_ * SparseRows(inverse_directions.asDiagonal());
   const SparseRows per_area =
       sides_.transpose() * SparseRows(areas_.cwiseInverse().asDiagonal() * tangent_);
   load_ = SparseRows(traces_.transpose() * SparseRows(weights.asDiagonal())) +
           SparseRows(jumps_.transpose() * SparseRows(tangent_ * jump_of_residual));
   // the springs that hold the bodies act as forces of the interfaces
-  const Vector held = joined_.directions() - holding_;
+  const Vector held = joined_->directions() - holding_;
   of_answer_ = SparseRows(held.asDiagonal() * traces_) - SparseRows(per_area * jumps_);
   of_residual_ = per_area * jump_of_residual;
 }
@@ -300,11 +303,13 @@ void Tangent::correct(MatrixRef residual, MatrixRef moved) {
     residual.noalias() += of_residual_ * half;
     return;
   }
-  const Matrix half = joined_.of_rows(0.5 * residual);
+  correct_all(joined_->of_rows(0.5 * residual), residual, moved);
+}
+
+void Tangent::correct_all(const Matrix& half, MatrixRef step, MatrixRef moved) {
   const Matrix answer = solve(load_ * half);
-  const Matrix corrected = half + of_answer_ * answer + of_residual_ * half;
+  step = own(half + of_answer_ * answer + of_residual_ * half);
   moved = own(traces_ * answer);
-  residual = own(corrected);
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {
@@ -315,24 +320,24 @@ Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {
 }
 
 double Tangent::strain(Index body, ConstVectorRef moved) const {
-  const auto at = static_cast<std::size_t>(joined_.first_body() + body);
-  const Matrix& stiffness = joined_.bodies()[at].stiffness;
-  const auto of_body = moved.segment(joined_.first_active()[at], stiffness.rows());
+  const auto at = static_cast<std::size_t>(joined_->first_body() + body);
+  const Matrix& stiffness = joined_->bodies()[at].stiffness;
+  const auto of_body = moved.segment(joined_->first_active()[at], stiffness.rows());
   return std::max(of_body.dot(stiffness.selfadjointView<Eigen::Lower>() * of_body), 0.0);
 }
 
 Matrix Tangent::inner_forces(const Matrix& traces) const {
-  const Matrix all = joined_.of_rows(traces);
+  const Matrix all = joined_->of_rows(traces);
   Matrix forces(active_, traces.cols());
-  for (std::size_t b = 0; b < joined_.bodies().size(); ++b) {
-    const Joined::JoinedBody& body = joined_.bodies()[b];
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Joined::JoinedBody& body = joined_->bodies()[b];
     const auto rows = Eigen::seqN(body.first_row, body.traces.rows());
     // what is glued into a body may be stiffer than its faces
     const Vector diagonal = body.stiffness.diagonal().cwiseMax(body.stiffest);
     for (Index column = 0; column < traces.cols(); ++column) {
       const auto moved = all.col(column)(rows);
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;
-      forces.col(column).segment(joined_.first_active()[b], diagonal.size()) = largest * diagonal;
+      forces.col(column).segment(joined_->first_active()[b], diagonal.size()) = largest * diagonal;
     }
   }
   return forces;

@@ -45,8 +45,9 @@ class Communicator {
       const std::vector<std::string>& texts) const;
   [[nodiscard]] std::vector<std::vector<double>> gather(const std::vector<double>& numbers) const;
   /// Blocks of all ranks, of the same number of columns, one under the other.
+  /// @param rows of the blocks of all ranks
   /// @throws NumericalError on all ranks if they are too large for one message
-  [[nodiscard]] Matrix stacked(ConstMatrixRef own) const;
+  [[nodiscard]] Matrix stacked(ConstMatrixRef own, const std::vector<Index>& rows) const;
 
   /// Whether something holds on all ranks.
   [[nodiscard]] bool everywhere(bool holds) const { return maximum(holds ? 0 : 1) == 0; }

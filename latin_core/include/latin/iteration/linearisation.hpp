@@ -62,8 +62,7 @@ class Linearisation {
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
                                                    const State& state) const;
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
-  static void factorise(substructure::Tangent& tangent, const Matrix& slopes, double hold,
-                        const Communicator& communicator);
+  void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
 
   std::vector<std::unique_ptr<substructure::Tangent>>
       tangents_;                ///< of each distinct linearisation

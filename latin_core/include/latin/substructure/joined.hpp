@@ -17,13 +17,13 @@ class Joined {
  public:
   struct JoinedBody {
     Index first_row = 0;
-    Matrix stiffness;         ///< S on its active unknowns, the lower triangle
-    SparseRows traces;        ///< of these, (rows, active)
-    double stiffest = 0.0;    ///< see Body::stiffest()
+    Matrix stiffness;       ///< S on its active unknowns, the lower triangle
+    SparseRows traces;      ///< of these, (rows, active)
+    double stiffest = 0.0;  ///< see Body::stiffest()
   };
   struct JoinedInterface {
     Index components = 0;
-    Index size = 0;           ///< components * points
+    Index size = 0;  ///< components * points
     Index first_unknown = 0;
     std::vector<Index> rows;  ///< first row of each side
     Vector weights;           ///< (size)
@@ -49,11 +49,10 @@ class Joined {
 
   /// Tables of this rank's rows, (own rows, c), into that of all, (rows, c).
   [[nodiscard]] Matrix of_rows(ConstMatrixRef own) const;
-  /// The same of active unknowns.
-  [[nodiscard]] Matrix of_active(ConstMatrixRef own) const;
-  /// Tables of this rank's interface unknowns (own unknowns, c) into that of all, (unknowns, most c): columns that
-  /// others have beyond are zero.
+  /// Tables of this rank's interface unknowns (own unknowns, c) into that of all, (unknowns, c).
   [[nodiscard]] Matrix of_unknowns(const Matrix& own) const;
+  /// The most components that an interface has.
+  [[nodiscard]] Index most_components() const { return most_components_; }
 
  private:
   void take_own();
@@ -69,10 +68,14 @@ class Joined {
   Index first_body_ = 0;
   Index first_row_ = 0;
   Index unknowns_ = 0;
+  Index most_components_ = 0;
   Vector weights_;
   Vector directions_;
   /// Interfaces of this rank that it speaks for: with their first side here.
   std::vector<std::size_t> spoken_for_;
+  // of every rank
+  std::vector<Index> rows_of_ranks_;
+  std::vector<Index> unknowns_of_ranks_;
 };
 
 }  // namespace latin::substructure

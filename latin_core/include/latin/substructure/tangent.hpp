@@ -34,9 +34,12 @@ class Tangent {
   [[nodiscard]] static bool possible(const Structure& structure);
 
   explicit Tangent(const Structure& structure);
+  /// Of a structure that is joined already.
+  Tangent(const Structure& structure, std::shared_ptr<const Joined> joined);
 
   /// What it is the tangent of.
-  [[nodiscard]] const Joined& joined() const { return joined_; }
+  [[nodiscard]] const Joined& joined() const { return *joined_; }
+  [[nodiscard]] const std::shared_ptr<const Joined>& shared_joined() const { return joined_; }
   /// The component of its point that an unknown is.
   [[nodiscard]] Index component(Index unknown) const {
     return component_[static_cast<std::size_t>(unknown)];
@@ -51,6 +54,9 @@ class Tangent {
   /// Residual (rows, c) into the step on the data, in place.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, MatrixRef moved);
+  /// The same for half of the residual of all ranks, (rows of all, c). Not collective.
+  /// @param step, moved of this rank, (rows, c)
+  void correct_all(const Matrix& half, MatrixRef step, MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
   /// @return the displacements of these unknowns, (active, c)
   Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
@@ -59,12 +65,12 @@ class Tangent {
   [[nodiscard]] Matrix inner_forces(const Matrix& traces) const;
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
-    return traces_.transpose() * (joined_.weights().asDiagonal() * joined_.of_rows(forces));
+    return traces_.transpose() * (joined_->weights().asDiagonal() * joined_->of_rows(forces));
   }
   /// u^T S u of a body of this rank, where all active unknowns move by (active).
   [[nodiscard]] double strain(Index body, ConstVectorRef moved) const;
   /// First active unknown of every body, and one past the last.
-  [[nodiscard]] const std::vector<Index>& first_active() const { return joined_.first_active(); }
+  [[nodiscard]] const std::vector<Index>& first_active() const { return joined_->first_active(); }
 
  private:
   void set_rigid();
@@ -79,11 +85,11 @@ class Tangent {
 
   /// Rows of this rank of a table of all.
   [[nodiscard]] auto own(const Matrix& all) const {
-    return all.middleRows(joined_.first_row(), structure_.rows());
+    return all.middleRows(joined_->first_row(), structure_.rows());
   }
 
   const Structure& structure_;
-  Joined joined_;
+  std::shared_ptr<const Joined> joined_;
   Index active_;
   double hold_ = 0.0;
   Vector holding_;                ///< springs that hold the bodies, (rows)
