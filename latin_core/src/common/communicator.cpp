@@ -121,6 +121,7 @@ std::vector<std::vector<double>> Communicator::gather(const std::vector<double>&
   MPI_Allgatherv(numbers.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, all.data(),
                  counts.data(), starts.data(), MPI_DOUBLE, comm_);
   std::vector<std::vector<double>> found;
+  found.reserve(ranks);
   for (std::size_t r = 0; r < ranks; ++r) {
     found.emplace_back(all.begin() + starts[r], all.begin() + starts[r] + counts[r]);
   }
@@ -135,6 +136,8 @@ Matrix Communicator::stacked(ConstMatrixRef own, const std::vector<Index>& rows)
   const Matrix mine = own;
   std::vector<int> counts;
   std::vector<int> starts;
+  counts.reserve(rows.size());
+  starts.reserve(rows.size());
   Index total = 0;
   for (const Index each : rows) {
     // the same numbers on all ranks: what throws here throws on all

@@ -48,6 +48,7 @@ Matrix InterfaceSystem::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) c
   const Structure& structure = laws_.structure();
   Exchange exchange(structure.communicator());
   std::vector<std::size_t> slots;
+  slots.reserve(structure.shared_interfaces().size());
   for (const std::size_t i : structure.shared_interfaces()) {
     const ActiveInterface& interface = structure.interface(i);
     slots.push_back(exchange.add(interface.away.rank, interface.size()));

@@ -117,6 +117,7 @@ void Joined::exchange() {
   }
   Exchange neighbours(communicator);
   std::vector<std::size_t> slots;
+  slots.reserve(structure_.shared_interfaces().size());
   for (const std::size_t i : structure_.shared_interfaces()) {
     slots.push_back(neighbours.add(structure_.interface(i).away.rank, 1));
   }
