@@ -191,6 +191,22 @@ def solve(
     """
     check_problem("solve", problem, plan)
     check_running("solve", callback, progress)
+    problem.check_alike(
+        "solve",
+        laws=True,
+        method=method,
+        chaos=chaos,
+        times=times,
+        active=active,
+        direction=direction,
+        options=options,
+        plan=plan is None,
+        start=start is None,
+        indefinite=indefinite,
+        accuracy=accuracy,
+        quantity=quantity,
+        meshes=meshes,
+    )
     if accuracy is not None:
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():

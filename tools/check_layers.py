@@ -34,6 +34,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "errors",
         "codes",
         "files",
+        "alike",
         "threads",
         "describe",
         "checks",

@@ -26,7 +26,9 @@ from dolfinx_frontend.assembly.ranks import (
     Distribution,
     agreement,
     bound_threads,
+    check_alike,
     end_all_on_errors,
+    own_communicator,
     place,
     swap,
 )
@@ -118,11 +120,13 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
             stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
-    owner = place(scene.substructures, 1 if comm is None else comm.size)
-    rank = 0 if comm is None else comm.rank
     if comm is not None:
+        comm = own_communicator(comm)
         end_all_on_errors(comm)
         bound_threads(comm.py2f())
+        check_alike(comm, "assemble", _described(scene))
+    owner = place(scene.substructures, 1 if comm is None else comm.size)
+    rank = 0 if comm is None else comm.rank
 
     substructures, copies = _own_parts(scene, owner, rank, say, comm)
     interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), say, comm)
@@ -152,6 +156,23 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
     return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+
+
+def _described(scene: Scene) -> dict[str, object]:
+    """What all ranks must be given alike, but for the meshes, of which each may have its own only."""
+    given: dict[str, object] = {
+        "the list of substructures": list(scene.substructures),
+        "the list of interfaces": list(scene.interfaces),
+    }
+    for name, spec in scene.substructures.items():
+        for what in ("material", "degree", "body_force", "rank"):
+            given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    for name, joint in scene.interfaces.items():
+        given[f"the law of interface {name!r}"] = joint.law
+        given[f"the faces of interface {name!r}"] = tuple(map(str, joint.faces))
+        for what in ("quadrature_degree", "max_distance", "space", "overlap"):
+            given[f"{what} of interface {name!r}"] = getattr(joint, what)
+    return given
 
 
 def _own_parts(

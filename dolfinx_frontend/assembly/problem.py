@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement
+from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -86,16 +86,32 @@ class Problem(OneProcess):
 
     def everywhere(self, name: str, read: Callable[[], T]) -> T:
         """What the rank of an interface's first side reads, on all ranks; collective."""
-        if self.distribution is None or name not in self.interfaces:
+        if self.distribution is None:
             return read()
         comm = self.distribution.comm
+        if name not in self.interfaces:
+            with agreement(comm, f"interface {name!r}"):
+                return read()
         first = self.distribution.owner[self.interfaces[name].sides[0].substructure]
         found: list[T] = []
-        with agreement(comm):
+        with agreement(comm, f"interface {name!r}"):
             if self.rank == first:
                 found.append(read())
         shared: list[T] = comm.bcast(found, root=first)
         return shared[0]
+
+    def check_alike(self, call: str, laws: bool = False, **given: object) -> None:
+        """Raise SceneError on all ranks unless all make the same call with the same arguments; collective.
+
+        Parameters
+        ----------
+        laws
+            Compare the laws of all interfaces, too.
+        """
+        if self.comm is None:
+            return
+        of_laws = {f"the law of interface {n!r}": i.law for n, i in self.interfaces.items()} if laws else {}
+        check_alike(self.comm, call, given | of_laws)
 
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.

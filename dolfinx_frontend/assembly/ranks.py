@@ -1,4 +1,4 @@
-"""Several MPI ranks: who owns which part, errors that end all ranks, threads that share the cores.
+"""Several MPI ranks: who owns which part, what all must be given alike, errors that end all ranks.
 
 A substructure belongs to one rank, where its mesh and its matrices are. Scenes are described on all
 ranks alike; ``assemble(scene, comm=MPI.COMM_WORLD)`` builds on each what belongs to it.
@@ -17,6 +17,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from mpi4py import MPI
+
+from dolfinx_frontend.common.alike import digest
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
@@ -29,7 +32,9 @@ __all__ = [
     "PartSummary",
     "agreement",
     "bound_threads",
+    "check_alike",
     "end_all_on_errors",
+    "own_communicator",
     "place",
     "swap",
 ]
@@ -116,12 +121,77 @@ def place(specs: Mapping[str, SubstructureSpec], ranks: int) -> dict[str, int]:
     }
 
 
+def _free_duplicate(comm: Any, keyval: int, duplicate: Any) -> None:
+    """A communicator that is freed takes its duplicate with it: on all ranks at once, as MPI wants it."""
+    duplicate.Free()
+
+
+_DUPLICATE: list[int] = []
+"""Key under which a communicator of the user keeps its duplicate, once there is one."""
+
+
+def own_communicator(comm: Any) -> Any:
+    """A duplicate of the user's communicator, one for each: so messages of the user never meet the project's.
+
+    It is freed together with the user's. Collective when it is first asked for.
+    """
+    if not _DUPLICATE:
+        _DUPLICATE.append(MPI.Comm.Create_keyval(delete_fn=_free_duplicate))
+    known = comm.Get_attr(_DUPLICATE[0])
+    if known is None:
+        known = comm.Dup()
+        comm.Set_attr(_DUPLICATE[0], known)
+    return known
+
+
+def _told(value: object) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
+    """Raise on all ranks unless all make the same call and are given the same; collective.
+
+    Parameters
+    ----------
+    call
+        What is called, for the message.
+    given
+        What it is -> the value.
+
+    Raises
+    ------
+    SceneError
+        What differs, with the values of two ranks.
+    """
+    every = comm.allgather((call, {name: digest(value) for name, value in given.items()}))
+    rule = "all ranks must make the same calls in the same order, and be given the same"
+    for rank, (other, _) in enumerate(every):
+        if other != every[0][0]:
+            raise SceneError(f"rank 0 calls {every[0][0]}, rank {rank} calls {other}: {rule}")
+    first = every[0][1]
+    for rank, (_, digests) in enumerate(every):
+        for name in dict.fromkeys([*first, *digests]):
+            if first.get(name) != digests.get(name):
+                here = _told(given[name]) if name in given else "not there"
+                shown = comm.allgather(here)
+                raise SceneError(
+                    f"{call}: {name} differs between ranks: {shown[0]} on rank 0, {shown[rank]} on rank "
+                    f"{rank}; {rule}"
+                )
+
+
 @contextmanager
-def agreement(comm: Any) -> Iterator[None]:
+def agreement(comm: Any, call: str = "") -> Iterator[None]:
     """Work that does not communicate: if it fails on one rank, all raise.
 
     That rank raises its own error, the others a SceneError with the message of the first. Without a
     communicator nothing is added.
+
+    Parameters
+    ----------
+    call
+        What is done; if that is not the same on all ranks, all raise.
     """
     if comm is None:
         yield
@@ -131,12 +201,17 @@ def agreement(comm: Any) -> Iterator[None]:
         yield
     except Exception as error:
         own = error
-    messages = comm.allgather(None if own is None else f"{type(own).__name__}: {own}")
+    every = comm.allgather((call, None if own is None else f"{type(own).__name__}: {own}"))
     if own is not None:
         raise own
-    for rank, message in enumerate(messages):
+    for rank, (other, message) in enumerate(every):
         if message is not None:
             raise SceneError(f"rank {rank} failed: {message}")
+        if other != every[0][0]:
+            raise SceneError(
+                f"rank 0 asks for {every[0][0]}, rank {rank} for {other}: all ranks must make the same calls "
+                "in the same order"
+            )
 
 
 def swap(comm: Any, outgoing: Mapping[int, Mapping[Any, T]]) -> dict[Any, T]:

@@ -213,7 +213,7 @@ def _with_errors(
         notes += (f"the accuracy was not reached: {shown_error(made.total)} is left",)
     if halving is not None and INTERRUPTED not in notes:
         made = replace(made, next_halving=halving(made))
-    for note in notes:
+    for note in notes if result.problem.rank == 0 else ():
         _log.warning("%s", note)
     return result.with_notes(found=replace(made, notes=notes))
 

@@ -91,10 +91,12 @@ def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     return change
 
 
-def _over_ranks(result: ChaosResult, value: Any) -> Any:
-    """The sum of what the ranks have of something."""
+def _over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | None = None) -> Any:
+    """What the ranks have of something together: their sum, or what `join` makes of them; collective."""
     comm = result.problem.comm
-    return value if comm is None else comm.allreduce(value)
+    if comm is None:
+        return value
+    return comm.allreduce(value) if join is None else join(comm.allgather(value))
 
 
 def distance(one: ChaosResult, other: ChaosResult) -> float:
@@ -204,6 +206,7 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
     """
     if getattr(result, "kind", None) not in _BY_KIND:
         raise SceneError(f"errors: result = {short(result)}; give a result of solve, or samples")
+    result.problem.check_alike("errors", quantity=quantity)
     if quantity is None and result.found is not None:
         return result.found
     return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))
@@ -367,10 +370,11 @@ def next_halving(result: Result, made: Errors) -> str:
 
 
 def _iteration_cost(result: Result) -> tuple[float, float]:
-    """Operations of one iteration by the model of the plan, and the seconds that it took."""
+    """Operations of one iteration on all ranks, by the model of the plan, and the seconds that it took."""
     cost, summary = result.plan.cost, result.summary
     spent = max(summary.global_s + summary.local_s + summary.other_s, 1e-6)
-    return cost.iteration_flops if cost is not None else 0.0, spent / max(result.iterations, 1)
+    seconds = float(_over_ranks(result, spent / max(result.iterations, 1), max))
+    return float(_over_ranks(result, cost.iteration_flops if cost is not None else 0.0)), seconds
 
 
 def _smaller_tolerance(result: Result, made: Errors) -> str:
@@ -399,13 +403,16 @@ def _more_modes(result: ChaosResult, made: Errors) -> str:
 
 def _smaller_cells(result: Result, made: Errors) -> str:
     cost = result.plan.cost
-    degree = min(part.V.ufl_element().degree for part in result.problem.substructures.values())
+    # a rank may have no part
+    degrees = [part.V.ufl_element().degree for part in result.problem.substructures.values()]
+    degree = min(_over_ranks(result, degrees))
     finer = 2.0 ** (-1.0 / degree)
     factor = finer ** (-2.0 * result.problem.dim)
-    more = factor * (cost.factor_flops if cost is not None else 0.0)
+    more = factor * float(_over_ranks(result, cost.factor_flops if cost is not None else 0.0))
+    seconds = factor * float(_over_ranks(result, sum(result.seconds.values()), max))
     return (
         f"cells of {finer:.2g} times the size: {finer ** -result.problem.dim:.1f} times the unknowns, "
-        f"{shown(more, 'Flop')} to factorise, about {factor * sum(result.seconds.values()):.2g} s"
+        f"{shown(more, 'Flop')} to factorise, about {seconds:.2g} s"
     )
 
 

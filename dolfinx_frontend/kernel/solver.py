@@ -62,6 +62,18 @@ class Solver:
     """
 
     def __init__(self, problem: Problem, plan: Plan) -> None:
+        problem.check_alike(
+            "factorise",
+            laws=True,
+            method=plan.method,
+            active=plan.active,
+            eliminated=plan.eliminated,
+            columns=plan.columns,
+            direction=plan.direction,
+            options=plan.options,
+            times=plan.times,
+            history=plan.history,
+        )
         self.problem = problem
         self.plan = plan
         self._core, own, self.acting = bridge.build(problem, plan)

@@ -584,7 +584,7 @@ class ChaosResult(Result, StochasticResult):
         return self.sample(germs, kind="qmc", keep_states=keep_states, progress=progress, rtol=rtol)
 
     def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
-        """Estimate the error of the truncation in the force of an interface.
+        """Estimate the error of the truncation in the force of an interface; collective.
 
         Parameters
         ----------
@@ -594,10 +594,13 @@ class ChaosResult(Result, StochasticResult):
             Deterministic solves at independent points of the germs; 0: only the decay.
         """
         checked_whole("truncation", "points", points, 0)
-        decay, deviation = self._decay(interface)
+        self.problem.check_alike("truncation", interface=interface, points=points, seed=seed)
+        # before the solves: on all ranks it is an interface with a chaos, or on none
+        decay, deviation = self.everywhere(interface, lambda: self._decay(interface))
         if points == 0:
             return TruncationError(decay, np.nan, 0, interface)
-        return self.compared(interface, [self.sample(self.space.sample(points, seed))])
+        truth = [self.sample(self.space.sample(points, seed))]
+        return self.everywhere(interface, lambda: self.compared(interface, truth))
 
     def _decay(self, interface: str) -> tuple[float, float]:
         """Estimate from the coefficients, and standard deviation of the force in the interface's norm."""

@@ -41,7 +41,7 @@ def solve_once(
     setup = perf_counter() - began
     check_start(given, solver, plan.columns)
     result = _run(solver, plan, given, setup, callback, progress, estimator)
-    if not result.converged:
+    if not result.converged and problem.rank == 0:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status != "interrupted":  # which is returned, whatever it is

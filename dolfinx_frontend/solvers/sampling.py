@@ -197,6 +197,7 @@ def sample_on(
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
     points, of_rule = _checked_rule(random, germs, weights, kind)
+    problem.check_alike("sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol)
     parameters = _swept(random, plan, points)
     file = checkpoint_path("sampling", problem, checkpoint)
     header = None if file is None else _header(problem, plan, parameters)

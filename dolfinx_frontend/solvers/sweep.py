@@ -151,6 +151,10 @@ def sweep(
     """
     check_problem("sweep", problem, plan)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
+    problem.check_alike(
+        "sweep", laws=True, grid=grid, method=method, active=active, options=options, plan=plan is None,
+        times=times, outputs=None if outputs is None else tuple(outputs)
+    )
     file = checkpoint_path("sweep", problem, checkpoint)
     _check_outputs(outputs)
     axes = _axes(grid)
@@ -278,4 +282,5 @@ def warn_unconverged(what: str, point: int, summary: Summary, solver: Solver) ->
         accuracy = accuracy_of_run(summary, plan, solver.bodies, solver.problem.comm)
         place = "" if accuracy is None else accuracy.place
         text = ended(summary.status, summary.error, place, plan.options.rtol, summary.iterations)
-        _log.warning("%s %d ended as %s", what, point, text)
+        if solver.problem.rank == 0:
+            _log.warning("%s %d ended as %s", what, point, text)

@@ -167,4 +167,29 @@ TEST(Tangent, IsNotPossibleWithoutInterfaces) {
   EXPECT_FALSE(Tangent::possible(alone));
 }
 
+TEST(Joined, OnOneRankItIsTheStructure) {
+  const Laws laws = chain::Bars{}.build();
+  const substructure::Structure& structure = laws.structure();
+  const substructure::Joined joined(structure);
+  EXPECT_EQ(joined.rows(), structure.rows());
+  EXPECT_EQ(joined.unknowns(), structure.interface_unknowns());
+  EXPECT_EQ(joined.active(), structure.active_unknowns());
+  EXPECT_EQ(joined.bodies().size(), structure.bodies().size());
+  EXPECT_EQ(joined.first_body(), 0);
+  EXPECT_EQ(joined.first_row(), 0);
+  for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
+    EXPECT_EQ(joined.interfaces()[i].rows, structure.interface(i).rows);
+    EXPECT_EQ(joined.interfaces()[i].first_unknown, structure.interface(i).first_unknown);
+  }
+  const Matrix table = Matrix::Random(structure.rows(), 2);
+  EXPECT_EQ(joined.of_rows(table), table);
+}
+
+TEST(Tangent, SharesTheStructureOfAnother) {
+  const Laws laws = chain::Bars{}.build();
+  const Tangent first(laws.structure());
+  const Tangent second(laws.structure(), first.shared_joined());
+  EXPECT_EQ(&first.joined(), &second.joined());
+}
+
 }  // namespace latin::substructure

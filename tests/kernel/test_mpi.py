@@ -79,3 +79,29 @@ def test_quantities_of_one_rank_are_known_to_all() -> None:
     run = launch(2, "mpi_quantity.py")
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("same answer on rank") == run.stdout.count("failed together on rank") == 2
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_random_scenes_over_ranks_have_the_answers_of_one(ranks: int) -> None:
+    run = launch(ranks, "mpi_random.py", "0", "14")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("same scene") == 14
+
+
+def test_calls_and_arguments_that_differ_between_ranks_are_raised_on_all() -> None:
+    run = launch(2, "mpi_agree.py", "differ")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("agreed on rank") == 2
+
+
+def test_ranks_without_parts_are_quiet() -> None:
+    run = launch(3, "mpi_agree.py", "idle")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("agreed on rank") == 3
+    assert "On entry to" not in run.stdout + run.stderr, "BLAS complains of empty blocks"
+
+
+def test_estimates_are_checked_over_ranks() -> None:
+    run = launch(2, "mpi_agree.py", "check")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("agreed on rank") == 2

@@ -100,6 +100,83 @@ std::vector<std::vector<std::string>> Communicator::gather(
   return found;
 }
 
+std::vector<std::vector<double>> Communicator::gather(const std::vector<double>& numbers) const {
+  if (alone()) {
+    return {numbers};
+  }
+  const auto ranks = static_cast<std::size_t>(size_);
+  const auto length = static_cast<long long>(numbers.size());
+  std::vector<long long> lengths(ranks);
+  MPI_Allgather(&length, 1, MPI_LONG_LONG, lengths.data(), 1, MPI_LONG_LONG, comm_);
+  std::vector<int> counts(ranks);
+  std::vector<int> starts(ranks);
+  std::size_t total = 0;
+  for (std::size_t r = 0; r < ranks; ++r) {
+    // the same numbers on all ranks: what throws here throws on all
+    starts[r] = count_of(total);
+    counts[r] = count_of(static_cast<std::size_t>(lengths[r]));
+    total += static_cast<std::size_t>(lengths[r]);
+  }
+  std::vector<double> all(total);
+  MPI_Allgatherv(numbers.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, all.data(),
+                 counts.data(), starts.data(), MPI_DOUBLE, comm_);
+  std::vector<std::vector<double>> found;
+  found.reserve(ranks);
+  for (std::size_t r = 0; r < ranks; ++r) {
+    found.emplace_back(all.begin() + starts[r], all.begin() + starts[r] + counts[r]);
+  }
+  return found;
+}
+
+Matrix Communicator::stacked(ConstMatrixRef own, const std::vector<Index>& rows) const {
+  if (alone()) {
+    return own;
+  }
+  const Index columns = own.cols();
+  const Matrix mine = own;
+  std::vector<int> counts;
+  std::vector<int> starts;
+  counts.reserve(rows.size());
+  starts.reserve(rows.size());
+  Index total = 0;
+  for (const Index each : rows) {
+    // the same numbers on all ranks: what throws here throws on all
+    starts.push_back(count_of(static_cast<std::size_t>(total * columns)));
+    counts.push_back(count_of(static_cast<std::size_t>(each * columns)));
+    total += each;
+  }
+  std::vector<double> blocks(static_cast<std::size_t>(total * columns));
+  MPI_Allgatherv(mine.data(), counts[static_cast<std::size_t>(rank_)], MPI_DOUBLE, blocks.data(),
+                 counts.data(), starts.data(), MPI_DOUBLE, comm_);
+  Matrix all(total, columns);
+  Index first = 0;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    all.middleRows(first, rows[r]) =
+        Eigen::Map<const Matrix>(blocks.data() + starts[r], rows[r], columns);
+    first += rows[r];
+  }
+  return all;
+}
+
+bool Communicator::none_failed(const std::exception_ptr& failure) const {
+  enum Kind : Index { none, no_answer, other };
+  Index own = none;
+  try {
+    if (failure) {
+      std::rethrow_exception(failure);
+    }
+  } catch (const NumericalError&) {
+    own = no_answer;
+  } catch (...) {
+    own = other;
+  }
+  const Index worst = maximum(own);
+  if (worst == other) {
+    agree(own == other ? failure : nullptr);
+  }
+  return worst == none;
+}
+
 void Communicator::agree(const std::exception_ptr& failure) const {
   if (!alone()) {
     int first = failure ? rank_ : size_;

@@ -167,6 +167,9 @@ double Anderson::explained(Index set) const {
 
 void Anderson::combine(const Matrix& common, const Matrix& own, Matrix& sum) const {
   sum.resize(rows_, sets_ * columns_);
+  if (rows_ == 0) {
+    return;  // a rank without interfaces: BLAS does not take empty blocks
+  }
   Eigen::Map<Matrix> all(sum.data(), rows_ * columns_, sets_);
   if (sets_ == 1) {
     all.col(0).noalias() = common.leftCols(gamma_.rows()) * gamma_.col(0);
@@ -199,7 +202,7 @@ const State& Anderson::predicted_error() const {
 void Anderson::step(ConstMatrixRef residual, double beta, const Preconditioner& precondition,
                     MatrixRef step) {
   const Index used = gamma_.rows();
-  for (Index set = 0; set < sets_; ++set) {
+  for (Index set = 0; set < sets_ && rows_ > 0; ++set) {
     work_.col(set).noalias() = residual_.middleCols(set * depth_, used) * gamma_.col(set);
   }
   step = residual - Eigen::Map<const Matrix>(work_.data(), rows_, sets_ * columns_);

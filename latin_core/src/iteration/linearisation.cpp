@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <utility>
 
+#include "latin/common/error.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
@@ -21,23 +23,52 @@ constexpr double quiet_column = 1e-3;
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
 
-/// The slopes of the laws in every column of a state; of a chaos, those of the mean stand for all modes of a step.
-template <class F>
-void for_slopes(const substructure::Laws& laws, const State& state, const F& take) {
+/// The slopes of the laws of all ranks in every column of a state, (unknowns, most components) each; of a chaos,
+/// those of the mean stand for all modes of a step. Collective.
+/// @throws NumericalError on all ranks if a law has no answer there
+std::vector<Matrix> slopes_at(const substructure::Laws& laws, const State& state,
+                              const substructure::Joined& joined) {
   const Index own = laws.modes() > 1 ? laws.steps() : state.data.cols();
   const substructure::InterfaceSystem system(laws);
   const Matrix jumps = system.free_jumps(state.data.leftCols(own), state.traces.leftCols(own));
-  const bool remembers = laws.remembers();
-  substructure::InterfaceSystem::Memory memory = system.blank();
-  for (Index column = 0; column < own; ++column) {
-    if (remembers && column % laws.steps() == 0) {
-      memory = system.blank();
+  std::vector<Matrix> slopes;
+  std::exception_ptr failure;
+  try {
+    const bool remembers = laws.remembers();
+    substructure::InterfaceSystem::Memory memory = system.blank();
+    for (Index column = 0; column < own; ++column) {
+      if (remembers && column % laws.steps() == 0) {
+        memory = system.blank();
+      }
+      slopes.push_back(system.slopes(column, memory, jumps.col(column), system.direct()));
+      if (remembers) {
+        system.advance(column, memory, jumps.col(column), system.direct());
+      }
     }
-    take(column, system.slopes(column, memory, jumps.col(column), system.direct()));
-    if (remembers) {
-      system.advance(column, memory, jumps.col(column), system.direct());
+  } catch (...) {
+    if (laws.structure().communicator().alone()) {
+      throw;
     }
+    failure = std::current_exception();
   }
+  if (!laws.structure().communicator().none_failed(failure)) {
+    throw NumericalError("a law has no answer at an iterate");
+  }
+  if (laws.structure().communicator().alone()) {
+    return slopes;
+  }
+  // in one message
+  const Index most = joined.most_components();
+  Matrix side_by_side = Matrix::Zero(system.unknowns(), own * most);
+  for (Index column = 0; column < own; ++column) {
+    const Matrix& each = slopes[static_cast<std::size_t>(column)];
+    side_by_side.middleCols(column * most, each.cols()) = each;
+  }
+  side_by_side = joined.of_unknowns(side_by_side);
+  for (Index column = 0; column < own; ++column) {
+    slopes[static_cast<std::size_t>(column)] = side_by_side.middleCols(column * most, most);
+  }
+  return slopes;
 }
 
 /// Whether slopes are the same to rounding of differences.
@@ -56,9 +87,10 @@ double contrast(double a, double b) {
 
 }  // namespace
 
-Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, const State& state) {
+Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
+                                               const State& state) const {
   Slopes slopes;
-  for_slopes(laws, state, [&slopes](Index, Matrix now) {
+  for (Matrix& now : slopes_at(laws, state, tangents_.front()->joined())) {
     std::size_t at = 0;
     while (at < slopes.distinct.size() && !alike(slopes.distinct[at], now)) {
       ++at;
@@ -71,24 +103,45 @@ Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws, c
       }
     }
     slopes.of_column.push_back(at);
-  });
+  }
   return slopes;
 }
 
+/// Every rank factorises the same matrices: they agree that all could.
+void Linearisation::factorise(const std::vector<Matrix>& slopes, double hold,
+                              const Communicator& communicator) {
+  std::exception_ptr failure;
+  try {
+    for (std::size_t i = 0; i < slopes.size(); ++i) {
+      tangents_[i]->factorise(slopes[i], hold);
+    }
+  } catch (...) {
+    if (communicator.alone()) {
+      throw;
+    }
+    failure = std::current_exception();
+  }
+  if (!communicator.none_failed(failure)) {
+    throw NumericalError("the structure is not stable with the tangents of its laws");
+  }
+}
+
 bool Linearisation::take(const substructure::Laws& laws, const State& state, double hold) {
+  know_structure(laws);
   return take(laws, slopes_of(laws, state), hold);
 }
 
 void Linearisation::take_column(const substructure::Laws& laws, const State& state, Index column,
                                 double hold) {
-  Slopes slopes;
-  for_slopes(laws, state, [&slopes, column](Index each, Matrix now) {
-    if (each == column) {
-      slopes.distinct.push_back(std::move(now));
-    }
-  });
-  slopes.of_column = {0};
-  take(laws, std::move(slopes), hold);
+  know_structure(laws);
+  std::vector<Matrix> slopes = slopes_at(laws, state, tangents_.front()->joined());
+  take(laws, Slopes{{std::move(slopes[static_cast<std::size_t>(column)])}, {0}}, hold);
+}
+
+void Linearisation::know_structure(const substructure::Laws& laws) {
+  if (tangents_.empty()) {
+    tangents_.push_back(std::make_unique<Tangent>(laws.structure()));
+  }
 }
 
 bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold) {
@@ -103,10 +156,11 @@ bool Linearisation::take(const substructure::Laws& laws, Slopes now, double hold
     tangents_.resize(now.distinct.size());
     for (std::size_t i = 0; i < now.distinct.size(); ++i) {
       if (!tangents_[i]) {
-        tangents_[i] = std::make_unique<Tangent>(laws.structure());
+        tangents_[i] =
+            std::make_unique<Tangent>(laws.structure(), tangents_.front()->shared_joined());
       }
-      tangents_[i]->factorise(now.distinct[i], hold);
     }
+    factorise(now.distinct, hold, laws.structure().communicator());
     slopes_ = std::move(now.distinct);
     hold_ = hold;
   }
@@ -123,7 +177,8 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
   const auto own = static_cast<Index>(of_column_.size());
   const Tangent& any = *tangents_.front();
   std::vector<double> found;
-  for_slopes(laws, state, [&](Index column, const Matrix& now) {
+  for (const Matrix& now : slopes_at(laws, state, any.joined())) {
+    const auto column = static_cast<Index>(found.size());
     const Matrix& here = slopes_[of_column_[static_cast<std::size_t>(column % own)]];
     double largest = 1.0;
     for (Index row = 0; row < now.rows(); ++row) {
@@ -133,7 +188,7 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
       largest = std::max(largest, contrast(c * now(row, component), c * here(row, component)));
     }
     found.push_back(largest);
-  });
+  }
   return found;
 }
 
@@ -208,6 +263,7 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
     return;
   }
   const auto own = of_column_.size();
+  const Matrix half = tangents_.front()->joined().of_rows(0.5 * residual);
   for (std::size_t i = 0; i < tangents_.size(); ++i) {
     std::vector<Index> columns;
     for (Index column = 0; column < residual.cols(); ++column) {
@@ -215,9 +271,10 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
         columns.push_back(column);
       }
     }
-    Matrix block = residual(every, columns);
-    Matrix change(block.rows(), block.cols());
-    tangents_[i]->correct(block, change);
+    const auto count = static_cast<Index>(columns.size());
+    Matrix block(residual.rows(), count);
+    Matrix change(residual.rows(), count);
+    tangents_[i]->correct_all(half(every, columns), block, change);
     residual(every, columns) = block;
     moved(every, columns) = change;
   }

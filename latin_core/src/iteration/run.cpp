@@ -39,9 +39,7 @@ bool gave_up(Status status) {
 }
 
 /// Whether some law is nonlinear, so that a body may lose touch. Collective.
-bool may_fly(const Laws& laws) {
-  return laws.structure().communicator().maximum(laws.linear() ? 0 : 1) > 0;
-}
+bool may_fly(const Laws& laws) { return !laws.linear_everywhere(); }
 
 NewtonProposal::Solver newton_of(Stages& stages, const Options& options) {
   if (options.acceleration < 1 || options.newton < 1) {
@@ -216,22 +214,22 @@ Measured Run::verify(Measured measured, bool believed) {
     if (believed) {
       const Matrix& away = verification_->distance();
       errors_ = away.size() > 0 ? errors_.cwiseMax(away) : errors_;
-      summary_.error = std::max(largest(errors_), 2.0 * options_.rtol);
+      summary_.error = std::max(error_.largest(errors_), 2.0 * options_.rtol);
     }
     return measured;
   }
-  if (largest(found->errors) <= options_.rtol &&
+  if (error_.largest(found->errors) <= options_.rtol &&
       found->imbalance <= Verification::bearable_imbalance * options_.rtol) {
     // good enough: where points outnumber nodes the better one may have other forces at the points
     errors_ = found->errors;
-    summary_.error = largest(errors_);
+    summary_.error = error_.largest(errors_);
     return measured;
   }
   rounding_ = found->rounding;
   state_ = verification_->better();
   residual_ = verification_->better_residual();
   errors_ = found->errors_better;
-  summary_.error = largest(errors_);
+  summary_.error = error_.largest(errors_);
   history_.clear();
   error_.restart();
   measured = stages_.measure(at(), history_, stop_);

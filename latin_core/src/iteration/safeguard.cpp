@@ -38,7 +38,7 @@ bool Safeguard::guard(Index iteration, double norm, double rounding, Iterate at)
 }
 
 bool Safeguard::restore(Iterate at) const {
-  if (best_.data.size() == 0) {
+  if (!kept_) {
     return false;
   }
   at.state = best_;
@@ -58,6 +58,7 @@ void Safeguard::remember(Index iteration, double norm, Iterate at) {
     best_norm_ = norm;
     best_ = at.state;
     best_residual_ = at.residual;
+    kept_ = true;
     trapped_ = false;
   }
 }

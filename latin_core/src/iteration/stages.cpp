@@ -4,8 +4,11 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <exception>
 #include <memory>
+#include <utility>
 
+#include "latin/common/error.hpp"
 #include "latin/iteration/newton.hpp"
 #include "latin/iteration/subspace.hpp"
 #include "latin/substructure/interface_system.hpp"
@@ -62,14 +65,21 @@ void Stages::evaluate(Iterate at) {
   local(at.state.data, at.state.traces, at.residual);
 }
 
-void Stages::evaluate_alone(Iterate at) {
+bool Stages::try_evaluate(Iterate at) {
+  std::exception_ptr failure;
   exact_ = true;
   ++count_;
-  {
-    const Timed timed(global_s_);
-    attempt([&] { global_.apply(at.state.data, amplitudes_, at.state.traces); });
+  try {
+    {
+      const Timed timed(global_s_);
+      attempt([&] { global_.apply(at.state.data, amplitudes_, at.state.traces); });
+    }
+    local(at.state.data, at.state.traces, at.residual);
+  } catch (const NumericalError&) {
+    return false;  // there is one rank
   }
-  local(at.state.data, at.state.traces, at.residual);
+  std::swap(failure, failure_);
+  return structure().communicator().none_failed(failure);
 }
 
 void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {

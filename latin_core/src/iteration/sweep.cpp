@@ -81,7 +81,7 @@ class Scatter {
     squares_ += away.cwiseProduct(state.traces - mean_);
   }
   [[nodiscard]] Index count() const { return count_; }
-  /// The least of a body that scatters at all, relative to the size of its mean; at most 1.
+  /// The least of a body that scatters at all, on any rank, relative to the size of its mean; at most 1. Collective.
   [[nodiscard]] double least() const {
     double least = 1.0;
     for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
@@ -98,7 +98,7 @@ class Scatter {
         }
       }
     }
-    return least;
+    return -structure_.communicator().largest(-least);
   }
 
  private:
@@ -187,8 +187,7 @@ class Sweep {
  private:
   /// Whether samples are held to their scatter.
   [[nodiscard]] bool follows_scatter() const {
-    return options_.scatter && structure_.rows() > 0 && !options_.stop_on_indicator &&
-           structure_.communicator().alone();
+    return options_.scatter && structure_.total_rows() > 0 && !options_.stop_on_indicator;
   }
 
   /// The tolerance of the next samples.
@@ -296,7 +295,7 @@ class Sweep {
 
   /// The first samples wait until it is known how exact their scatter wants them.
   void release_early() {
-    for (; !early_.empty(); early_.erase(early_.begin())) {
+    while (!early_.empty()) {
       Early& first = early_.front();
       const substructure::Laws laws = laws_of(laws_, {&first.point, 1});
       if (first.summary.error > wanted_ * scatter_.least()) {
@@ -309,7 +308,9 @@ class Sweep {
           first.state = std::move(state);
         }
       }
-      finish(first.point, laws, first.summary, first.state);
+      const Early done = std::move(first);
+      early_.erase(early_.begin());
+      finish(done.point, laws, done.summary, done.state);
     }
   }
 

@@ -54,11 +54,11 @@ bool Verification::possible(const substructure::Laws& laws) {
   if (!Tangent::possible(laws.structure())) {
     return false;
   }
-  return laws.steps() <= most_steps_of_history || !laws.remembers();
+  return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
 }
 
 bool Verification::exact(const substructure::Laws& laws) {
-  return laws.linear() && laws.modes() == 1;
+  return laws.modes() == 1 && laws.linear_everywhere();
 }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
@@ -69,18 +69,23 @@ Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
 
 /// Both stages. @return whether the laws have an answer there: too far off they may have none
 bool Verification::evaluate(State& state, Matrix& residual) {
-  try {
-    stages_.evaluate_alone({state, residual});
-  } catch (const NumericalError&) {
-    return false;
-  }
-  return residual.allFinite();
+  return stages_.try_evaluate({state, residual}) && everywhere(residual.allFinite());
+}
+
+double Verification::largest(const Matrix& errors) const {
+  const double here = iteration::largest(errors);
+  const Communicator& communicator = stages_.structure().communicator();
+  return communicator.alone() ? here : communicator.largest(here);
+}
+
+bool Verification::everywhere(bool holds) const {
+  return stages_.structure().communicator().everywhere(holds);
 }
 
 /// Errors of steps with those that laws with memory carry over from the steps before.
 Matrix Verification::carried(Matrix errors) const {
   const substructure::ColumnGroups groups = stages_.laws().groups();
-  if (!stages_.laws().remembers()) {
+  if (!stages_.laws().remembers_anywhere()) {
     return errors;
   }
   const Index block = groups.steps * groups.kinds();
@@ -145,7 +150,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix residual_before;
   double noise = 0.0;
   double spread = 1.0;
-  const double bearable_left = stages_.laws().linear() ? linear_contraction : contraction;
+  const double bearable_left = stages_.laws().linear_everywhere() ? linear_contraction : contraction;
   bool borrowed = linear_->made();
   if (borrowed) {
     spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
@@ -176,7 +181,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     history_.fit(residual_);
     history_.step(
         residual_, 1.0, [this](MatrixRef block) { linear_->correct(block, moved_); }, step);
-    if (!step.allFinite()) {
+    if (!everywhere(step.allFinite())) {
       return std::nullopt;
     }
     if (history_.size() > 0) {
@@ -216,11 +221,11 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       borrowed = borrowed && linear_->near(stages_.laws(), better_);
       // steps that lead to the answer are as good as those of the run, and better where it stagnates
       const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
-                         (rest.array() > least_known.array().max(rtol)).any() &&
+                         !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
-      if (!go_on && enough.all() && borrowed == was_borrowed &&
+      if (!go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
-          ((rest.array() <= least_known.array()).all() || stays_in_branch(step))) {
+          (everywhere((rest.array() <= least_known.array()).all()) || stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error = linear_->rounding(stages_.laws(), better_, whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
@@ -229,7 +234,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
-                    rounding && (rest.array() <= least_error.array().max(rtol)).all()};
+                    rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
           const Matrix seen =
@@ -259,14 +264,14 @@ std::optional<Verification::Found> Verification::check(const State& state, const
 
 /// Whether the laws have tangents that are alike at the end of a step from the better iterate, which was not taken.
 bool Verification::stays_in_branch(const Matrix& step) const {
-  return stages_.laws().linear() ||
+  return stages_.laws().linear_everywhere() ||
          linear_->near(stages_.laws(), {better_.data + step, better_.traces + moved_});
 }
 
 /// Whether steps of a history are searched for one after the other: what one of them leaves decides the next.
 bool Verification::by_steps() const {
   const substructure::Laws& laws = stages_.laws();
-  return laws.remembers() && laws.steps() > 1 && laws.modes() == 1;
+  return laws.remembers_anywhere() && laws.steps() > 1 && laws.modes() == 1;
 }
 
 double Verification::norm_of(Columns columns) const {
@@ -286,7 +291,7 @@ bool Verification::held_step(Columns columns, double hold, double& norm) {
   } catch (const NumericalError&) {
     return false;
   }
-  if (!step.allFinite()) {
+  if (!everywhere(step.allFinite())) {
     return false;
   }
   State trial{better_.data, Matrix(better_.data.rows(), better_.data.cols())};

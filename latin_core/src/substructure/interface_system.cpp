@@ -45,14 +45,43 @@ Vector InterfaceSystem::law_flexibility(const Vector& wanted) const {
 }
 
 Matrix InterfaceSystem::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const {
+  const Structure& structure = laws_.structure();
+  Exchange exchange(structure.communicator());
+  std::vector<std::size_t> slots;
+  slots.reserve(structure.shared_interfaces().size());
+  for (const std::size_t i : structure.shared_interfaces()) {
+    const ActiveInterface& interface = structure.interface(i);
+    slots.push_back(exchange.add(interface.away.rank, interface.size()));
+  }
+  exchange.prepare(data.cols());
+  for (std::size_t n = 0; n < slots.size(); ++n) {
+    const ActiveInterface& interface = structure.interface(structure.shared_interfaces()[n]);
+    share_of_jump(structure, interface, interface.here(), data, traces,
+                  exchange.outgoing(slots[n]));
+  }
+  exchange.start().finish();
   Matrix jumps(unknowns(), data.cols());
-  Matrix share;
-  for (const ActiveInterface& interface : laws_.structure().interfaces()) {
+  for (std::size_t n = 0; n < slots.size(); ++n) {
+    const ActiveInterface& interface = structure.interface(structure.shared_interfaces()[n]);
+    const auto here = exchange.outgoing(slots[n]);
+    const auto away = exchange.incoming(slots[n]);
     auto jump = jumps.middleRows(interface.first_unknown, interface.size());
-    share_of_jump(laws_.structure(), interface, 0, data, traces, jump);
+    if (interface.away.side == 0) {
+      jump = away - here;
+    } else {
+      jump = here - away;
+    }
+  }
+  Matrix share;
+  for (const ActiveInterface& interface : structure.interfaces()) {
+    if (interface.shared()) {
+      continue;
+    }
+    auto jump = jumps.middleRows(interface.first_unknown, interface.size());
+    share_of_jump(structure, interface, 0, data, traces, jump);
     if (interface.rows.size() > 1) {
       share.resize(interface.size(), data.cols());
-      share_of_jump(laws_.structure(), interface, 1, data, traces, share);
+      share_of_jump(structure, interface, 1, data, traces, share);
       jump -= share;
     }
   }

@@ -207,6 +207,12 @@ bool Laws::remembers() const {
   return std::ranges::any_of(*active_, [](const ActiveLaw& each) { return each.law->history(); });
 }
 
+bool Laws::linear_everywhere() const { return structure_->communicator().everywhere(linear()); }
+
+bool Laws::remembers_anywhere() const {
+  return !structure_->communicator().everywhere(!remembers());
+}
+
 bool Laws::transformed() const { return std::ranges::any_of(*active_, &ActiveLaw::transformed); }
 
 void Laws::check_columns(Index columns) const {

@@ -27,11 +27,9 @@ constexpr double same = 1e-6;
 constexpr double filled = 0.3;
 /// Springs below this, relative to the search direction, are rounding of the body's stiffness.
 constexpr double of_rounding = 1e-14;
-/// Operations of the check that nobody notices, and those beside the factorisations of the bodies, of which a factor
-/// of n numbers takes about n^1.4 (grids, in three dimensions).
+/// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
-constexpr double operations_of_numbers = 1.4;
 
 /// A tangent K from a slope R = df / dj0 at the flexibilities c: K = (1 - R c)^-1 R, bounded.
 /// @param rigid what slopes are reduced by
@@ -54,67 +52,50 @@ SparseRows from(const Triplets& entries, Index rows, Index columns) {
 }  // namespace
 
 bool Tangent::possible(const Structure& structure) {
-  if (structure.rows() == 0 || !structure.communicator().alone()) {
-    return false;
-  }
-  double price = 0.0;
-  double factors = 0.0;
-  for (const Body& body : structure.bodies()) {
-    const auto active = static_cast<double>(body.active());
-    const double numbers = body.cost().factor_numbers;
-    price += active * active * active;
-    price += body.condensed() ? 0.0 : 2.0 * active * numbers;
-    factors += std::pow(numbers, operations_of_numbers);
-  }
-  return price <= std::max(negligible, affordable * factors);
+  const Structure::Work& work = structure.work();
+  return structure.total_rows() > 0 &&
+         work.condense <= std::max(negligible, affordable * work.factorise);
 }
 
-Tangent::Tangent(const Structure& structure) : structure_(structure) {
+Tangent::Tangent(const Structure& structure)
+    : Tangent(structure, std::make_shared<const Joined>(structure)) {}
+
+Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joined)
+    : structure_(structure), joined_(std::move(joined)), active_(joined_->active()) {
   Triplets traces;
-  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
-    const Body& body = structure.bodies()[b];
-    if (body.rows() == 0) {
-      stiffness_.emplace_back();
-      first_active_.push_back(active_);
-      continue;
-    }
-    const Index row = structure.body_rows()[b];
-    const SparseRows& own = body.active_traces();
-    for (Index i = 0; i < own.rows(); ++i) {
-      for (SparseRows::InnerIterator it(own, i); it; ++it) {
-        traces.emplace_back(static_cast<int>(row + i), static_cast<int>(active_ + it.col()),
-                            it.value());
+  double entries = 0.0;
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Joined::JoinedBody& body = joined_->bodies()[b];
+    const Index first = joined_->first_active()[b];
+    for (Index i = 0; i < body.traces.rows(); ++i) {
+      for (SparseRows::InnerIterator it(body.traces, i); it; ++it) {
+        traces.emplace_back(static_cast<int>(body.first_row + i),
+                            static_cast<int>(first + it.col()), it.value());
       }
     }
-    add_stiffness(body);
-    active_ += body.active();
-    first_active_.push_back(active_);
-  }
-  double entries = 0.0;
-  for (const Matrix& each : stiffness_) {
-    entries += static_cast<double>(each.size());
+    entries += static_cast<double>(body.stiffness.size());
   }
   dense_ = entries > filled * static_cast<double>(active_ * active_);
-  traces_ = from(traces, structure.rows(), active_);
-  const Index unknowns = structure.interface_unknowns();
+  traces_ = from(traces, joined_->rows(), active_);
+  const Index unknowns = joined_->unknowns();
   areas_.resize(unknowns);
   flexibility_.resize(unknowns);
   rigid_.resize(unknowns);
   Triplets sides;
-  for (const ActiveInterface& interface : structure.interfaces()) {
-    for (Index i = 0; i < interface.size(); ++i) {
-      component_.push_back(i % interface.geometry.components);
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    for (Index i = 0; i < interface.size; ++i) {
+      component_.push_back(i % interface.components);
     }
-    areas_.segment(interface.first_unknown, interface.size()) = interface.geometry.weights;
-    flexibility_.segment(interface.first_unknown, interface.size()) = interface.flexibility;
+    areas_.segment(interface.first_unknown, interface.size) = interface.weights;
+    flexibility_.segment(interface.first_unknown, interface.size) = interface.flexibility;
     for (std::size_t s = 0; s < interface.rows.size(); ++s) {
-      for (Index i = 0; i < interface.size(); ++i) {
+      for (Index i = 0; i < interface.size; ++i) {
         sides.emplace_back(static_cast<int>(interface.first_unknown + i),
                            static_cast<int>(interface.rows[s] + i), s == 0 ? -1.0 : 1.0);
       }
     }
   }
-  sides_ = from(sides, unknowns, structure.rows());
+  sides_ = from(sides, unknowns, joined_->rows());
   set_rigid();
   jumps_ = sides_ * traces_;
 }
@@ -122,23 +103,24 @@ Tangent::Tangent(const Structure& structure) : structure_(structure) {
 /// Bounds of what slopes of the laws may be.
 void Tangent::set_rigid() {
   // stiffness of the nodes per area, of each its own
-  const Vector areas = traces_.cwiseAbs().transpose() * structure_.weights();
+  const Vector areas = traces_.cwiseAbs().transpose() * joined_->weights();
   Vector stiffness(active_);
-  for (std::size_t b = 0; b < stiffness_.size(); ++b) {
-    stiffness.segment(first_active_[b], stiffness_[b].rows()) = stiffness_[b].diagonal();
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Matrix& own = joined_->bodies()[b].stiffness;
+    stiffness.segment(joined_->first_active()[b], own.rows()) = own.diagonal();
   }
-  Vector of_rows = Vector::Zero(structure_.rows());
+  Vector of_rows = Vector::Zero(joined_->rows());
   for (Index row = 0; row < traces_.rows(); ++row) {
     for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
       // nodes that see next to nothing of the interface have no say
-      const double area = std::max(areas(it.col()), least_area * structure_.weights()(row));
+      const double area = std::max(areas(it.col()), least_area * joined_->weights()(row));
       if (area > 0.0) {
         of_rows(row) = std::max(of_rows(row), stiffness(it.col()) / area);
       }
     }
   }
-  for (const ActiveInterface& interface : structure_.interfaces()) {
-    for (Index i = 0; i < interface.size(); ++i) {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    for (Index i = 0; i < interface.size; ++i) {
       double stiffest = 0.0;
       for (const Index row : interface.rows) {
         stiffest = std::max(stiffest, of_rows(row + i));
@@ -150,23 +132,9 @@ void Tangent::set_rigid() {
   }
 }
 
-/// S of a body.
-void Tangent::add_stiffness(const Body& body) {
-  Matrix stiffness = body.schur();
-  const SparseRows& trace = body.active_traces();
-  const Vector robin = body.weights().cwiseProduct(body.directions());
-  const SparseRows springs = trace.transpose() * SparseRows(robin.asDiagonal() * trace);
-  for (Index row = 0; row < springs.rows(); ++row) {
-    for (SparseRows::InnerIterator it(springs, row); it; ++it) {
-      stiffness(row, it.col()) -= it.value();
-    }
-  }
-  stiffness_.push_back(std::move(stiffness));
-}
-
 /// J^T W K J and what holds the bodies.
 SparseRows Tangent::joined_springs() const {
-  const Vector holding = structure_.weights().cwiseProduct(holding_);
+  const Vector holding = joined_->weights().cwiseProduct(holding_);
   return SparseRows(jumps_.transpose() * SparseRows(tangent_ * jumps_)) +
          SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
@@ -175,9 +143,9 @@ SparseRows Tangent::joined_springs() const {
 void Tangent::set_tangents(const Matrix& slopes) {
   Triplets entries;
   symmetric_ = true;
-  for (const ActiveInterface& interface : structure_.interfaces()) {
-    const Index components = interface.geometry.components;
-    for (Index point = 0; point < interface.geometry.points; ++point) {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    const Index components = interface.components;
+    for (Index point = 0; point < interface.size / components; ++point) {
       const Index first = interface.first_unknown + components * point;
       const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
                                         flexibility_.segment(first, components),
@@ -201,7 +169,8 @@ void Tangent::set_tangents(const Matrix& slopes) {
 SparseColumns Tangent::assemble() const {
   Triplets entries;
   Index first = 0;
-  for (const Matrix& each : stiffness_) {
+  for (const Joined::JoinedBody& body : joined_->bodies()) {
+    const Matrix& each = body.stiffness;
     for (Index column = 0; column < each.cols(); ++column) {
       for (Index row = column; row < each.rows(); ++row) {
         entries.emplace_back(static_cast<int>(first + row), static_cast<int>(first + column),
@@ -222,7 +191,8 @@ SparseColumns Tangent::assemble() const {
 Matrix Tangent::assemble_dense() const {
   Matrix matrix = Matrix::Zero(active_, active_);
   Index first = 0;
-  for (const Matrix& each : stiffness_) {
+  for (const Joined::JoinedBody& body : joined_->bodies()) {
+    const Matrix& each = body.stiffness;
     matrix.block(first, first, each.rows(), each.cols()) = each.selfadjointView<Eigen::Lower>();
     first += each.rows();
   }
@@ -290,11 +260,11 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
   }
   slopes_.resize(0, 0);
   hold_ = hold;
-  holding_ = hold * structure_.directions();
+  holding_ = hold * joined_->directions();
   if (hold <= least_hold) {
     // a soft body beside a stiff one must not feel the springs of the stiff one, which are above rounding of its own
-    const double softest = structure_.directions().minCoeff();
-    holding_ = (of_rounding * structure_.directions()).cwiseMax(hold * softest).cwiseMin(holding_);
+    const double softest = joined_->directions().minCoeff();
+    holding_ = (of_rounding * joined_->directions()).cwiseMax(hold * softest).cwiseMin(holding_);
   }
   inverse_.resize(0, 0);
   solved_ = 0;
@@ -310,53 +280,64 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
 
 /// What correct() multiplies with: all of it but the factor, in three matrices.
 void Tangent::combine() {
-  const Vector& weights = structure_.weights();
-  const SparseRows jump_of_residual =
-      sides_ * SparseRows(structure_.inverse_directions().asDiagonal());
+  const Vector& weights = joined_->weights();
+  const Vector inverse_directions = joined_->directions().cwiseInverse();
+  const SparseRows jump_of_residual = sides_ * SparseRows(inverse_directions.asDiagonal());
   const SparseRows per_area =
       sides_.transpose() * SparseRows(areas_.cwiseInverse().asDiagonal() * tangent_);
   load_ = SparseRows(traces_.transpose() * SparseRows(weights.asDiagonal())) +
           SparseRows(jumps_.transpose() * SparseRows(tangent_ * jump_of_residual));
   // the springs that hold the bodies act as forces of the interfaces
-  const Vector held = structure_.directions() - holding_;
+  const Vector held = joined_->directions() - holding_;
   of_answer_ = SparseRows(held.asDiagonal() * traces_) - SparseRows(per_area * jumps_);
   of_residual_ = per_area * jump_of_residual;
 }
 
 void Tangent::correct(MatrixRef residual, MatrixRef moved) {
-  const Matrix half = 0.5 * residual;
+  if (structure_.communicator().alone()) {
+    const Matrix half = 0.5 * residual;
+    const Matrix answer = solve(load_ * half);
+    moved.noalias() = traces_ * answer;
+    residual = half;
+    residual.noalias() += of_answer_ * answer;
+    residual.noalias() += of_residual_ * half;
+    return;
+  }
+  correct_all(joined_->of_rows(0.5 * residual), residual, moved);
+}
+
+void Tangent::correct_all(const Matrix& half, MatrixRef step, MatrixRef moved) {
   const Matrix answer = solve(load_ * half);
-  moved.noalias() = traces_ * answer;
-  residual = half;
-  residual.noalias() += of_answer_ * answer;
-  residual.noalias() += of_residual_ * half;
+  step = own(half + of_answer_ * answer + of_residual_ * half);
+  moved = own(traces_ * answer);
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {
   Matrix answer = solve(forces);
-  moved.noalias() = traces_ * answer;
-  data.noalias() = of_answer_ * answer;
+  moved = own(traces_ * answer);
+  data = own(of_answer_ * answer);
   return answer;
 }
 
 double Tangent::strain(Index body, ConstVectorRef moved) const {
-  const auto at = static_cast<std::size_t>(body);
-  const Matrix& stiffness = stiffness_[at];
-  const auto own = moved.segment(first_active_[at], stiffness.rows());
-  return std::max(own.dot(stiffness.selfadjointView<Eigen::Lower>() * own), 0.0);
+  const auto at = static_cast<std::size_t>(joined_->first_body() + body);
+  const Matrix& stiffness = joined_->bodies()[at].stiffness;
+  const auto of_body = moved.segment(joined_->first_active()[at], stiffness.rows());
+  return std::max(of_body.dot(stiffness.selfadjointView<Eigen::Lower>() * of_body), 0.0);
 }
 
 Matrix Tangent::inner_forces(const Matrix& traces) const {
+  const Matrix all = joined_->of_rows(traces);
   Matrix forces(active_, traces.cols());
-  for (std::size_t b = 0; b < stiffness_.size(); ++b) {
-    const Index first = first_active_[b];
-    const auto rows = Eigen::seqN(structure_.body_rows()[b], structure_.bodies()[b].rows());
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Joined::JoinedBody& body = joined_->bodies()[b];
+    const auto rows = Eigen::seqN(body.first_row, body.traces.rows());
     // what is glued into a body may be stiffer than its faces
-    const Vector diagonal = stiffness_[b].diagonal().cwiseMax(structure_.bodies()[b].stiffest());
+    const Vector diagonal = body.stiffness.diagonal().cwiseMax(body.stiffest);
     for (Index column = 0; column < traces.cols(); ++column) {
-      const auto moved = traces.col(column)(rows);
+      const auto moved = all.col(column)(rows);
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;
-      forces.col(column).segment(first, diagonal.size()) = largest * diagonal;
+      forces.col(column).segment(joined_->first_active()[b], diagonal.size()) = largest * diagonal;
     }
   }
   return forces;

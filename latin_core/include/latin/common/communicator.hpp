@@ -43,9 +43,20 @@ class Communicator {
   /// What every rank gives, in the order of ranks. No text may contain a NUL.
   [[nodiscard]] std::vector<std::vector<std::string>> gather(
       const std::vector<std::string>& texts) const;
+  [[nodiscard]] std::vector<std::vector<double>> gather(const std::vector<double>& numbers) const;
+  /// Blocks of all ranks, of the same number of columns, one under the other.
+  /// @param rows of the blocks of all ranks
+  /// @throws NumericalError on all ranks if they are too large for one message
+  [[nodiscard]] Matrix stacked(ConstMatrixRef own, const std::vector<Index>& rows) const;
+
+  /// Whether something holds on all ranks.
+  [[nodiscard]] bool everywhere(bool holds) const { return maximum(holds ? 0 : 1) == 0; }
 
   /// Throw on all ranks if any of them failed: on that rank what it threw, on the others RemoteError.
   void agree(const std::exception_ptr& failure) const;
+  /// Whether none has failed; false on all ranks if some have, of which all say that there is no answer.
+  /// @throws as agree() if something else has failed
+  [[nodiscard]] bool none_failed(const std::exception_ptr& failure) const;
   /// Run something that does not communicate, and agree on how it ended.
   template <typename Work>
   void together(Work&& work) const {

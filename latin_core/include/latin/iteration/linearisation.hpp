@@ -6,6 +6,7 @@
 #include "latin/common/types.hpp"
 #include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/state.hpp"
+#include "latin/substructure/laws.hpp"
 #include "latin/substructure/size.hpp"
 #include "latin/substructure/tangent.hpp"
 
@@ -13,7 +14,8 @@ namespace latin::iteration {
 
 /// The structure linearised at the columns of a state: those with the same tangents share a factorisation.
 ///
-/// It may be kept from one parameter set to the next: steps with tangents of a near set are nearly as good.
+/// It may be kept from one parameter set to the next: steps with tangents of a near set are nearly as good. It is that
+/// of all ranks, on each of them: whatever takes a state or a residual is collective.
 class Linearisation {
  public:
   static constexpr double least_hold = substructure::Tangent::least_hold;
@@ -61,7 +63,9 @@ class Linearisation {
   };
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
                                                    const State& state) const;
-  [[nodiscard]] static Slopes slopes_of(const substructure::Laws& laws, const State& state);
+  [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
+  void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
+  void know_structure(const substructure::Laws& laws);
   bool take(const substructure::Laws& laws, Slopes now, double hold);
 
   std::vector<std::unique_ptr<substructure::Tangent>>

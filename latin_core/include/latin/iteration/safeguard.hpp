@@ -40,7 +40,8 @@ class Safeguard {
  private:
   void remember(Index iteration, double norm, Iterate at);
 
-  State best_;  ///< iterate with the smallest residual
+  bool kept_ = false;  ///< whether there is a best iterate, which may have no rows on this rank
+  State best_;         ///< iterate with the smallest residual
   Matrix best_residual_;
   double best_norm_ = std::numeric_limits<double>::infinity();
   Index best_at_ = 0;      ///< iteration of the best iterate

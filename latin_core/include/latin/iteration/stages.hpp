@@ -58,8 +58,10 @@ class Stages {
   [[nodiscard]] FixedPoint fixed_point();
   /// Both stages, in double precision, from data alone.
   void evaluate(Iterate at);
-  /// The same without the coarse problem, which Newton's steps on the whole structure do not need.
-  void evaluate_alone(Iterate at);
+  /// The same without the coarse problem, which Newton's steps on the whole structure do not need, and where the laws
+  /// may have no answer. Collective.
+  /// @return whether they have one on all ranks
+  [[nodiscard]] bool try_evaluate(Iterate at);
   /// Residual of a state.
   void local(const Matrix& data, const Matrix& traces, Matrix& residual);
   /// Traces in double precision, at the end: not counted.

@@ -14,16 +14,17 @@ namespace latin::iteration {
 ///
 /// An iteration only knows what it has seen move. Here the residual is divided by the stiffness of the whole
 /// structure with the tangents of its laws (`Tangent`), in which no soft or light part can hide. The distance to
-/// where these steps lead is the error, once they have become short beside it.
+/// where these steps lead is the error, once they have become short beside it. On several ranks every one takes the
+/// steps of the whole structure, and all decide by the same numbers: everything is collective.
 class Verification {
  public:
   /// Forces of the laws and of the bodies may differ by so many tolerances.
   static constexpr double bearable_imbalance = 3.0;
 
-  /// Whether there is one for these laws: not on several ranks, nor for long histories of laws with memory.
+  /// Whether there is one for these laws: not for long histories of laws with memory. Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
 
-  /// Whether one step of it is exact for these laws, but for what the tangents of rigid ones leave.
+  /// Whether one step of it is exact for these laws, but for what the tangents of rigid ones leave. Collective.
   [[nodiscard]] static bool exact(const substructure::Laws& laws);
 
   /// @param stages of the run; they must outlive this object
@@ -31,7 +32,7 @@ class Verification {
   explicit Verification(Stages& stages, std::shared_ptr<Linearisation> known = {});
 
   struct Found {
-    Matrix errors;         ///< (groups, bodies) of the iterate
+    Matrix errors;         ///< (groups, bodies of this rank) of the iterate
     Matrix errors_better;  ///< of the better one, at most
     double imbalance;      ///< of the iterate, see Linearisation::imbalance()
     bool rounding;         ///< only rounding keeps the better one from the tolerance, by far
@@ -57,6 +58,9 @@ class Verification {
 
  private:
   bool evaluate(State& state, Matrix& residual);
+  /// Of the tables on all ranks, and whether something holds on all.
+  [[nodiscard]] double largest(const Matrix& errors) const;
+  [[nodiscard]] bool everywhere(bool holds) const;
   [[nodiscard]] std::optional<Found> at_once(const State& state, const Matrix& residual,
                                              const Whole& whole, double rtol, double spread);
   [[nodiscard]] bool stays_in_branch(const Matrix& step) const;

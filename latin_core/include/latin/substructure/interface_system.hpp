@@ -9,8 +9,8 @@ namespace latin::substructure {
 /// The interfaces as one nonlinear system f = R(j0) in their forces, one column after the other: what Newton's
 /// method needs.
 ///
-/// Its unknowns are the points and components of one interface after the other. Every column is a sample of its
-/// own, and all sides are on this rank: see suits().
+/// Its unknowns are the points and components of one interface after the other. For Newton's method every column is
+/// a sample of its own, and all sides are on this rank: see suits().
 class InterfaceSystem {
  public:
   /// Whether there is such a system, and whether it is of use: some law is nonlinear.
@@ -33,7 +33,7 @@ class InterfaceSystem {
   /// A flexibility (unknowns) with which the laws may be asked in place of 1/k1 + 1/k2: `wanted`, and no
   /// larger than that where a law may have several answers.
   [[nodiscard]] Vector law_flexibility(const Vector& wanted) const;
-  /// j0 (unknowns, c) of an iterate, with direct().
+  /// j0 (unknowns, c) of an iterate, with direct(). Collective among neighbours.
   [[nodiscard]] Matrix free_jumps(ConstMatrixRef data, ConstMatrixRef traces) const;
 
   /// What the laws know of the columns before one, by interface.

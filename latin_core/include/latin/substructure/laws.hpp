@@ -90,8 +90,11 @@ class Laws {
 
   /// Whether all laws on this rank are linear.
   [[nodiscard]] bool linear() const;
-  /// Whether some law looks back on earlier time steps.
+  /// Whether some law on this rank looks back on earlier time steps.
   [[nodiscard]] bool remembers() const;
+  /// The same of the laws on all ranks. Collective.
+  [[nodiscard]] bool linear_everywhere() const;
+  [[nodiscard]] bool remembers_anywhere() const;
   /// Whether some columns are transformed.
   [[nodiscard]] bool transformed() const;
   /// Whether laws and transforms fit a run of this many columns. @throws InputError naming the interface

@@ -68,6 +68,12 @@ class Structure {
   [[nodiscard]] Index rows() const { return rows_; }
   /// Rows of all ranks.
   [[nodiscard]] Index total_rows() const { return total_rows_; }
+  /// Operations on all ranks: of the bodies' factorisations, about, and of their Schur complements on what is active.
+  struct Work {
+    double factorise = 0.0;
+    double condense = 0.0;
+  };
+  [[nodiscard]] const Work& work() const { return work_; }
   /// Load patterns.
   [[nodiscard]] Index loads() const { return loads_; }
   [[nodiscard]] Index unknowns() const;
@@ -148,6 +154,7 @@ class Structure {
   Vector trace_metric_;
   Index rows_ = 0;
   Index total_rows_ = 0;
+  Work work_;
   Index loads_ = 0;
   Index interface_unknowns_ = 0;
   double memory_limit_;  ///< bytes of a dense block; 0: none

@@ -8,7 +8,7 @@
 
 #include "latin/algebra/factor.hpp"
 #include "latin/common/types.hpp"
-#include "latin/substructure/laws.hpp"
+#include "latin/substructure/joined.hpp"
 
 namespace latin::substructure {
 
@@ -23,16 +23,23 @@ namespace latin::substructure {
 /// stages hardly see, soft and rigid motions of single bodies. Where a law is rigid, or a body hangs on
 /// nothing, K and S are replaced by something very stiff or very soft: what a step misses shows in the residual
 /// after it. Friction makes it unsymmetric, softening indefinite.
+///
+/// It is that of all ranks, on each of them, and tables of rows are those of this rank: what takes them is collective.
 class Tangent {
  public:
   /// Springs that hold what hangs on nothing, relative to the search direction.
   static constexpr double least_hold = 1e-11;
 
-  /// Whether it can be made (on one rank) at a price that fits that of the bodies.
+  /// Whether it can be made at a price that fits that of the bodies; the same on all ranks.
   [[nodiscard]] static bool possible(const Structure& structure);
 
   explicit Tangent(const Structure& structure);
+  /// Of a structure that is joined already.
+  Tangent(const Structure& structure, std::shared_ptr<const Joined> joined);
 
+  /// What it is the tangent of.
+  [[nodiscard]] const Joined& joined() const { return *joined_; }
+  [[nodiscard]] const std::shared_ptr<const Joined>& shared_joined() const { return joined_; }
   /// The component of its point that an unknown is.
   [[nodiscard]] Index component(Index unknown) const {
     return component_[static_cast<std::size_t>(unknown)];
@@ -47,6 +54,9 @@ class Tangent {
   /// Residual (rows, c) into the step on the data, in place.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, MatrixRef moved);
+  /// The same for half of the residual of all ranks, (rows of all, c). Not collective.
+  /// @param step, moved of this rank, (rows, c)
+  void correct_all(const Matrix& half, MatrixRef step, MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
   /// @return the displacements of these unknowns, (active, c)
   Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
@@ -55,15 +65,14 @@ class Tangent {
   [[nodiscard]] Matrix inner_forces(const Matrix& traces) const;
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
-    return traces_.transpose() * (structure_.weights().asDiagonal() * forces);
+    return traces_.transpose() * (joined_->weights().asDiagonal() * joined_->of_rows(forces));
   }
-  /// u^T S u of a body, where all active unknowns move by (active).
+  /// u^T S u of a body of this rank, where all active unknowns move by (active).
   [[nodiscard]] double strain(Index body, ConstVectorRef moved) const;
   /// First active unknown of every body, and one past the last.
-  [[nodiscard]] const std::vector<Index>& first_active() const { return first_active_; }
+  [[nodiscard]] const std::vector<Index>& first_active() const { return joined_->first_active(); }
 
  private:
-  void add_stiffness(const Body& body);
   void set_rigid();
   void set_tangents(const Matrix& slopes);
   void combine();
@@ -74,10 +83,14 @@ class Tangent {
   void factorise_sparse();
   [[nodiscard]] Matrix solve(const Matrix& load);
 
+  /// Rows of this rank of a table of all.
+  [[nodiscard]] auto own(const Matrix& all) const {
+    return all.middleRows(joined_->first_row(), structure_.rows());
+  }
+
   const Structure& structure_;
-  Index active_ = 0;
-  std::vector<Index> first_active_{0};
-  std::vector<Matrix> stiffness_;  ///< S of the bodies, lower triangles
+  std::shared_ptr<const Joined> joined_;
+  Index active_;
   double hold_ = 0.0;
   Vector holding_;                ///< springs that hold the bodies, (rows)
   SparseRows traces_;             ///< T, (rows, active)

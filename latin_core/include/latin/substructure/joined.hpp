@@ -1,0 +1,81 @@
+#pragma once
+
+#include <vector>
+
+#include "latin/common/types.hpp"
+#include "latin/substructure/structure.hpp"
+
+namespace latin::substructure {
+
+/// The condensed bodies and the active interfaces of all ranks as one structure, known to each of them: what is
+/// solved for the whole at once is solved on every rank alike.
+///
+/// Rows, active unknowns and interface unknowns are those of the first rank, then those of the second, and so on;
+/// an interface between two ranks counts with its first side. On one rank they are those of the structure.
+/// Every member that takes or makes a table is collective.
+class Joined {
+ public:
+  struct JoinedBody {
+    Index first_row = 0;
+    Matrix stiffness;       ///< S on its active unknowns, the lower triangle
+    SparseRows traces;      ///< of these, (rows, active)
+    double stiffest = 0.0;  ///< see Body::stiffest()
+  };
+  struct JoinedInterface {
+    Index components = 0;
+    Index size = 0;  ///< components * points
+    Index first_unknown = 0;
+    std::vector<Index> rows;  ///< first row of each side
+    Vector weights;           ///< (size)
+    Vector flexibility;       ///< (size)
+  };
+
+  /// @throws NumericalError on all ranks where a body cannot be condensed on one
+  explicit Joined(const Structure& structure);
+
+  [[nodiscard]] Index rows() const { return weights_.size(); }
+  [[nodiscard]] Index active() const { return first_active_.back(); }
+  [[nodiscard]] Index unknowns() const { return unknowns_; }
+  [[nodiscard]] const std::vector<JoinedBody>& bodies() const { return bodies_; }
+  [[nodiscard]] const std::vector<JoinedInterface>& interfaces() const { return interfaces_; }
+  /// First active unknown of every body, and one past the last.
+  [[nodiscard]] const std::vector<Index>& first_active() const { return first_active_; }
+  /// The first of this rank's bodies and rows.
+  [[nodiscard]] Index first_body() const { return first_body_; }
+  [[nodiscard]] Index first_row() const { return first_row_; }
+  /// Areas W and search directions k, (rows).
+  [[nodiscard]] const Vector& weights() const { return weights_; }
+  [[nodiscard]] const Vector& directions() const { return directions_; }
+
+  /// Tables of this rank's rows, (own rows, c), into that of all, (rows, c).
+  [[nodiscard]] Matrix of_rows(ConstMatrixRef own) const;
+  /// Tables of this rank's interface unknowns (own unknowns, c) into that of all, (unknowns, c).
+  [[nodiscard]] Matrix of_unknowns(const Matrix& own) const;
+  /// The most components that an interface has.
+  [[nodiscard]] Index most_components() const { return most_components_; }
+
+ private:
+  void take_own();
+  void number_interfaces();
+  void exchange();
+  [[nodiscard]] std::vector<double> packed() const;
+  void unpack(const std::vector<std::vector<double>>& of_ranks);
+
+  const Structure& structure_;
+  std::vector<JoinedBody> bodies_;
+  std::vector<JoinedInterface> interfaces_;
+  std::vector<Index> first_active_{0};
+  Index first_body_ = 0;
+  Index first_row_ = 0;
+  Index unknowns_ = 0;
+  Index most_components_ = 0;
+  Vector weights_;
+  Vector directions_;
+  /// Interfaces of this rank that it speaks for: with their first side here.
+  std::vector<std::size_t> spoken_for_;
+  // of every rank
+  std::vector<Index> rows_of_ranks_;
+  std::vector<Index> unknowns_of_ranks_;
+};
+
+}  // namespace latin::substructure

@@ -1,0 +1,168 @@
+"""Program of test_mpi.py: calls and arguments that differ between two ranks, and ranks without parts.
+
+``mpirun -n N python mpi_agree.py differ|idle|check``; prints a line a rank.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import sys
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_frontend import (
+    Contact,
+    Elastic,
+    LinearElastic,
+    LogNormal,
+    Options,
+    Scene,
+    SceneError,
+    UserLaw,
+    assemble,
+    geometry,
+    monte_carlo,
+    solve,
+    sweep,
+)
+
+WORLD = MPI.COMM_WORLD
+RANK = WORLD.rank
+
+
+def chain(
+    law: Any, count: int = 2, comm: Any = WORLD, loads: Any = (-2.0, 0.3), modulus: float = 200.0
+) -> Any:
+    """Blocks in a row on a soft bed, pushed from the right."""
+    scene = Scene()
+    for k in range(count):
+        scene.substructure(
+            f"b{k}",
+            lambda k=k: geometry.box((10.0, 10.0), (2, 2), origin=(10.0 * k, 0.0)),
+            LinearElastic(E=modulus, nu=0.3),
+            degree=1,
+        )
+    scene.fix("b0:x0", name="wall")
+    for k in range(1, count):
+        scene.interface(f"j{k}", f"b{k - 1}:x1", f"b{k}:x0", law)
+        scene.interface(f"bed{k}", f"b{k}:y0", Elastic(normal=3.0, tangential=3.0))
+    scene.traction(f"b{count - 1}:x1", loads, name="pull")
+    return assemble(scene, comm=comm)
+
+
+def raises(call: Callable[[], Any], *messages: str) -> None:
+    """All ranks raise, and the message says what differs."""
+    error = ""
+    try:
+        call()
+    except SceneError as found:
+        error = str(found)
+    told = WORLD.allgather(error)  # on the user's communicator: nothing of the failed call is left in it
+    assert all(m in each for m in messages for each in told), (messages, told)
+
+
+def differ() -> None:
+    """What differs is raised on all ranks, whatever it is, and the next call works."""
+    stiff, soft = Elastic(normal=100.0, tangential=50.0), Elastic(normal=100.0 + RANK, tangential=50.0)
+    raises(lambda: chain(soft), "assemble", "the law of interface 'j1' differs", "101")
+    raises(lambda: chain(stiff, modulus=200.0 + RANK), "material of substructure 'b0' differs")
+    raises(lambda: chain(stiff, count=2 + RANK), "the list of substructures differs")
+    raises(lambda: chain(Elastic(normal=np.array([1.0, 2.0 + RANK]), tangential=1.0)), "'j1' differs")
+    # functions are the same if their code and what they enclose is
+    chain(UserLaw(force=lambda jump: 100.0 * jump, name="linear"))
+    raises(lambda: chain(UserLaw(force=lambda jump, c=1.0 + RANK: c * jump, name="linear")), "'j1' differs")
+    chain(stiff, loads=lambda x: 0.01 * x)
+
+    problem = chain(Elastic(normal=LogNormal("k", 100.0, cov=0.2), tangential=50.0), count=4)
+    raises(lambda: solve(problem, options=Options(rtol=1e-4 * (1 + RANK))), "options differs")
+    raises(lambda: solve(problem.with_laws({"j2": soft})), "the law of interface 'j2' differs")
+    raises(lambda: solve(problem, chaos=2 if RANK else None), "chaos differs", "None on rank 0, 2 on rank 1")
+    raises(lambda: solve(problem, accuracy=1e-3, quantity=f"j{1 + RANK}"), "quantity differs", "'j2'")
+    raises(lambda: sweep(problem, {"j1.tangential": [10.0, 20.0 + RANK]}), "sweep: grid differs")
+    raises(lambda: monte_carlo(problem, 4, seed=RANK), "sample: germs differs")
+    result = solve(problem, chaos=2)
+    raises(lambda: result.truncation(f"j{1 + RANK}"), "truncation: interface differs")
+    raises(lambda: result.errors(f"j{1 + RANK}"), "errors: quantity differs")
+    raises(lambda: result.gathered(f"j{1 + RANK}"), "asks for interface 'j1'", "for interface 'j2'")
+    raises(lambda: result.errors() if RANK else solve(problem), "rank 0 calls solve, rank 1 calls errors")
+    raises(lambda: result.truncation("bed1"), "interface 'bed1' was eliminated")
+    # interfaces that touch one rank only, from all
+    for name in ("j1", "j2", "j3"):
+        told = WORLD.allgather(str(result.truncation(name, points=2)))
+        assert told[0] == told[-1], told
+        told = WORLD.allgather(str(result.errors(name)))
+        assert told[0] == told[-1], told
+
+    own = WORLD.Dup()
+    mine = chain(stiff, comm=own)
+    assert mine.comm != own and MPI.Comm.Compare(mine.comm, own) == MPI.CONGRUENT
+    assert chain(stiff, comm=own).comm == mine.comm, "one duplicate of a communicator"
+    own.Free()
+    assert mine.comm == MPI.COMM_NULL, "freed with the user's"
+
+
+def idle() -> None:
+    """More ranks than parts: quiet, and the digits of one rank."""
+    options = Options(rtol=1e-10, newton=0, macro="none", directions="diagonal", max_iterations=1000)
+    laws = (Elastic(normal=LogNormal("k", 100.0, cov=0.2), tangential=50.0), Contact())
+    for law, extra in zip(laws, ({"chaos": 2}, {}), strict=True):
+        problem, alone = chain(law), chain(law, comm=MPI.COMM_SELF)
+        found = solve(problem, options=options, **extra)
+        exact = solve(alone, options=options, active=found.plan.active, **extra)
+        assert found.converged and exact.converged
+        assert abs(found.iterations - exact.iterations) <= 1, (found, exact)
+        assert len(found.displacements) == len(problem.substructures)
+        for name, u in found.displacements.items():
+            assert np.abs(u - exact.displacements[name]).max() < 1e-9 * np.abs(u).max()
+        told = WORLD.allgather((str(found.errors("j1")), str(found.table()), found.error))
+        assert all(each == told[0] for each in told), told
+    result = solve(chain(laws[0]), accuracy=1e-3, quantity="j1")
+    assert len(set(WORLD.allgather((result.modes, result.error)))) == 1
+
+
+def checked() -> None:
+    """An estimate is checked on several ranks as on one: a light part hides from neither.
+
+    The last block is pushed by a force 1e-5 times those on the first ones, through a gap that it has to
+    close: an estimate of all parts together is below the tolerance at once.
+    """
+    scene = Scene()
+    for k, (x, load) in enumerate(((0.0, 10.0), (1.0, 10.0), (3.0, -1e-4))):
+        scene.substructure(
+            f"b{k}",
+            lambda x=x: geometry.box((1.0, 1.0), (2, 2), origin=(x, 0.0)),
+            LinearElastic(E=1000.0, nu=0.3),
+            degree=1,
+            body_force=(load, 0.0),
+        )
+    scene.fix("b0:x0", name="wall")
+    scene.interface("joint", "b0:x1", "b1:x0", Elastic(normal=500.0, tangential=500.0))
+    scene.interface("stop", "b2:x0", Contact(gap=1e-6))
+    scene.interface("bed", "b2:y0", Elastic(normal=1e-2, tangential=1e-3))
+    options = Options(rtol=1e-3, newton=0, macro="none", directions="diagonal")
+    ended = []
+    for comm in (WORLD, MPI.COMM_SELF):
+        result = solve(assemble(scene, comm=comm), options=options, active="all")
+        problem = result.problem
+        weights = problem.interfaces["stop"].weights
+        moved = float(weights @ result.gathered("stop")[1][:, 0] / weights.sum())
+        force = float(weights @ result.gathered("stop")[0][:, 0])
+        ended.append((result.status, result.iterations, result.error))
+        assert result.converged, result
+        # the springs of the bed carry what they are moved by, the stop the rest
+        expected = -1e-4 + 1e-3 * 1e-6
+        assert abs(force - expected) < 3e-3 * abs(expected), (comm.size, force, expected)
+        assert abs(moved + 1e-6) < 3e-3 * 1e-6, (comm.size, moved)
+    one, other = ended
+    assert one[:2] == other[:2] and abs(one[2] - other[2]) <= 1e-6 * other[2], ended
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    faulthandler.dump_traceback_later(100, exit=True)
+    {"differ": differ, "idle": idle, "check": checked}[sys.argv[1]]()
+    print(f"agreed on rank {RANK}", flush=True)
