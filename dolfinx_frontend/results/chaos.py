@@ -472,7 +472,9 @@ class ChaosResult(Result, StochasticResult):
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
         """The numbers behind the tables, a number per sample and time step; the last ones are kept."""
-        # in words, because what is given may be of any kind; what is wrong is refused and never kept
+        if not isinstance(interfaces, str | list | tuple | None) or not isinstance(seed, int):
+            return super().readings(interfaces, samples, seed)
+        # in words, because a list may hold anything; what is wrong is refused and never kept
         key = repr((interfaces, samples, seed))
         if key not in self._readings:
             found = super().readings(interfaces, samples, seed)

@@ -16,7 +16,7 @@ namespace {
 constexpr double unknown = std::numeric_limits<double>::infinity();
 
 Options options(Index most = 1000, Index window = 20, bool indicator = false) {
-  return {1e-3, indicator, most, 10, 1.0, window, 0, 0};
+  return {1e-3, indicator, most, 10, 1.0, window, 0, 1};
 }
 
 }  // namespace
