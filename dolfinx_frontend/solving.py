@@ -19,7 +19,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
 from dolfinx_frontend.estimate.errors import errors
 from dolfinx_frontend.kernel.running import check_running
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
@@ -190,6 +190,7 @@ def solve(
         Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
     """
     check_problem("solve", problem, plan)
+    check_settings("solve", plan, method, active=active, direction=direction, options=options, times=times)
     check_running("solve", callback, progress)
     problem.check_alike(
         "solve",

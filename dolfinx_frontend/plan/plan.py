@@ -24,18 +24,19 @@ from dolfinx_frontend.common.checks import (
     checked_number,
     checked_numbers,
 )
-from dolfinx_frontend.common.describe import record
+from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
-__all__ = ["Decision", "Direction", "Method", "Plan", "check_problem", "make_plan"]
+__all__ = ["Decision", "Direction", "Method", "Plan", "check_problem", "check_settings", "make_plan"]
 
 _log = logging.getLogger(__name__)
 Method = Literal["auto", "direct", "accelerated", "latin"]
@@ -201,6 +202,19 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
     if isinstance(plan, Plan) and isinstance(problem, Problem):
         for name in (*plan.active, *plan.eliminated):
             check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
+
+
+def check_settings(where: str, plan: Plan | None, method: object = "auto", **given: object) -> None:
+    """Refuse settings beside a plan, which has its own."""
+    if plan is None:
+        return
+    asked = {"method": None if method == "auto" else method, **given}
+    for name, value in asked.items():
+        if value is not None:
+            raise SceneError(
+                f"{where}: {name} = {short(value)} beside plan=; give it to make_plan, or leave "
+                "plan out"
+            )
 
 
 def _names(problem: Problem, given: Iterable[str], where: str) -> set[str]:
@@ -404,7 +418,21 @@ def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str],
             reasons[name] = _UNMATCHED
         else:
             reasons[name] = _UNGLUED if glues else "its law is nonlinear"
+    _free_held_parts(problem, reasons, eliminated)
     return reasons, eliminated
+
+
+def _free_held_parts(problem: Problem, reasons: dict[str, str], eliminated: dict[str, str]) -> None:
+    """Keep a support of a part that would have no unknown left, where it touches what is kept."""
+    if not reasons or problem.distribution is not None:
+        return
+    alone = {names[0] for names in members_of_bodies(problem, eliminated) if len(names) == 1}
+    removed = {n for n in eliminated if problem.interfaces[n].law.elimination is Elimination.REMOVED}
+    for part, supports in wholly_held(problem, removed).items():
+        if part in alone:
+            name = min(supports, key=lambda n: problem.interfaces[n].num_points)
+            reasons[name] = f"nothing else is free in {part!r}"
+            del eliminated[name]
 
 
 def _iteration(

@@ -32,6 +32,7 @@ __all__ = [
     "reduce",
     "spring_jump",
     "spring_operator",
+    "wholly_held",
 ]
 
 
@@ -109,6 +110,23 @@ def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[
     here = problem.substructures
     sides = [[s.substructure for s in i.sides] for i in problem.interfaces.values() if i.name in eliminate]
     return grouped(list(here), [(s[0], s[-1]) for s in sides if here.keys() >= set(s)])
+
+
+def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str]]:
+    """Parts of which removed supports prescribe every displacement -> names of these supports."""
+    d = problem.dim
+    found = {}
+    for name, part in problem.substructures.items():
+        supports = [
+            i for n, i in problem.interfaces.items() if n in removed and i.sides[0].substructure == name
+        ]
+        held = np.zeros((part.size // d, d, d))
+        for interface in supports:
+            nodes, directions, _ = _constraint(problem, interface, interface.law)
+            held[nodes] += directions.T @ directions
+        if supports and np.linalg.eigvalsh(held).min() > 1e-6:
+            found[name] = [i.name for i in supports]
+    return found
 
 
 def _check(interface: Interface, law: Law) -> None:

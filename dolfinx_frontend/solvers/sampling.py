@@ -32,7 +32,7 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
@@ -107,6 +107,7 @@ def sample(
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
     check_problem("sampling", problem, plan)
+    check_settings("sampling", plan, method, active=active, direction=direction, options=options, times=times)
     random = RandomLaws.of(problem)
     if not random.sources:
         raise SceneError("sampling: nothing is random: give a law a random parameter")

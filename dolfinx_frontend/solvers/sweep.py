@@ -31,7 +31,7 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, make_plan
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
@@ -150,6 +150,7 @@ def sweep(
         At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     """
     check_problem("sweep", problem, plan)
+    check_settings("sweep", plan, method, active=active, direction=direction, options=options, times=times)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
     problem.check_alike(
         "sweep", laws=True, grid=grid, method=method, active=active, options=options, plan=plan is None,

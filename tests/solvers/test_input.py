@@ -139,6 +139,9 @@ def test_settings_of_a_run(call: str, random: lf.Problem, moving: lf.Problem) ->
         refused(lambda wrong=wrong: CALLS[call](random, plan=wrong), f"plan = {wrong!r}", "make_plan")
     other = lf.make_plan(moving, times=[1.0])
     refused(lambda: CALLS[call](random, plan=other), "the plan is of another problem", "'push'")
+    own = lf.make_plan(random, vary=["layer"]) if "layer" in random.interfaces else lf.make_plan(random)
+    for name, value in (("method", "latin"), ("options", lf.Options()), ("direction", 3.0), ("active", "all")):
+        refused(lambda name=name, value=value: CALLS[call](random, plan=own, **{name: value}), name, "plan=")
 
 
 def test_settings_of_samplings(random: lf.Problem, tmp_path: Any) -> None:

@@ -20,7 +20,7 @@ from dolfinx_frontend.plan.plan import Direction, make_plan
 from dolfinx_frontend.reference.direct import monolithic
 from dolfinx_frontend.reference.energy import energy_error
 from dolfinx_frontend.results.result import phase_seconds
-from dolfinx_frontend.scene.laws import Elastic, Law, Perfect
+from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Law, Perfect, Pressure, Symmetry
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.solving import solve
@@ -478,3 +478,22 @@ def test_a_face_that_is_held_entirely_may_be_kept(operator, options):
     result = solve(problem, active=["layer"], options=options.with_(operator=operator))
     assert result.converged
     assert energy_error(problem, result.displacements, monolithic(problem).u) < 3.0 * options.rtol
+
+
+def test_a_part_that_is_held_everywhere_presses_back():
+    """Every node of a straight triangle pair is on a support: the neighbour meets a rigid wall."""
+    scene = Scene()
+    scene.substructure("held", geometry.box((1.0, 1.0), (1, 1), cell="triangle"), LinearElastic(1.0, 0.3), 1)
+    pressed = geometry.box((1.0, 1.0), (4, 4), origin=(1.0, 0.0), cell="triangle")
+    scene.substructure("pressed", pressed, LinearElastic(1.0, 0.0), 1)
+    scene.interface("below", "held:y0", Displacement(0.0))
+    scene.interface("above", "held:y1", Displacement((0.0, 0.0)))
+    scene.interface("contact", "held:x1", "pressed:x0", Contact())
+    scene.interface("guide", "pressed:y0", Symmetry())
+    scene.interface("load", "pressed:x1", Pressure(0.1))
+    result = solve(assemble(scene), options=Options(rtol=1e-8))
+    assert result.converged
+    assert {"below", "above"} & set(result.plan.active)
+    # without sideways expansion the pressure is everywhere that of the load
+    np.testing.assert_allclose(result.force("contact")[:, 0], -0.1, rtol=1e-4)
+    assert np.abs(result.displacement("held").x.array).max() < 1e-6
