@@ -255,17 +255,17 @@ def _checked_rule(
     if not len(points):
         raise SceneError("sampling: germs = []: give one point at least")
     check_known("kind", kind, ("random", "qmc", "quadrature"), "sampling")
-    if (weights is None) == (kind == "quadrature"):
+    of_rule = None
+    if weights is not None:
+        of_rule = frozen(checked_numbers("sampling", "weights", weights, "give one finite number per point"))
+        if of_rule.shape != (len(points),):
+            raise SceneError(f"sampling: weights of shape {of_rule.shape} for {len(points)} points; one each")
+    if (of_rule is None) == (kind == "quadrature"):
         raise SceneError(
-            f"sampling: kind = {kind!r} {'without' if weights is None else 'with'} weights; a quadrature has "
+            f"sampling: kind = {kind!r} {'without' if of_rule is None else 'with'} weights; a quadrature has "
             "weights, samples have none"
         )
-    if weights is None:
-        return points, None
-    of_rule = checked_numbers("sampling", "weights", weights, "give one finite number per point")
-    if of_rule.shape != (len(points),):
-        raise SceneError(f"sampling: weights of shape {of_rule.shape} for {len(points)} points; one each")
-    return points, frozen(of_rule)
+    return points, of_rule
 
 
 def frozen(values: Array) -> Array:

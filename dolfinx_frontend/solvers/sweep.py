@@ -152,12 +152,12 @@ def sweep(
     check_problem("sweep", problem, plan)
     check_settings("sweep", plan, method, active=active, direction=direction, options=options, times=times)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
+    _check_outputs(outputs)
     problem.check_alike(
         "sweep", laws=True, grid=grid, method=method, active=active, options=options, plan=plan is None,
         times=times, outputs=None if outputs is None else tuple(outputs)
     )
     file = checkpoint_path("sweep", problem, checkpoint)
-    _check_outputs(outputs)
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:

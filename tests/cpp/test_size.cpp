@@ -13,7 +13,8 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 
 /// Strain and trace of every body (columns) in every group.
 Sizes sizes(const Matrix& strain, const Matrix& trace) {
-  return {strain, trace, Matrix::Zero(strain.rows(), strain.cols())};
+  const Matrix none = Matrix::Zero(strain.rows(), strain.cols());
+  return {strain, trace, none, none};
 }
 
 Sizes strains(const Matrix& strain) {
@@ -124,6 +125,13 @@ TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
   // double precision knows no better than 1e-14 of the reach
   expect(yardstick.relative(sizes(Matrix{{0.0, 0.0}}, Matrix{{0.0, 0.9e-28}}), whole),
          Matrix{{0.0, 0.0}});
+}
+
+TEST(Yardstick, ABodyThatIsHeldAllAroundHasNoSizeOfItsOwn) {
+  Sizes whole = sizes(Matrix{{1e-20}}, Matrix{{1e-20}});
+  whole.pressed(0, 0) = 1.0;
+  const Sizes error = sizes(Matrix{{1e-20}}, Matrix{{1e-20}});
+  expect(of({}, 1).relative(error, whole), Matrix{{1e-6}});
 }
 
 TEST(Yardstick, RoundingDoesNotPassBetweenIslands) {

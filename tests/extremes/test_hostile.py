@@ -313,5 +313,5 @@ def test_any_gap(gap: float, press: float) -> None:
 def test_any_bolt(share: float, stiff: bool) -> None:
     result, error, bound = cases.bolted(share, stiff)
     # at share 0 on a rigid joint the answer is right, but its estimate does not know (stagnated)
-    assert result.status in ("converged", "stagnated")
+    assert result.status in ("converged", "inexact", "stagnated")
     assert error <= bound, (result, error, bound)

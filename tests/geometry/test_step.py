@@ -384,7 +384,7 @@ def test_scenes_that_are_not_complete(blocks: Path) -> None:
 def test_values_that_make_no_sense(blocks: Path) -> None:
     step = ready(read_step(blocks))
     for size in (0.0, -1.0, math.nan):
-        with pytest.raises(SceneError, match="size of 'base': .* must be positive and finite"):
+        with pytest.raises(SceneError, match="size of 'base': .*it must be a positive number"):
             step.size("base", size)
     with pytest.raises(SceneError, match="gap = -1.0 must be >= 0"):
         read_step(blocks, gap=-1.0)

@@ -439,7 +439,7 @@ def test_a_preload_in_intervals() -> None:
     with pytest.raises(SceneError, match=r"give intervals \(\(start, end\), ...\)"):
         Preload(force=1.0, during=(0.0, 1.0))  # type: ignore[arg-type]
     for spans in ((), ((1.0, 1.0),), ((0.0, 2.0), (1.0, 3.0)), ((0.0, np.inf),)):
-        with pytest.raises(SceneError, match="intervals increase and do not overlap"):
+        with pytest.raises(SceneError, match="intervals"):
             Preload(force=1.0, during=spans)
 
 

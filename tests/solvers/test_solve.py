@@ -484,7 +484,7 @@ def test_a_part_that_is_held_everywhere_presses_back():
     """Every node of a straight triangle pair is on a support: the neighbour meets a rigid wall."""
     scene = Scene()
     scene.substructure("held", geometry.box((1.0, 1.0), (1, 1), cell="triangle"), LinearElastic(1.0, 0.3), 1)
-    pressed = geometry.box((1.0, 1.0), (4, 4), origin=(1.0, 0.0), cell="triangle")
+    pressed = geometry.box((1.0, 1.0), (4, 1), origin=(1.0, 0.0), cell="triangle")
     scene.substructure("pressed", pressed, LinearElastic(1.0, 0.0), 1)
     scene.interface("below", "held:y0", Displacement(0.0))
     scene.interface("above", "held:y1", Displacement((0.0, 0.0)))

@@ -41,7 +41,8 @@ Matrix of_set(const Matrix& block, Index set, Index columns) {
 substructure::Sizes of_set(const substructure::Sizes& sizes, Index set, Index groups) {
   return {sizes.strain.middleRows(set * groups, groups),
           sizes.trace.middleRows(set * groups, groups),
-          sizes.work.middleRows(set * groups, groups)};
+          sizes.work.middleRows(set * groups, groups),
+          sizes.pressed.middleRows(set * groups, groups)};
 }
 
 /// Parameter sets side by side that are advanced with the tangents of a near one.

@@ -16,8 +16,10 @@ constexpr double above_rounding = 30.0;
 /// none, and is measured with the mean.
 constexpr double quiet = 1e-9;
 constexpr double still = 5e-7;
-/// Faces that move less than this, relative to what strains the body, are held: they have no size of their own.
+/// Faces that move less than this, relative to what strains the body or to what their forces might do to it, are
+/// held: they have no size of their own. Neither has a strain below the second, of a body that is held all around.
 constexpr double held = 1e-3;
+constexpr double held_strain = 1e-4;
 
 constexpr double square(double x) { return x * x; }
 
@@ -44,7 +46,8 @@ Sizes sum_over(const Structure& structure, const ColumnGroups& groups, Index col
 }  // namespace
 
 Sizes Sizes::zero(Index groups, Index bodies) {
-  return {Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies)};
+  return {Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies), Matrix::Zero(groups, bodies),
+          Matrix::Zero(groups, bodies)};
 }
 
 Vector Yardstick::share_of_reach(const Sizes& whole) const {
@@ -80,11 +83,13 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
         }
         return size;
       };
-      const double strain = least(whole.strain, error.strain(g, b));
+      const double pressed = least(whole.pressed, 0.0);
+      double strain = least(whole.strain, error.strain(g, b));
       const bool strained = strain > strain_free * least(whole.work, 0.0);
-      double moved = least(whole.trace, error.trace(g, b));
+      double moved = std::max(least(whole.trace, error.trace(g, b)), square(held) * pressed);
       if (strained) {
         moved = std::max(moved, square(held) * strain);
+        strain = std::max(strain, square(held_strain) * pressed);
       }
       if (moved <= square(above_rounding) * noise) {
         moved = farthest;
