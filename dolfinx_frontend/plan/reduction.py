@@ -122,7 +122,7 @@ def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str
         ]
         held = np.zeros((part.size // d, d, d))
         for interface in supports:
-            nodes, directions, _ = _constraint(problem, interface, interface.law)
+            nodes, directions, _ = _constraint(problem, interface, interface.law.nominal)
             held[nodes] += directions.T @ directions
         if supports and np.linalg.eigvalsh(held).min() > 1e-6:
             found[name] = [i.name for i in supports]

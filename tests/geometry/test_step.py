@@ -386,7 +386,7 @@ def test_values_that_make_no_sense(blocks: Path) -> None:
     for size in (0.0, -1.0, math.nan):
         with pytest.raises(SceneError, match="size of 'base': .*it must be a positive number"):
             step.size("base", size)
-    with pytest.raises(SceneError, match="gap = -1.0 must be >= 0"):
+    with pytest.raises(SceneError, match="gap = -1; it must be a finite number >= 0"):
         read_step(blocks, gap=-1.0)
     with pytest.raises(SceneError, match="join '\\*': 3.0 is not a law"):
         step.join("*", 3.0)  # type: ignore[arg-type]

@@ -282,7 +282,7 @@ double Verification::norm_of(Columns columns) const {
 bool Verification::held_step(Columns columns, double hold, double& norm) {
   Matrix step = residual_.middleCols(columns.first, columns.count);
   try {
-    if (by_steps()) {
+    if (by_steps() && columns.count == 1) {
       linear_->take_column(stages_.laws(), better_, columns.first, hold);
     } else {
       linear_->take(stages_.laws(), better_, hold);
@@ -370,7 +370,9 @@ void Verification::search_steps(double least, Index until, Best& best) {
       if (found.norm > of_each) {
         better_ = start.state;
         residual_ = start.residual;
-        search_once(column, patience, of_each, until, found);
+        // no step may use up what the others need
+        const Index now = stages_.count();
+        search_once(column, patience, of_each, now + (until - now) / (2 * (steps - step)), found);
       }
     }
     better_ = std::move(found.state);
