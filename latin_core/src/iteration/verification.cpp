@@ -39,6 +39,8 @@ constexpr Index most_of_search = 200;
 constexpr Index first_pause = 4;
 /// A residual of a search may grow by this: it does where a part begins to move.
 constexpr double bearable_growth = 1.2;
+/// A step of a history whose residual has fallen to this, relative to that of the whole, is one to go on from.
+constexpr double found_enough = 1e-3;
 /// Springs that hold the bodies, relative to the search direction.
 constexpr double largest_hold = 25.0;
 constexpr double least_hold = Linearisation::least_hold;
@@ -333,8 +335,8 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
     return stages_.count() + most / 2;
   };
   if (by_steps()) {
-    const Index until = again();
-    search_steps(least, until, best);
+    again();
+    search_steps(least, most / 2, best);
   }
   for (const double patience : {0.3, 0.5}) {
     if (best.norm > least) {
@@ -348,7 +350,8 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
 }
 
 /// One step of a history after the other, each from where the last one has ended if that is nearer.
-void Verification::search_steps(double least, Index until, Best& best) {
+void Verification::search_steps(double least, Index most, Best& best) {
+  const double first = best.norm;
   const Index steps = better_.data.cols();
   const double of_each = least / std::sqrt(static_cast<double>(steps));
   for (Index step = 0; step < steps; ++step) {
@@ -370,13 +373,15 @@ void Verification::search_steps(double least, Index until, Best& best) {
       if (found.norm > of_each) {
         better_ = start.state;
         residual_ = start.residual;
-        // no step may use up what the others need
-        const Index now = stages_.count();
-        search_once(column, patience, of_each, now + (until - now) / (2 * (steps - step)), found);
+        search_once(column, patience, of_each, stages_.count() + most / 2, found);
       }
     }
+    const bool lost = found.norm > found_enough * first;
     better_ = std::move(found.state);
     residual_ = std::move(found.residual);
+    if (lost) {
+      break;  // the others depend on it
+    }
   }
   const double norm = history_.metric().norm(residual_);
   if (norm < best.norm) {
