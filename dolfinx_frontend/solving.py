@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal, TypedDict, Unpack, overload
+from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy.typing as npt
 from latin_core import Iteration, Options, State
@@ -189,25 +189,13 @@ def solve(
     SceneWarning
         Parts that have lost their support, see :mod:`dolfinx_frontend.solvers.support`.
     """
+    settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_problem("solve", problem, plan)
-    check_settings("solve", plan, method, active=active, direction=direction, options=options, times=times)
+    check_settings("solve", plan, method, **settings)
     check_running("solve", callback, progress)
-    problem.check_alike(
-        "solve",
-        laws=True,
-        method=method,
-        chaos=chaos,
-        times=times,
-        active=active,
-        direction=direction,
-        options=options,
-        plan=plan is None,
-        start=start is None,
-        indefinite=indefinite,
-        accuracy=accuracy,
-        quantity=quantity,
-        meshes=meshes,
-    )
+    told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}
+    given = {"plan": plan is None, "start": start is None, "meshes": meshes}
+    problem.check_alike("solve", laws=True, method=method, **told, **given, **settings)
     if accuracy is not None:
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():
@@ -215,17 +203,7 @@ def solve(
                 raise SceneError(
                     f"accuracy = {short(accuracy)} decides on the chaos and the plan: leave {name} out"
                 )
-        return solve_to_accuracy(
-            problem,
-            accuracy,
-            quantity,
-            method,
-            times=times,
-            active=active,
-            direction=direction,
-            options=options,
-            meshes=meshes,
-        )
+        return solve_to_accuracy(problem, accuracy, quantity, method, meshes=meshes, **settings)
     if quantity is not None:
         raise SceneError("a quantity goes with an accuracy: solve(problem, accuracy=1e-3, quantity=...)")
     if chaos is not None:
@@ -233,19 +211,16 @@ def solve(
             problem,
             chaos,
             method,
-            times=times,
-            active=active,
-            direction=direction,
-            options=options,
             plan=plan,
             start=start,
             indefinite=indefinite,
             callback=callback,
             progress=progress,
             estimator=errors,
+            **settings,
         )
     if plan is None:
-        plan = make_plan(problem, method, active, (), direction, options, times=times)
+        plan = make_plan(problem, method, vary=(), **settings)
     return solve_once(problem, plan, start, callback, progress, errors)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
@@ -146,7 +147,15 @@ class Interface(PointFrames):
         return np.where(crossing, 0.0, self.gap)
 
     def local_trace(self, side: int) -> sp.csr_matrix:
-        """T of side 0 or 1 in the local frame of side 1, (d*m, n)."""
+        """T of side 0 or 1 in the local frame of side 1, (d*m, n).
+
+        Raises
+        ------
+        SceneError
+            No such side.
+        """
+        if side not in range(len(self.sides)):
+            raise SceneError(f"interface {self.name!r}: side = {side!r} of {len(self.sides)}, from 0")
         d = self.dim
         shape = self.sides[side].shape.tocsr()
         point = np.repeat(np.arange(shape.shape[0]), np.diff(shape.indptr))

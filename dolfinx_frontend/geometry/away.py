@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, IO
 
 from dolfinx_frontend.common.errors import SceneError
 
@@ -84,15 +84,7 @@ def away(
     state, stage, answer = "ended", "starting", None
     expired = threading.Event()
     with tempfile.TemporaryFile() as said:
-        # a group of its own: Ctrl-C is the business of this process
-        # -P: the folder of the program has a gmsh.py of its own
-        process = subprocess.Popen(
-            [sys.executable, "-P", str(_PROGRAM)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=said,
-            process_group=0,
-        )
+        process = _start(said)
         assert process.stdin is not None and process.stdout is not None
 
         def expire() -> None:
@@ -127,13 +119,8 @@ def away(
     _log.info("gmsh: %s, %.2f s", file.name, perf_counter() - began)
     if state == "done":
         return answer
-    if state == "refused":
-        text = str(answer)
-        raise SceneError(text if repr(file.name) in text else f"{file.name!r}: {text}")
-    if state == "failed":
-        raise SceneError(f"{file.name!r} {failed}, while {stage}: {answer}; {remedy}")
-    if state == "broken":
-        raise RuntimeError(f"reading {file.name!r} failed, through no fault of the file:\n{answer}")
+    if state != "ended":
+        raise _told(state, answer, file, f"{failed}, while {stage}", remedy)
     if expired.is_set():
         raise SceneError(
             f"{file.name!r} {failed}: gmsh was still {stage} after timeout = {timeout:g} s; {remedy}"
@@ -143,6 +130,28 @@ def away(
     if stage == "starting":
         raise RuntimeError(f"the process that reads {file.name!r} did not start ({how}): {words}")
     raise SceneError(f"{file.name!r} {failed}: gmsh ended with {how}, while {stage}; {remedy}")
+
+
+def _start(said: IO[bytes]) -> subprocess.Popen[bytes]:
+    """The other process, in a group of its own: Ctrl-C is the business of this one."""
+    return subprocess.Popen(
+        # -P: the folder of the program has a gmsh.py of its own
+        [sys.executable, "-P", str(_PROGRAM)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=said,
+        process_group=0,
+    )
+
+
+def _told(state: str, answer: object, file: Path, failed: str, remedy: str) -> Exception:
+    """The error that the other process told of."""
+    if state == "refused":
+        text = str(answer)
+        return SceneError(text if repr(file.name) in text else f"{file.name!r}: {text}")
+    if state == "failed":
+        return SceneError(f"{file.name!r} {failed}: {answer}; {remedy}")
+    return RuntimeError(f"reading {file.name!r} failed, through no fault of the file:\n{answer}")
 
 
 def _close(process: subprocess.Popen[bytes]) -> None:

@@ -149,20 +149,15 @@ def sweep(
     KeyboardInterrupt
         At a second Ctrl-C. The first one returns the points that are finished, ``complete`` is False then.
     """
-    check_problem("sweep", problem, plan)
-    check_settings("sweep", plan, method, active=active, direction=direction, options=options, times=times)
+    settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
+    _check_request(problem, plan, method, grid, outputs, settings)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
-    _check_outputs(outputs)
-    problem.check_alike(
-        "sweep", laws=True, grid=grid, method=method, active=active, options=options, plan=plan is None,
-        times=times, outputs=None if outputs is None else tuple(outputs)
-    )
     file = checkpoint_path("sweep", problem, checkpoint)
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
-        plan = make_plan(problem, method, active, swept, direction, options, times=times)
+        plan = make_plan(problem, method, vary=swept, **settings)
     parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
@@ -173,7 +168,6 @@ def sweep(
     header = None if file is None else _header(problem, plan, parameters, axes, keep_fields, outputs)
     started = perf_counter()
     first, iterations = 0.0, 0
-    shown = progress and problem.rank == 0
 
     def point_done(point: int, summary: Any) -> None:
         nonlocal first, iterations
@@ -182,7 +176,7 @@ def sweep(
         warn_unconverged("sweep point", point, summary, solver)
         bar.step(iterations=iterations)
 
-    with Interrupt() as interrupt, Bar(len(order), "sweep", "point", shown, stays=True) as bar:
+    with Interrupt() as interrupt, _bar(problem, order, progress) as bar:
         points = solver.walk(
             solver.laws,
             plan.amplitudes,
@@ -203,6 +197,10 @@ def sweep(
     return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
 
 
+def _bar(problem: Problem, order: Sequence[int], progress: bool) -> Bar:
+    return Bar(len(order), "sweep", "point", progress and problem.rank == 0, stays=True)
+
+
 def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None) -> Path | None:
     """The file of finished points that a user gave, if there is one and there can be one."""
     if checkpoint is None:
@@ -211,11 +209,22 @@ def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None)
     return checked_path(where, checkpoint, "checkpoint")
 
 
-def _check_outputs(outputs: object) -> None:
+def _check_request(
+    problem: Problem,
+    plan: Plan | None,
+    method: Method,
+    grid: object,
+    outputs: Mapping[str, Callable[[Block], npt.ArrayLike]] | None,
+    settings: Mapping[str, Any],
+) -> None:
+    check_problem("sweep", problem, plan)
+    check_settings("sweep", plan, method, **settings)
     check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
     for name, function in outputs.items() if isinstance(outputs, Mapping) else ():
         checked_name("sweep: outputs", name, colon=False)
         checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
+    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
+    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **settings)
 
 
 def _header(

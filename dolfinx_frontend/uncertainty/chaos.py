@@ -89,8 +89,9 @@ class Chaos:
 
     def _check_indices(self) -> None:
         rows = self.indices.tolist() if isinstance(self.indices, np.ndarray) else self.indices
+        kinds = (list, tuple, np.ndarray)
         whole = isinstance(rows, (list, tuple)) and all(
-            isinstance(row, (list, tuple, np.ndarray)) and all(is_whole(i) and i >= 0 for i in row) for row in rows
+            isinstance(row, kinds) and all(is_whole(i) and i >= 0 for i in row) for row in rows
         )
         if not whole or not rows or len({len(row) for row in rows}) > 1:
             raise SceneError(

@@ -140,7 +140,8 @@ def test_settings_of_a_run(call: str, random: lf.Problem, moving: lf.Problem) ->
     other = lf.make_plan(moving, times=[1.0])
     refused(lambda: CALLS[call](random, plan=other), "the plan is of another problem", "'push'")
     own = lf.make_plan(random, vary=["layer"]) if "layer" in random.interfaces else lf.make_plan(random)
-    for name, value in (("method", "latin"), ("options", lf.Options()), ("direction", 3.0), ("active", "all")):
+    wrong_ones = {"method": "latin", "options": lf.Options(), "direction": 3.0, "active": "all"}
+    for name, value in wrong_ones.items():
         refused(lambda name=name, value=value: CALLS[call](random, plan=own, **{name: value}), name, "plan=")
 
 
