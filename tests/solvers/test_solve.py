@@ -497,3 +497,16 @@ def test_a_part_that_is_held_everywhere_presses_back():
     # without sideways expansion the pressure is everywhere that of the load
     np.testing.assert_allclose(result.force("contact")[:, 0], -0.1, rtol=1e-4)
     assert np.abs(result.displacement("held").x.array).max() < 1e-6
+
+
+@pytest.mark.parametrize("directions", ["matrix", "diagonal"])
+def test_a_start_under_other_loads(directions):
+    """Its displacements are those of the other loads: its residual, which is next to nothing, says nothing."""
+    problem = bars(Elastic(20.0, 10.0))
+    options = Options(rtol=1e-12, directions=directions)
+    one = solve(problem, active=["glue", "layer"], options=options)
+    pulled = problem.with_laws({"pull": Pressure(-3.0)})
+    two = solve(pulled, active=one.plan.active, start=one, options=options.with_(rtol=1e-8))
+    exact = monolithic(pulled).u
+    assert two.converged
+    assert energy_error(pulled, two.displacements, exact) < 3e-8
