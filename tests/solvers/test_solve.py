@@ -501,7 +501,7 @@ def test_a_part_that_is_held_everywhere_presses_back():
 
 @pytest.mark.parametrize("directions", ["matrix", "diagonal"])
 def test_a_start_under_other_loads(directions):
-    """Its displacements are those of the other loads: its residual, which is next to nothing, says nothing."""
+    """Its displacements are those of other loads: its residual, which is next to nothing, says nothing."""
     problem = bars(Elastic(20.0, 10.0))
     options = Options(rtol=1e-12, directions=directions)
     one = solve(problem, active=["glue", "layer"], options=options)

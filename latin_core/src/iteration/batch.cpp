@@ -40,8 +40,7 @@ Matrix of_set(const Matrix& block, Index set, Index columns) {
 
 substructure::Sizes of_set(const substructure::Sizes& sizes, Index set, Index groups) {
   return {sizes.strain.middleRows(set * groups, groups),
-          sizes.trace.middleRows(set * groups, groups),
-          sizes.work.middleRows(set * groups, groups),
+          sizes.trace.middleRows(set * groups, groups), sizes.work.middleRows(set * groups, groups),
           sizes.pressed.middleRows(set * groups, groups)};
 }
 

@@ -129,7 +129,8 @@ Measured Stages::measure(Iterate at, Anderson& history, bool& stop) {
   const Vector reach = yardstick_.share_of_reach(measured.whole.sizes);
   Vector sums(6 + reach.size());
   sums << measured.whole.sizes.strain.sum(), distance, extent,
-      history.metric().share_of_square(at.state.data), failure_ ? 1.0 : 0.0, stop ? 1.0 : 0.0, reach;
+      history.metric().share_of_square(at.state.data), failure_ ? 1.0 : 0.0, stop ? 1.0 : 0.0,
+      reach;
   history.fit(at.residual, {sums.data(), static_cast<std::size_t>(sums.size())});
   if (sums(4) > 0.0) {
     agree();

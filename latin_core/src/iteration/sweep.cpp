@@ -289,8 +289,7 @@ class Sweep {
   /// Whether a sample is right although its tolerance, which may be below what the scatter asks for, was not reached.
   [[nodiscard]] bool good_enough(const Summary& summary) const {
     return summary.status == Status::converged ||
-           (follows_scatter() &&
-            summary.error <= enough_for_scatter * wanted_ * scatter_.least());
+           (follows_scatter() && summary.error <= enough_for_scatter * wanted_ * scatter_.least());
   }
 
   /// The first samples wait until it is known how exact their scatter wants them.

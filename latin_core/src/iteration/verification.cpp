@@ -152,7 +152,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   Matrix residual_before;
   double noise = 0.0;
   double spread = 1.0;
-  const double bearable_left = stages_.laws().linear_everywhere() ? linear_contraction : contraction;
+  const double bearable_left =
+      stages_.laws().linear_everywhere() ? linear_contraction : contraction;
   bool borrowed = linear_->made();
   if (borrowed) {
     spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
@@ -302,8 +303,7 @@ bool Verification::held_step(Columns columns, double hold, double& norm) {
   if (!evaluate(trial, residual)) {
     return false;
   }
-  const double now =
-      history_.metric().norm(residual.middleCols(columns.first, columns.count));
+  const double now = history_.metric().norm(residual.middleCols(columns.first, columns.count));
   if (!(now <= bearable_growth * norm)) {
     return false;
   }

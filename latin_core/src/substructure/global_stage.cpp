@@ -47,8 +47,8 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     const auto s = data.middleRows(first, body.rows());
     const auto w = traces.middleRows(first, body.rows());
     const auto metric = structure.trace_metric().segment(first, body.rows());
-    const Vector compliance = (metric.array() > 0.0)
-                            .select(body.weights().array().square() / metric.array(), 0.0);
+    const Vector compliance =
+        (metric.array() > 0.0).select(body.weights().array().square() / metric.array(), 0.0);
     Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
     f = s - body.directions().asDiagonal() * w;
     const Vector energies = body.energies(s, w, f, amplitudes, laws_.response(b), work_);

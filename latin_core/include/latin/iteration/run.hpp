@@ -81,9 +81,9 @@ class Run {
   Summary summary_;
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
   double callback_s_ = 0.0;
-  bool interrupted_ = false;  ///< on this rank
+  bool interrupted_ = false;        ///< on this rank
   bool started_elsewhere_ = false;  ///< from states of other parameters
-  bool stop_ = false;         ///< interrupted on some rank, as all know
+  bool stop_ = false;               ///< interrupted on some rank, as all know
 };
 
 }  // namespace latin::iteration

@@ -25,10 +25,10 @@ struct ColumnGroups {
 
 /// Sizes of the global-stage solutions of this rank's bodies, or of the difference of two: (groups, bodies) each.
 struct Sizes {
-  Matrix strain;  ///< u^T K u
-  Matrix trace;   ///< sum of scale * W * w^2: sees the rigid motions that strain does not
-  Matrix work;    ///< sum of |w| W |f|: what the strain energy is the balance of
-  Matrix pressed; ///< sum of W f^2 / scale: like the strain energy of forces that nothing holds
+  Matrix strain;   ///< u^T K u
+  Matrix trace;    ///< sum of scale * W * w^2: sees the rigid motions that strain does not
+  Matrix work;     ///< sum of |w| W |f|: what the strain energy is the balance of
+  Matrix pressed;  ///< sum of W f^2 / scale: like the strain energy of forces that nothing holds
 
   static Sizes zero(Index groups, Index bodies);
 };
