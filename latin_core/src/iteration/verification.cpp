@@ -26,6 +26,8 @@ constexpr double most_left = 20.0;
 constexpr double residual_fall = 0.7;
 /// The same with the tangents of another parameter set, which may not know how soft a law is.
 constexpr double borrowed_fall = 0.3;
+/// Nor may the next step lead into another branch, if the residual has not fallen to this since the first.
+constexpr double well_fallen = 0.1;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
 /// Steps with the tangents of another parameter set before those here are taken.
@@ -151,6 +153,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   State from;
   Matrix residual_before;
   double noise = 0.0;
+  double first_norm = 0.0;
   double spread = 1.0;
   const double bearable_left =
       stages_.laws().linear_everywhere() ? linear_contraction : contraction;
@@ -175,6 +178,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
     // forces that the meshes do not determine may keep a residual
     const double norm = linear_->nodal(residual_).norm();
     if (count == 0) {
+      first_norm = norm;
       noise = within_rounding * rounding_share * linear_->nodal(state.data).norm();
     }
     if (norm <= noise) {
@@ -228,7 +232,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                          largest(left) <= bearable_left;
       if (!go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
-          (everywhere((rest.array() <= least_known.array()).all()) || stays_in_branch(step))) {
+          ((norm <= std::max(well_fallen * first_norm, noise) &&
+            everywhere((rest.array() <= least_known.array()).all())) ||
+           stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error = linear_->rounding(stages_.laws(), better_, whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
