@@ -253,7 +253,9 @@ def _reading(
     def read(_: int, fields: dict[str, tuple[Array, Array]]) -> npt.ArrayLike:
         if problem.comm is not None:  # a function may need interfaces of other ranks
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
-        values: Array = np.asarray(function(point_block(problem, plan, fields)))
+        # what a function does to its arrays is no business of the sweep's, nor of the next function's
+        shown = {n: (read_only(force), read_only(jump)) for n, (force, jump) in fields.items()}
+        values: Array = np.asarray(function(point_block(problem, plan, shown)))
         if values.ndim == 0 or len(values) != 1:
             raise SceneError(
                 f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "

@@ -34,7 +34,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.uncertainty.space import RandomSpace
+from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
 
@@ -471,11 +471,7 @@ def sobol_of(
 def _two_matrices(space: RandomSpace, n: int, generator: np.random.Generator) -> tuple[Array, Array]:
     """Two scrambled Sobol matrices (n, L) of points of the germs."""
     dimension = space.dimension
-    try:
-        engine = stats.qmc.Sobol(2 * dimension, scramble=True, rng=generator)
-    except TypeError:  # the name of the argument before scipy 1.15
-        engine = stats.qmc.Sobol(2 * dimension, scramble=True, seed=generator)
-    uniform = engine.random_base2(n.bit_length() - 1)
+    uniform = sobol_points(2 * dimension, n, generator)
     return space.from_uniform(uniform[:, :dimension]), space.from_uniform(uniform[:, dimension:])
 
 

@@ -33,6 +33,24 @@ class Expansion(NamedTuple):
     indices: MultiIndexSet  # n multi-indices in the germs of the space
 
 
+def sobol_points(dimension: int, count: int, generator: np.random.Generator) -> Array:
+    """Scrambled Sobol points (count, dimension) in the unit cube; count is a power of two.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C while scipy loaded its tables: it swallows that, and all points would be the same.
+    """
+    try:
+        engine = qmc.Sobol(dimension, scramble=True, rng=generator)
+    except TypeError:  # the name of the argument before scipy 1.15
+        engine = qmc.Sobol(dimension, scramble=True, seed=generator)
+    points: Array = engine.random_base2(count.bit_length() - 1)
+    if count > 1 and np.all(points == points[0]):
+        raise KeyboardInterrupt
+    return points
+
+
 class Sobol(NamedTuple):
     """Sobol indices of a random source; NaN in rows without variance."""
 
@@ -428,11 +446,7 @@ class RandomSpace:
         if not self.germs:
             raise SceneError("there is nothing random to sample")
         generator = np.random.default_rng(checked_seed("sampling", rng))
-        try:
-            engine = qmc.Sobol(self.dimension, scramble=True, rng=generator)
-        except TypeError:  # the name of the argument before scipy 1.15
-            engine = qmc.Sobol(self.dimension, scramble=True, seed=generator)
-        return self.from_uniform(engine.random_base2(count.bit_length() - 1))
+        return self.from_uniform(sobol_points(self.dimension, count, generator))
 
     def tensor_gauss(self, counts: int | Sequence[int], memory_limit: float = 0.0) -> Rule:
         """Tensor Gauss rule with this many points in each germ."""

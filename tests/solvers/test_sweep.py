@@ -377,3 +377,16 @@ def test_checkpoint_may_be_moved(problem, tmp_path):
     shutil.copy(tmp_path / "here", tmp_path / "there")
     again = sweep(problem, grid, options=TIGHT, progress=False, checkpoint=str(tmp_path / "there"))
     assert again.points.order == []
+
+
+def test_outputs_cannot_change_the_sweep(problem):
+    """What a function does to the arrays it is given would be seen by the next one, and by the sweep."""
+
+    def spoil(fields):
+        force = fields.force("layer")
+        with pytest.raises(ValueError, match="read-only"):
+            force *= 0.0
+        return force.sum(axis=(1, 2))
+
+    surface = sweep(problem, {"layer.normal": [10.0, 20.0]}, outputs={"spoil": spoil}, progress=False)
+    assert np.abs(surface.force("layer")).min() > 0.0

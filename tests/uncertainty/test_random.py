@@ -653,3 +653,12 @@ def test_a_spread_has_a_keyword(kind: Any) -> None:
         kind("k", 50.0, 5.0)
     with pytest.raises(TypeError, match="positional"):
         RandomField("k", 50.0, 5.0)  # type: ignore[misc]
+
+
+def test_an_interrupt_that_scipy_swallows_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its tables are then zero, and all points the same."""
+    from scipy.stats import qmc
+
+    monkeypatch.setattr(qmc.Sobol, "random_base2", lambda self, m: np.full((2**m, self.d), 0.25))
+    with pytest.raises(KeyboardInterrupt):
+        RandomSpace([Normal("a", 1.0, cov=0.1)]).sample_sobol(4)
