@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import sys
 import types
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
@@ -15,10 +16,11 @@ __all__ = ["digest"]
 
 _ELSEWHERE = ("ufl", "dolfinx", "basix", "petsc4py", "mpi4py", "scipy", "openturns")
 """Libraries whose objects have numbers and addresses of their own on every rank."""
+_COMMON = (*_ELSEWHERE, "numpy", "dolfinx_frontend", "latin_core", "gmsh")
 
 
 def digest(value: Any) -> str:
-    """Digest of a value: numbers, arrays, records, containers, functions by their code and what they enclose.
+    """Digest of a value: numbers, arrays, records, containers; functions by code, closure and globals.
 
     It never fails, and equal values have equal digests. Objects of which only a library knows the content
     count by their kind: they are taken to be the same.
@@ -26,6 +28,18 @@ def digest(value: Any) -> str:
     reader = _Reader()
     reader.feed(value)
     return reader.hash.hexdigest()[:24]
+
+
+def _of_library(module: str | None) -> bool:
+    """Whether something is of an installed library, which all ranks have in common."""
+    top = (module or "").partition(".")[0]
+    return top != "__main__" and (top in sys.stdlib_module_names or top in _COMMON)
+
+
+def _names(code: types.CodeType) -> set[str]:
+    """Names that a function and those inside it look up."""
+    inside = [each for each in code.co_consts if isinstance(each, types.CodeType)]
+    return {*code.co_names}.union(*map(_names, inside))
 
 
 class _Reader:
@@ -87,7 +101,14 @@ class _Reader:
 
     def _function(self, value: types.FunctionType) -> None:
         self.say("function", value.__module__, value.__qualname__)
+        if _of_library(value.__module__):
+            return
         self._code(value.__code__)
+        for name in sorted(_names(value.__code__) & value.__globals__.keys()):
+            found = value.__globals__[name]
+            self.say("global", name)
+            if not isinstance(found, types.ModuleType):
+                self.feed(found)
         cells = []
         for cell in value.__closure__ or ():
             try:
