@@ -115,17 +115,24 @@ def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[
 def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str]]:
     """Parts of which removed supports prescribe every displacement -> names of these supports."""
     d = problem.dim
+    supports: dict[str, list[Interface]] = {}
+    for name, interface in problem.interfaces.items():
+        if name in removed:
+            supports.setdefault(interface.sides[0].substructure, []).append(interface)
     found = {}
-    for name, part in problem.substructures.items():
-        supports = [
-            i for n, i in problem.interfaces.items() if n in removed and i.sides[0].substructure == name
-        ]
-        held = np.zeros((part.size // d, d, d))
-        for interface in supports:
+    for name, own in supports.items():
+        count = problem.substructures[name].size // d
+        # nearly every part has a node on no support, and pays for no more than that
+        if sum(len(i.sides[0].nodes) for i in own) < count:
+            continue
+        if len(np.unique(np.concatenate([i.sides[0].nodes for i in own]))) < count:
+            continue
+        held = np.zeros((count, d, d))
+        for interface in own:
             nodes, directions, _ = _constraint(problem, interface, interface.law.nominal)
             held[nodes] += directions.T @ directions
-        if supports and np.linalg.eigvalsh(held).min() > 1e-6:
-            found[name] = [i.name for i in supports]
+        if np.linalg.eigvalsh(held).min() > 1e-6:
+            found[name] = [i.name for i in own]
     return found
 
 

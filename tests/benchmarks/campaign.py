@@ -89,53 +89,34 @@ def line(verdict: dict[str, Any]) -> str:
 
 def campaign(seeds: list[int], jobs: int, limit: float, quiet: bool = False) -> list[dict[str, Any]]:
     """Verdicts on the scenes of some seeds, in the order of the seeds."""
-    from campaign.pool import Seat, ranked
+    from campaign.pool import Seat, ranked, side_by_side
     from campaign.scenes import family_of, scene
 
     verdicts: list[dict[str, Any] | None] = [None] * len(seeds)
-    todo = iter(range(len(seeds)))
     lock, done, began = threading.Lock(), Counter(), perf_counter()
 
-    def work() -> None:
-        seat = Seat(limit)
-        try:
-            while True:
-                with lock:
-                    k = next(todo, None)
-                if k is None:
-                    return
-                drawn = scene(seeds[k])
-                task: dict[str, Any] = {"seed": seeds[k], "family": family_of(seeds[k])}
-                task |= {"kind": drawn.kind, "about": drawn.about}
-                verdict = ranked(task, limit) if drawn.ranks > 1 else seat.run(task)
-                if verdict.get("script", "") == "":
-                    from campaign.scenes import script
+    def do(k: int, seat: Seat) -> None:
+        drawn = scene(seeds[k])
+        task: dict[str, Any] = {"seed": seeds[k], "family": family_of(seeds[k])}
+        task |= {"kind": drawn.kind, "about": drawn.about}
+        verdict = ranked(task, limit) if drawn.ranks > 1 else seat.run(task)
+        if verdict.get("script", "") == "":
+            from campaign.scenes import script
 
-                    last = scene(seeds[k], verdict["attempt"], None, drawn.ranks)
-                    verdict["about"], verdict["script"] = last.about, script(last)
-                verdicts[k] = verdict
-                with lock:
-                    done[verdict["outcome"]] += 1
-                    count = sum(done.values())
-                    if not quiet and verdict["outcome"] in OUTCOMES[1:]:
-                        print(line(verdict)[:240], flush=True)
-                    if not quiet and count % 50 == 0:
-                        spent = perf_counter() - began
-                        said = ", ".join(f"{n} {o}" for o, n in done.most_common())
-                        print(f"  {count} scenes, {spent:.0f} s: {said}", flush=True)
-        finally:
-            seat.close()
+            last = scene(seeds[k], verdict["attempt"], None, drawn.ranks)
+            verdict["about"], verdict["script"] = last.about, script(last)
+        verdicts[k] = verdict
+        with lock:
+            done[verdict["outcome"]] += 1
+            count = sum(done.values())
+            if not quiet and verdict["outcome"] in OUTCOMES[1:]:
+                print(line(verdict)[:240], flush=True)
+            if not quiet and count % 50 == 0:
+                spent = perf_counter() - began
+                said = ", ".join(f"{n} {o}" for o, n in done.most_common())
+                print(f"  {count} scenes, {spent:.0f} s: {said}", flush=True)
 
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(jobs)]
-    for thread in threads:
-        thread.start()
-    try:
-        for thread in threads:
-            while thread.is_alive():
-                thread.join(0.5)
-    except KeyboardInterrupt:
-        print("interrupted: what is done is counted", flush=True)
-        todo = iter(())
+    side_by_side(range(len(seeds)), jobs, lambda: Seat(limit), do)
     return [v for v in verdicts if v is not None]
 
 

@@ -68,34 +68,21 @@ def one(task: dict[str, Any], seat: Any) -> dict[str, Any]:
 
 def campaign(tasks: list[dict[str, Any]], jobs: int, quiet: bool = False) -> list[dict[str, Any]]:
     """Verdicts on some runs."""
-    from campaign.pool import Seat
+    from campaign.pool import Seat, side_by_side
 
     verdicts: list[dict[str, Any]] = []
-    todo, lock, began = iter(tasks), threading.Lock(), perf_counter()
+    lock, began = threading.Lock(), perf_counter()
 
-    def work() -> None:
-        seat = Seat(LIMIT, Path(__file__).resolve())
-        try:
-            while True:
-                with lock:
-                    task = next(todo, None)
-                if task is None:
-                    return
-                verdict = one(task, seat)
-                with lock:
-                    verdicts.append(verdict)
-                    if not quiet and verdict["outcome"] != "right":
-                        print(line(verdict), flush=True)
-                    if not quiet and len(verdicts) % 50 == 0:
-                        print(f"  {len(verdicts)} runs, {perf_counter() - began:.0f} s", flush=True)
-        finally:
-            seat.close()
+    def do(task: dict[str, Any], seat: Seat) -> None:
+        verdict = one(task, seat)
+        with lock:
+            verdicts.append(verdict)
+            if not quiet and verdict["outcome"] != "right":
+                print(line(verdict), flush=True)
+            if not quiet and len(verdicts) % 50 == 0:
+                print(f"  {len(verdicts)} runs, {perf_counter() - began:.0f} s", flush=True)
 
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(jobs)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    side_by_side(tasks, jobs, lambda: Seat(LIMIT, Path(__file__).resolve()), do)
     return sorted(verdicts, key=lambda v: v["number"])
 
 

@@ -83,37 +83,23 @@ def one(task: dict[str, Any], seat: Any, folder: Path) -> list[dict[str, Any]]:
 
 def fuzz(todo: list[dict[str, Any]], jobs: int, quiet: bool = False) -> list[dict[str, Any]]:
     """Verdicts on all files."""
-    from campaign.pool import Seat
+    from campaign.pool import Seat, side_by_side
 
     verdicts: list[dict[str, Any]] = []
-    batches, lock, began = iter(todo), threading.Lock(), perf_counter()
+    lock, began = threading.Lock(), perf_counter()
 
-    def work() -> None:
-        seat = Seat(LIMIT, Path(__file__).resolve())
+    def do(task: dict[str, Any], seat: Seat) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            try:
-                while True:
-                    with lock:
-                        task = next(batches, None)
-                    if task is None:
-                        return
-                    found = one(task, seat, Path(folder))
-                    with lock:
-                        before = len(verdicts)
-                        verdicts.extend(found)
-                        if not quiet and before // 1000 < len(verdicts) // 1000:
-                            done = Counter(v["outcome"] for v in verdicts)
-                            said = ", ".join(f"{count} {outcome}" for outcome, count in done.items())
-                            spent = perf_counter() - began
-                            print(f"  {len(verdicts)} files, {spent:.0f} s: {said}", flush=True)
-            finally:
-                seat.close()
+            found = one(task, seat, Path(folder))
+        with lock:
+            before = len(verdicts)
+            verdicts.extend(found)
+            if not quiet and before // 1000 < len(verdicts) // 1000:
+                done = Counter(v["outcome"] for v in verdicts)
+                said = ", ".join(f"{count} {outcome}" for outcome, count in done.items())
+                print(f"  {len(verdicts)} files, {perf_counter() - began:.0f} s: {said}", flush=True)
 
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(jobs)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    side_by_side(todo, jobs, lambda: Seat(LIMIT, Path(__file__).resolve()), do)
     return verdicts
 
 

@@ -134,15 +134,7 @@ class Checkpoint:
             theirs = self._open(mine)
         except (sqlite3.Error, ValueError, OverflowError, OSError, RecursionError) as error:
             self._release()
-            if isinstance(error, CheckpointError):
-                raise
-            if _busy(error):
-                raise CheckpointError(
-                    f"checkpoint {self.path} is locked by another program ({error}): close that, or wait"
-                ) from error
-            raise CheckpointError(
-                f"checkpoint {self.path} cannot be read ({error}): move it away to start from the beginning"
-            ) from error
+            raise self._refusal(error, "cannot be read") from error
         except BaseException:
             self._release()
             raise
@@ -158,6 +150,18 @@ class Checkpoint:
             )
 
     # --- opening and closing ---
+    def _refusal(self, error: Exception, what: str) -> CheckpointError:
+        """What a failure to read the file is told as."""
+        if isinstance(error, CheckpointError):
+            return error
+        if _busy(error):
+            return CheckpointError(
+                f"checkpoint {self.path} is locked by another program ({error}): close that, or wait"
+            )
+        return CheckpointError(
+            f"checkpoint {self.path} {what} ({error}): move it away to start from the beginning"
+        )
+
     def _open(self, mine: Mapping[str, Any]) -> dict[str, Any]:
         """Connect to the file and return its header; a new one is given mine."""
         made = not os.path.exists(self._file)
@@ -346,15 +350,7 @@ class Checkpoint:
             OSError,
             EOFError,
         ) as error:
-            if isinstance(error, CheckpointError):
-                raise
-            if _busy(error):
-                raise CheckpointError(
-                    f"checkpoint {self.path} is locked by another program ({error}): close that, or wait"
-                ) from error
-            raise CheckpointError(
-                f"checkpoint {self.path} is damaged ({error}): move it away to start from the beginning"
-            ) from error
+            raise self._refusal(error, "is damaged") from error
 
     def __repr__(self) -> str:
         return f"Checkpoint({str(self.path)!r})"

@@ -13,11 +13,13 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeVar
 
+T = TypeVar("T")
 MAIN = Path(__file__).resolve().parent.parent / "campaign.py"
 SERVES = 150
 """Scenes after which a worker is replaced, so that nothing adds up."""
@@ -140,6 +142,36 @@ class Seat:
         if self.worker is not None:
             self.worker.stop()
             self.worker = None
+
+
+def side_by_side(
+    tasks: Iterable[T], jobs: int, seat: Callable[[], Seat], do: Callable[[T, Seat], None]
+) -> None:
+    """Do all tasks, so many at a time, each of these with a seat of its own; Ctrl-C ends with what is begun."""
+    todo, lock, stop = iter(tasks), threading.Lock(), threading.Event()
+
+    def work() -> None:
+        own = seat()
+        try:
+            while not stop.is_set():
+                with lock:
+                    found = next(todo, None)
+                if found is None:
+                    return
+                do(found, own)
+        finally:
+            own.close()
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(jobs)]
+    for thread in threads:
+        thread.start()
+    try:
+        for thread in threads:
+            while thread.is_alive():
+                thread.join(0.5)
+    except KeyboardInterrupt:
+        print("interrupted: what is done is counted", flush=True)
+        stop.set()
 
 
 def ranked(task: dict[str, Any], limit: float) -> dict[str, Any]:
