@@ -147,7 +147,7 @@ class Seat:
 def side_by_side(
     tasks: Iterable[T], jobs: int, seat: Callable[[], Seat], do: Callable[[T, Seat], None]
 ) -> None:
-    """Do all tasks, so many at a time, each of these with a seat of its own; Ctrl-C ends with what is begun."""
+    """Do all tasks, so many at a time, each with a seat of its own; Ctrl-C ends with what is begun."""
     todo, lock, stop = iter(tasks), threading.Lock(), threading.Event()
 
     def work() -> None:
