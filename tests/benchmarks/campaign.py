@@ -48,6 +48,12 @@ def tally(verdicts: list[dict[str, Any]], given: dict[str, Any], seconds: float)
     record |= {name: counts[name] for name in (*OUTCOMES, *OTHERS)}
     record["estimate_within"] = within / len(ratios) if ratios else None
     record["estimates"] = len(ratios)
+    about = ("seed", "ratio", "said", "true", "kind", "rtol", "status", "outcome")
+    record["estimates_outside"] = [
+        {name: v.get(name) for name in about}
+        for v in verdicts
+        if v.get("ratio") is not None and not WITHIN[0] <= v["ratio"] <= WITHIN[1]
+    ]
     for outcome in ("wrong", "not_converged"):
         record[f"{outcome}_by"] = dict(Counter(v["why"] for v in verdicts if v["outcome"] == outcome))
     honest = [v for v in verdicts if v["outcome"] == "wrong" and v.get("whole") is not None]

@@ -34,17 +34,7 @@ std::vector<Matrix> slopes_at(const substructure::Laws& laws, const State& state
   std::vector<Matrix> slopes;
   std::exception_ptr failure;
   try {
-    const bool remembers = laws.remembers();
-    substructure::InterfaceSystem::Memory memory = system.blank();
-    for (Index column = 0; column < own; ++column) {
-      if (remembers && column % laws.steps() == 0) {
-        memory = system.blank();
-      }
-      slopes.push_back(system.slopes(column, memory, jumps.col(column), system.direct()));
-      if (remembers) {
-        system.advance(column, memory, jumps.col(column), system.direct());
-      }
-    }
+    slopes = system.slopes_of_all(jumps, system.direct());
   } catch (...) {
     if (laws.structure().communicator().alone()) {
       throw;

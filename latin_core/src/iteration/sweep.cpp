@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <numeric>
 #include <span>
 
@@ -63,38 +64,57 @@ constexpr double least_scatter = 1e-6;
 /// Tolerances below this are rounding.
 constexpr double least_tolerance = 1e-12;
 
-/// How much the displacements of the bodies scatter between samples.
+/// A strain energy below this fraction of the work of the interface forces is that of a rigid motion.
+constexpr double strain_free = 1e-12;
+
+/// How much the displacements and strains of the bodies scatter between samples.
 class Scatter {
  public:
   explicit Scatter(const substructure::Structure& structure) : structure_(structure) {}
 
   /// @param errors of the bodies, relative
-  void add(const State& state, const Vector& errors) {
+  /// @param sizes  of a state, asked for of the first
+  void add(const State& state, const Vector& errors,
+           const std::function<substructure::Sizes(const State&)>& sizes) {
     ++count_;
     errors_ = count_ == 1 ? errors : errors_.cwiseMax(errors);
     if (count_ == 1) {
       mean_ = Matrix::Zero(state.traces.rows(), state.traces.cols());
-      squares_ = mean_;
+      squares_ = mean_forces_ = works_ = mean_;
+      size_ = sizes(state);
     }
+    const Matrix forces = state.data - structure_.directions().asDiagonal() * state.traces;
     const Matrix away = state.traces - mean_;
-    mean_ += away / static_cast<double>(count_);
+    const auto count = static_cast<double>(count_);
+    mean_ += away / count;
+    mean_forces_ += (forces - mean_forces_) / count;
     squares_ += away.cwiseProduct(state.traces - mean_);
+    works_ += away.cwiseProduct(forces - mean_forces_);
   }
   [[nodiscard]] Index count() const { return count_; }
   /// The least of a body that scatters at all, on any rank, relative to the size of its mean; at most 1. Collective.
   [[nodiscard]] double least() const {
     double least = 1.0;
+    const auto count = static_cast<double>(count_);
     for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
+      const auto at = static_cast<Index>(b);
       const auto rows = Eigen::seqN(structure_.body_rows()[b], structure_.bodies()[b].rows());
       const Vector metric = structure_.trace_metric()(rows);
-      for (Index column = 0; column < mean_.cols(); ++column) {
-        const double size = mean_.col(column)(rows).cwiseAbs2().dot(metric);
-        const double variance =
-            squares_.col(column)(rows).cwiseAbs().dot(metric) / static_cast<double>(count_);
+      const Vector weights = structure_.weights()(rows);
+      // what is only the errors of the samples is no scatter
+      const auto consider = [&](double variance, double size) {
         const double scatter = size > 0.0 ? std::sqrt(variance / size) : 1.0;
-        // what is only the errors of the samples is no scatter
-        if (scatter > above_errors * errors_(static_cast<Index>(b))) {
+        if (scatter > above_errors * errors_(at)) {
           least = std::min(least, std::max(scatter, least_scatter));
+        }
+      };
+      for (Index column = 0; column < mean_.cols(); ++column) {
+        consider(squares_.col(column)(rows).cwiseAbs().dot(metric) / count,
+                 mean_.col(column)(rows).cwiseAbs2().dot(metric));
+        // loads do not scatter: what the forces of the interfaces do is the strain energy
+        const double strain = size_.strain(column, at);
+        if (strain > strain_free * size_.work(column, at)) {
+          consider(std::abs(works_.col(column)(rows).dot(weights)) / count, strain);
         }
       }
     }
@@ -105,8 +125,11 @@ class Scatter {
   const substructure::Structure& structure_;
   Index count_ = 0;
   Vector errors_;  ///< the largest of every body so far
+  substructure::Sizes size_;  ///< of the first
   Matrix mean_;
+  Matrix mean_forces_;
   Matrix squares_;
+  Matrix works_;
 };
 
 class Sweep {
@@ -331,7 +354,11 @@ class Sweep {
       const auto bodies = static_cast<Index>(structure_.bodies().size());
       scatter_.add(state, summary.errors.cols() == bodies && summary.errors.rows() > 0
                               ? Vector(summary.errors.colwise().maxCoeff().transpose())
-                              : Vector::Zero(bodies));
+                              : Vector::Zero(bodies),
+                   [&](const State& first) {
+                     return substructure::GlobalStage(laws).sizes(first.data, first.traces,
+                                                                  amplitudes_);
+                   });
       if (scatter_.count() <= first_samples) {
         early_.push_back({point, state, std::move(summary)});
         return;

@@ -248,7 +248,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
           const Matrix seen =
               (whole.relative(gauge_.of_distance(better_, from)) + ahead).cwiseMax(least_error);
-          if (largest(seen) <= rtol) {
+          if (largest(seen) <= rtol && linear_->imbalance(stages_.laws(), from, residual_before) <=
+                                           bearable_imbalance * rtol) {
             found.errors_better = seen;
             std::swap(better_, from);
             std::swap(residual_, residual_before);

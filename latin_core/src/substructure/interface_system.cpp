@@ -144,80 +144,139 @@ Vector InterfaceSystem::forces(Index column, const Memory& before, ConstVectorRe
 Vector InterfaceSystem::advance(Index column, Memory& memory, ConstVectorRef jump,
                                 ConstVectorRef flexibility) const {
   Vector result(jump.size());
-  Vector force;
   for (std::size_t i = 0; i < laws_.structure().interfaces().size(); ++i) {
     const ActiveInterface& interface = laws_.structure().interface(i);
     const auto rows = Eigen::seqN(interface.first_unknown, interface.size());
-    Matrix kept = memory.kept[i];
-    ask(i, column, memory, jump(rows), flexibility(rows), kept, force);
-    memory.kept[i].swap(kept);
-    result(rows) = force;
-    const interface::Law& law = *laws_.of(i).law;
-    if (law.history() && law.memory() == 0) {
-      const Index past = memory.jumps[i].cols();
-      memory.jumps[i].conservativeResize(Eigen::NoChange, past + 1);
-      memory.forces[i].conservativeResize(Eigen::NoChange, past + 1);
-      memory.jumps[i].col(past) = jump(rows) - flexibility(rows).cwiseProduct(force);
-      memory.forces[i].col(past) = force;
-    }
+    result(rows) = advance_one(i, column, memory, jump(rows), flexibility(rows));
   }
   return result;
+}
+
+Vector InterfaceSystem::advance_one(std::size_t i, Index column, Memory& memory, const Vector& jump,
+                                    const Vector& flexibility) const {
+  Vector force;
+  Matrix kept = memory.kept[i];
+  ask(i, column, memory, jump, flexibility, kept, force);
+  memory.kept[i].swap(kept);
+  const interface::Law& law = *laws_.of(i).law;
+  if (law.history() && law.memory() == 0) {
+    const Index past = memory.jumps[i].cols();
+    memory.jumps[i].conservativeResize(Eigen::NoChange, past + 1);
+    memory.forces[i].conservativeResize(Eigen::NoChange, past + 1);
+    memory.jumps[i].col(past) = jump - flexibility.cwiseProduct(force);
+    memory.forces[i].col(past) = force;
+  }
+  return force;
+}
+
+Index InterfaceSystem::most_components() const {
+  Index most = 0;
+  for (const ActiveInterface& interface : laws_.structure().interfaces()) {
+    most = std::max(most, interface.geometry.components);
+  }
+  return most;
 }
 
 Matrix InterfaceSystem::slopes(Index column, const Memory& before, ConstVectorRef jump,
                                ConstVectorRef flexibility) const {
   const auto& interfaces = laws_.structure().interfaces();
-  Index most = 0;
-  for (const ActiveInterface& interface : interfaces) {
-    most = std::max(most, interface.geometry.components);
-  }
-  Matrix result = Matrix::Zero(unknowns(), most);
+  Matrix result = Matrix::Zero(unknowns(), most_components());
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
-    const Index rows = interfaces[i].size();
-    const Index components = interfaces[i].geometry.components;
-    const Vector own_jump = jump.segment(interfaces[i].first_unknown, rows);
-    const Vector own = flexibility.segment(interfaces[i].first_unknown, rows);
-    Matrix found(rows, components);
-    ++asked_;
-    if (!laws_.of(i).law->slopes(problem(i, own_jump, own, laws_.steps()), column, before.kept[i],
-                                 found)) {
-      slopes_by_differences(i, column, before, own_jump, own, found);
-    }
-    result.block(interfaces[i].first_unknown, 0, rows, components) = found;
+    const auto rows = Eigen::seqN(interfaces[i].first_unknown, interfaces[i].size());
+    slopes_of_one(i, column, before, jump(rows), flexibility(rows),
+                  result(rows, Eigen::seqN(0, interfaces[i].geometry.components)));
   }
   return result;
 }
 
-void InterfaceSystem::slopes_by_differences(std::size_t i, Index column, const Memory& before,
-                                            const Vector& jump, const Vector& flexibility,
-                                            MatrixRef slopes) const {
-  const interface::Interface& geometry = laws_.structure().interface(i).geometry;
-  Vector force;
-  Vector moved;
-  Matrix kept = before.kept[i];
-  ask(i, column, before, jump, flexibility, kept, force);
-  double size = jump.cwiseAbs().maxCoeff();
-  if (size == 0.0) {
-    size = flexibility.maxCoeff();
-  }
-  for (Index component = 0; component < geometry.components; ++component) {
-    const auto of_component = Eigen::seqN(component, geometry.points, geometry.components);
-    auto slope = slopes.col(component);
-    for (const double difference : differences) {
-      Vector other = jump;
-      // towards closing, so that a point that just touches counts as closed
-      other(of_component).array() -= difference * size;
-      kept = before.kept[i];
-      ask(i, column, before, other, flexibility, kept, moved);
-      const Vector now = (force - moved) / (difference * size);
-      if (difference == differences.front()) {
-        slope = now;
-      } else {
-        slope = ((now - slope).cwiseAbs().cwiseProduct(flexibility).array() < same_slope)
-                    .select(now, slope);
+std::vector<Matrix> InterfaceSystem::slopes_of_all(ConstMatrixRef jumps,
+                                                   ConstVectorRef flexibility) const {
+  const auto& interfaces = laws_.structure().interfaces();
+  std::vector<Matrix> result(static_cast<std::size_t>(jumps.cols()),
+                             Matrix::Zero(unknowns(), most_components()));
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const auto rows = Eigen::seqN(interfaces[i].first_unknown, interfaces[i].size());
+    const auto components = Eigen::seqN(0, interfaces[i].geometry.components);
+    const Matrix own_jumps = jumps(rows, every);
+    const Vector own = flexibility(rows);
+    const interface::Law& law = *laws_.of(i).law;
+    Memory memory = blank();
+    Matrix first(own_jumps.rows(), interfaces[i].geometry.components);
+    if (!law.history() && jumps.cols() > 1 &&
+        !law.slopes(problem(i, own_jumps.col(0), own, laws_.steps()), 0, memory.kept[i], first)) {
+      const std::unique_ptr<interface::Law> part = law.at_columns(0, jumps.cols());
+      const auto forces = [&](const Matrix& jump) {
+        asked_ += jump.cols();
+        Matrix force(jump.rows(), jump.cols());
+        (part ? *part : law).resolve(problem(i, jump, own, laws_.steps()), force);
+        return force;
+      };
+      const std::vector<Matrix> found = slopes_by_differences(i, own_jumps, own, forces);
+      for (std::size_t column = 0; column < found.size(); ++column) {
+        result[column](rows, components) = found[column];
+      }
+      continue;
+    }
+    for (Index column = 0; column < jumps.cols(); ++column) {
+      if (law.history() && column % laws_.steps() == 0) {
+        memory = blank();
+      }
+      slopes_of_one(i, column, memory, own_jumps.col(column), own,
+                    result[static_cast<std::size_t>(column)](rows, components));
+      if (law.history()) {
+        advance_one(i, column, memory, own_jumps.col(column), own);
       }
     }
   }
+  return result;
+}
+
+void InterfaceSystem::slopes_of_one(std::size_t i, Index column, const Memory& before,
+                                    const Vector& jump, const Vector& flexibility,
+                                    MatrixRef slopes) const {
+  ++asked_;
+  if (laws_.of(i).law->slopes(problem(i, jump, flexibility, laws_.steps()), column, before.kept[i],
+                              slopes)) {
+    return;
+  }
+  const auto forces = [&](const Matrix& jumps) {
+    Vector force;
+    Matrix kept = before.kept[i];
+    ask(i, column, before, jumps, flexibility, kept, force);
+    return Matrix(force);
+  };
+  slopes = slopes_by_differences(i, jump, flexibility, forces).front();
+}
+
+std::vector<Matrix> InterfaceSystem::slopes_by_differences(std::size_t i, const Matrix& jumps,
+                                                           const Vector& flexibility,
+                                                           const Asked& forces) const {
+  const interface::Interface& geometry = laws_.structure().interface(i).geometry;
+  const Matrix force = forces(jumps);
+  Eigen::RowVectorXd sizes = jumps.cwiseAbs().colwise().maxCoeff();
+  sizes = (sizes.array() == 0.0).select(flexibility.maxCoeff(), sizes);
+  std::vector<Matrix> slopes(static_cast<std::size_t>(jumps.cols()),
+                             Matrix(jumps.rows(), geometry.components));
+  for (Index component = 0; component < geometry.components; ++component) {
+    const auto of_component = Eigen::seqN(component, geometry.points, geometry.components);
+    for (const double difference : differences) {
+      Matrix others = jumps;
+      // towards closing, so that a point that just touches counts as closed
+      others(of_component, every).rowwise() -= difference * sizes;
+      const Matrix moved = forces(others);
+      for (Index column = 0; column < jumps.cols(); ++column) {
+        auto slope = slopes[static_cast<std::size_t>(column)].col(component);
+        const Vector now = (force.col(column) - moved.col(column)) / (difference * sizes(column));
+        if (difference == differences.front()) {
+          slope = now;
+        } else {
+          slope = ((now - slope).cwiseAbs().cwiseProduct(flexibility).array() < same_slope)
+                      .select(now, slope);
+        }
+      }
+    }
+  }
+  return slopes;
 }
 
 }  // namespace latin::substructure

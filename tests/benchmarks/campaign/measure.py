@@ -277,8 +277,15 @@ def unbalanced(
     body
         Part -> nodal body forces (n,).
     reach
-        Largest displacement of the scene; what its rounding does to forces is no imbalance.
+        Largest displacement of the scene; what its rounding does to the forces of a part and of its
+        neighbours, whose stiffness the iteration multiplies it by, is no imbalance.
     """
+    stiffest = {name: float(part.matrix.diagonal().sum()) for name, part in problem.substructures.items()}
+    near = dict(stiffest)
+    for interface in problem.interfaces.values():
+        sides = [side.substructure for side in interface.sides]
+        for name in sides:
+            near[name] = max(near[name], *(stiffest[other] for other in sides))
     left: dict[str, Any] = {name: [body[name].reshape(-1, problem.dim)] for name in problem.substructures}
     for name, interface in problem.interfaces.items():
         known = nodal(interface, laws[name], forces[name]) if name in forces else None
@@ -296,6 +303,6 @@ def unbalanced(
         each = np.array([part.rigid_modes.T @ act.ravel() for act in acts])
         size = max(float(np.abs(act).sum()) for act in acts)
         left_over = float(np.abs(each.sum(axis=0)).max())
-        if left_over > 20.0 * EPS * reach * part.matrix.diagonal().sum():
+        if left_over > 20.0 * EPS * reach * near[name]:
             out[name] = left_over / size
     return out

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "latin/substructure/laws.hpp"
@@ -57,16 +58,34 @@ class InterfaceSystem {
   /// column = one of the jump at the same point.
   [[nodiscard]] Matrix slopes(Index column, const Memory& before, ConstVectorRef jump,
                               ConstVectorRef flexibility) const;
+  /// The same of all columns of some histories, (unknowns, c) free jumps; laws without memory are asked for all
+  /// columns at once.
+  [[nodiscard]] std::vector<Matrix> slopes_of_all(ConstMatrixRef jumps,
+                                                  ConstVectorRef flexibility) const;
   /// Columns that laws were asked for so far, those of several interfaces counted apart.
   [[nodiscard]] Index asked() const { return asked_; }
 
  private:
   [[nodiscard]] interface::LocalProblem problem(std::size_t interface, ConstMatrixRef jump,
                                                 ConstVectorRef flexibility, Index steps) const;
+  /// Components of the interface that has most.
+  [[nodiscard]] Index most_components() const;
   void ask(std::size_t interface, Index column, const Memory& before, const Vector& jump,
            const Vector& flexibility, Matrix& kept, Vector& force) const;
-  void slopes_by_differences(std::size_t interface, Index column, const Memory& before,
-                             const Vector& jump, const Vector& flexibility, MatrixRef slopes) const;
+  /// Forces (rows, c) for free jumps (rows, c) of an interface.
+  using Asked = std::function<Matrix(const Matrix& jumps)>;
+
+  /// What a law keeps of its column of a history. @return its forces
+  Vector advance_one(std::size_t interface, Index column, Memory& memory, const Vector& jump,
+                     const Vector& flexibility) const;
+  /// Slopes of one column of an interface.
+  void slopes_of_one(std::size_t interface, Index column, const Memory& before, const Vector& jump,
+                     const Vector& flexibility, MatrixRef slopes) const;
+  /// Slopes of columns that do not depend on each other, (rows, components) each.
+  [[nodiscard]] std::vector<Matrix> slopes_by_differences(std::size_t interface,
+                                                          const Matrix& jumps,
+                                                          const Vector& flexibility,
+                                                          const Asked& forces) const;
 
   Laws laws_;
   Vector direct_;
