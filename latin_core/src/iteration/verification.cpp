@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/iteration/multipliers.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -336,6 +337,11 @@ void Verification::plain_steps(Columns columns, Index count, double& norm) {
 bool Verification::search(const State& state, const Matrix& residual, double least, Index most) {
   const double first = history_.metric().norm(residual);
   Best best{state, residual, first};
+  if (Multipliers::suits(stages_.laws()) && by_multipliers(state, most, best)) {
+    better_ = std::move(best.state);
+    residual_ = std::move(best.residual);
+    return true;
+  }
   const auto again = [&] {
     better_ = state;
     residual_ = residual;
@@ -354,6 +360,30 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
   better_ = std::move(best.state);
   residual_ = std::move(best.residual);
   return best.norm < first;
+}
+
+/// @return whether they have found an answer
+bool Verification::by_multipliers(const State& state, Index most, Best& best) {
+  better_ = state;
+  residual_.resize(state.data.rows(), state.data.cols());
+  bool found = false;
+  if (!evaluate(better_, residual_)) {
+    return false;
+  }
+  try {
+    found = Multipliers(stages_.laws()).solve(better_, most);
+  } catch (const NumericalError&) {
+    return false;
+  }
+  if (!better_.data.allFinite() || !evaluate(better_, residual_)) {
+    return false;
+  }
+  const double norm = history_.metric().norm(residual_);
+  if (norm < best.norm) {
+    best = {better_, residual_, norm};
+    return found;
+  }
+  return false;
 }
 
 /// One step of a history after the other, each from where the last one has ended if that is nearer.

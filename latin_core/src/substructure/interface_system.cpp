@@ -10,11 +10,28 @@
 namespace latin::substructure {
 namespace {
 
-/// Steps of the difference quotients, as shares of the largest free jump. The short one seldom crosses a
+/// Steps of the difference quotients, as shares of the free jump. The short one seldom crosses a
 /// branch of the law, the long one has no rounding to speak of and is taken where both agree to
 /// `same_slope` (in 1 / flexibility): within a branch most laws are linear.
 constexpr std::array<double, 2> differences{1e-7, 1e-3};
 constexpr double same_slope = 1e-7;
+/// Jumps of a point below this fraction of the largest are rounding to the difference quotients.
+constexpr double least_jump = 1e-3;
+
+/// How large jumps (rows, c) are at each point, and no less than a fraction of the largest of the column, (rows, c).
+/// @param unit where there is none at all
+Matrix sizes_of_points(const Matrix& jumps, Index components, double unit) {
+  Matrix sizes(jumps.rows(), jumps.cols());
+  for (Index column = 0; column < jumps.cols(); ++column) {
+    const double largest = jumps.col(column).cwiseAbs().maxCoeff();
+    for (Index first = 0; first < jumps.rows(); first += components) {
+      const double own = jumps.col(column).segment(first, components).cwiseAbs().maxCoeff();
+      sizes.col(column).segment(first, components).setConstant(
+          largest > 0.0 ? std::max(own, least_jump * largest) : unit);
+    }
+  }
+  return sizes;
+}
 
 }  // namespace
 
@@ -253,8 +270,7 @@ std::vector<Matrix> InterfaceSystem::slopes_by_differences(std::size_t i, const 
                                                            const Asked& forces) const {
   const interface::Interface& geometry = laws_.structure().interface(i).geometry;
   const Matrix force = forces(jumps);
-  Eigen::RowVectorXd sizes = jumps.cwiseAbs().colwise().maxCoeff();
-  sizes = (sizes.array() == 0.0).select(flexibility.maxCoeff(), sizes);
+  const Matrix sizes = sizes_of_points(jumps, geometry.components, flexibility.maxCoeff());
   std::vector<Matrix> slopes(static_cast<std::size_t>(jumps.cols()),
                              Matrix(jumps.rows(), geometry.components));
   for (Index component = 0; component < geometry.components; ++component) {
@@ -262,11 +278,12 @@ std::vector<Matrix> InterfaceSystem::slopes_by_differences(std::size_t i, const 
     for (const double difference : differences) {
       Matrix others = jumps;
       // towards closing, so that a point that just touches counts as closed
-      others(of_component, every).rowwise() -= difference * sizes;
+      others(of_component, every) -= difference * sizes(of_component, every);
       const Matrix moved = forces(others);
       for (Index column = 0; column < jumps.cols(); ++column) {
         auto slope = slopes[static_cast<std::size_t>(column)].col(component);
-        const Vector now = (force.col(column) - moved.col(column)) / (difference * sizes(column));
+        const Vector now = (force.col(column) - moved.col(column))
+                               .cwiseQuotient(difference * sizes.col(column));
         if (difference == differences.front()) {
           slope = now;
         } else {

@@ -104,11 +104,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
 void Tangent::set_rigid() {
   // stiffness of the nodes per area, of each its own
   const Vector areas = traces_.cwiseAbs().transpose() * joined_->weights();
-  Vector stiffness(active_);
-  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
-    const Matrix& own = joined_->bodies()[b].stiffness;
-    stiffness.segment(joined_->first_active()[b], own.rows()) = own.diagonal();
-  }
+  const Vector stiffness = diagonal();
   Vector of_rows = Vector::Zero(joined_->rows());
   for (Index row = 0; row < traces_.rows(); ++row) {
     for (SparseRows::InnerIterator it(traces_, row); it; ++it) {
@@ -139,17 +135,24 @@ SparseRows Tangent::joined_springs() const {
          SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
 
+Matrix Tangent::tangent_at(const Matrix& slopes, const Joined::JoinedInterface& interface,
+                           Index first) const {
+  const Index components = interface.components;
+  return tangent_of(slopes.block(first, 0, components, components),
+                    flexibility_.segment(first, components),
+                    rigid_.segment(first, components).maxCoeff());
+}
+
 /// W K of the points.
-void Tangent::set_tangents(const Matrix& slopes) {
+void Tangent::set_tangents(
+    const std::function<Matrix(const Joined::JoinedInterface&, Index)>& of_point) {
   Triplets entries;
   symmetric_ = true;
   for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
     const Index components = interface.components;
     for (Index point = 0; point < interface.size / components; ++point) {
       const Index first = interface.first_unknown + components * point;
-      const Matrix tangent = tangent_of(slopes.block(first, 0, components, components),
-                                        flexibility_.segment(first, components),
-                                        rigid_.segment(first, components).maxCoeff());
+      const Matrix tangent = of_point(interface, first);
       const double size = tangent.cwiseAbs().maxCoeff();
       for (Index a = 0; a < components; ++a) {
         symmetric_ = symmetric_ && tangent(a, a) >= 0.0;
@@ -258,6 +261,24 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
       ((slopes_ - slopes).array().abs().colwise() * flexibility_.array()).maxCoeff() <= same) {
     return;
   }
+  hold_with(hold);
+  set_tangents([&](const Joined::JoinedInterface& interface, Index first) {
+    return tangent_at(slopes, interface, first);
+  });
+  combine();
+  factorise_now();
+  slopes_ = slopes;
+}
+
+void Tangent::factorise_stiffness(const Matrix& stiffness, double hold) {
+  hold_with(hold);
+  set_tangents([&](const Joined::JoinedInterface& interface, Index first) {
+    return Matrix(stiffness.block(first, 0, interface.components, interface.components));
+  });
+  factorise_now();
+}
+
+void Tangent::hold_with(double hold) {
   slopes_.resize(0, 0);
   hold_ = hold;
   holding_ = hold * joined_->directions();
@@ -266,16 +287,35 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
     const double softest = joined_->directions().minCoeff();
     holding_ = (of_rounding * joined_->directions()).cwiseMax(hold * softest).cwiseMin(holding_);
   }
+}
+
+void Tangent::factorise_now() {
   inverse_.resize(0, 0);
   solved_ = 0;
-  set_tangents(slopes);
-  combine();
   if (dense_) {
     factorise_dense();
   } else {
     factorise_sparse();
   }
-  slopes_ = slopes;
+}
+
+Vector Tangent::stiffness_times(const Vector& moved) const {
+  Vector forces(active_);
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Matrix& own = joined_->bodies()[b].stiffness;
+    const auto at = Eigen::seqN(joined_->first_active()[b], own.rows());
+    forces(at) = own.selfadjointView<Eigen::Lower>() * moved(at);
+  }
+  return forces;
+}
+
+Vector Tangent::diagonal() const {
+  Vector diagonal(active_);
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Matrix& own = joined_->bodies()[b].stiffness;
+    diagonal.segment(joined_->first_active()[b], own.rows()) = own.diagonal();
+  }
+  return diagonal;
 }
 
 /// What correct() multiplies with: all of it but the factor, in three matrices.

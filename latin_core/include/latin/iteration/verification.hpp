@@ -78,6 +78,7 @@ class Verification {
   [[nodiscard]] double norm_of(Columns columns) const;
   bool held_step(Columns columns, double hold, double& norm);
   void search_once(Columns columns, double patience, double least, Index until, Best& best);
+  bool by_multipliers(const State& state, Index most, Best& best);
   void search_steps(double least, Index most, Best& best);
   [[nodiscard]] Matrix carried(Matrix errors) const;
   void plain_steps(Columns columns, Index count, double& norm);

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <Eigen/SparseLU>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -69,19 +70,37 @@ class Tangent {
   }
   /// u^T S u of a body of this rank, where all active unknowns move by (active).
   [[nodiscard]] double strain(Index body, ConstVectorRef moved) const;
+  /// Take stiffnesses of the interfaces (force / length^3), (unknowns, most components), as they are. Only solve() may
+  /// follow.
+  /// @throws NumericalError if the structure is not stable with them
+  void factorise_stiffness(const Matrix& stiffness, double hold);
+  /// Displacements of the active unknowns of the bodies under forces on them, (active, c) both.
+  [[nodiscard]] Matrix solve(const Matrix& load);
+  /// T: active unknowns into rows; J': rows into jumps; J: active unknowns into jumps.
+  [[nodiscard]] const SparseRows& traces() const { return traces_; }
+  [[nodiscard]] const SparseRows& sides() const { return sides_; }
+  [[nodiscard]] const SparseRows& jumps() const { return jumps_; }
+  /// S u, (active)
+  [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
+  /// The diagonal of S, (active).
+  [[nodiscard]] Vector diagonal() const;
   /// First active unknown of every body, and one past the last.
   [[nodiscard]] const std::vector<Index>& first_active() const { return joined_->first_active(); }
 
  private:
   void set_rigid();
-  void set_tangents(const Matrix& slopes);
+  /// @param of_point tangent (components, components) of the point whose first unknown is given
+  void set_tangents(const std::function<Matrix(const Joined::JoinedInterface&, Index)>& of_point);
+  [[nodiscard]] Matrix tangent_at(const Matrix& slopes, const Joined::JoinedInterface& interface,
+                                  Index first) const;
   void combine();
   [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
   [[nodiscard]] Matrix assemble_dense() const;
   void factorise_dense();
   void factorise_sparse();
-  [[nodiscard]] Matrix solve(const Matrix& load);
+  void hold_with(double hold);
+  void factorise_now();
 
   /// Rows of this rank of a table of all.
   [[nodiscard]] auto own(const Matrix& all) const {

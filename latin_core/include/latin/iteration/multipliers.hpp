@@ -1,0 +1,87 @@
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include "latin/iteration/stages.hpp"
+#include "latin/iteration/state.hpp"
+#include "latin/substructure/interface_system.hpp"
+#include "latin/substructure/tangent.hpp"
+
+namespace latin::iteration {
+
+/// The method of multipliers on the condensed structure, from wherever an iteration got stuck.
+///
+/// With forces f of the interfaces from the round before and a flexibility c that is small beside that of the bodies,
+/// a round finds the displacements u for which the bodies are in equilibrium under
+///
+///     R_c(J u + c f),
+///
+/// which become the next forces: the proximal point method for the forces (R. T. Rockafellar, Math. Oper. Res. 1 (1976)
+/// 97). For laws that have a potential every round is the minimum of a convex function, found by Newton's method with
+/// a line search, and the rounds converge from anywhere. Where friction has no potential and Newton's method fails,
+/// some rounds hold the bounds of friction at those of the round before (J. Necas, J. Jarusek, J. Haslinger, Boll. Un.
+/// Mat. Ital. 17 (1980) 796): the tangential forces are asked for with the normal jumps held.
+class Multipliers {
+ public:
+  /// Whether there is such a search: on one rank, with columns that are steps of one history.
+  [[nodiscard]] static bool suits(const substructure::Laws& laws);
+
+  /// @param laws of the run; they must outlive this object
+  explicit Multipliers(const substructure::Laws& laws);
+
+  /// Replace the data and traces of a state by those of the answer, column by column.
+  /// @param state whose traces are those of its data
+  /// @param most  factorisations
+  /// @return whether all columns have settled; otherwise those that have not are where they got to
+  /// @throws NumericalError if a law has no answer on the way
+  bool solve(State& state, Index most);
+
+ private:
+  struct Answered {
+    Vector force;
+    Matrix slopes;
+    bool symmetric;
+  };
+  [[nodiscard]] bool solve_column();
+  /// Equilibrium with the forces at hand. @return whether it was found
+  [[nodiscard]] bool find_equilibrium();
+  [[nodiscard]] Answered ask() const;
+  [[nodiscard]] Vector force_at(const Vector& jump) const;
+  [[nodiscard]] Vector residual_of(const Vector& force) const;
+  [[nodiscard]] bool step_from(const Answered& at, const Vector& residual, Vector& step);
+  [[nodiscard]] double line_search(const Answered& at, const Vector& residual,
+                                   const Vector& step) const;
+  [[nodiscard]] double step_length(const Answered& at, const Vector& residual, const Vector& step);
+  [[nodiscard]] Vector free_jump() const;
+  void follow(Vector& bounds, const Vector& now) const;
+  [[nodiscard]] double change(const Vector& step) const;
+  void set_flexibility(double factor);
+
+  const substructure::Laws& laws_;
+  substructure::InterfaceSystem system_;
+  substructure::Tangent tangent_;
+  Vector areas_;     ///< (unknowns)
+  Vector softness_;  ///< length / modulus of the softer side, (unknowns)
+  /// First unknowns of points with tangential components, and the number of their components.
+  std::vector<std::pair<Index, Index>> coupled_;
+  std::vector<Index> single_;  ///< unknowns of points without
+  Vector scale_;                ///< 1 / sqrt of the diagonal of S, (active)
+  // of the column at hand
+  Index column_ = 0;
+  substructure::InterfaceSystem::Memory memory_;
+  double factor_ = 1.0;
+  Vector flexibility_;  ///< c, (unknowns)
+  Vector traces_;       ///< where it began, (rows)
+  Vector jump_;         ///< the same, (unknowns)
+  Vector pull_;         ///< forces of the interfaces on the bodies there, (active)
+  Vector moved_;        ///< since then, (active)
+  Vector force_;        ///< multipliers, (unknowns)
+  Vector frozen_;       ///< free jumps of which friction takes its bounds; empty: of those at hand
+  bool held_ = false;   ///< whether more springs than least hold the bodies in a step
+  double best_ = 0.0;
+  Index since_ = 0;
+  Index left_ = 0;  ///< factorisations
+};
+
+}  // namespace latin::iteration

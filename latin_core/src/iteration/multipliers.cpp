@@ -1,0 +1,377 @@
+#include "latin/iteration/multipliers.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "latin/common/error.hpp"
+
+namespace latin::iteration {
+namespace {
+
+using substructure::Tangent;
+
+/// c relative to the softness of the bodies, and what it becomes where rounds converge slowly.
+constexpr double first_flexibility = 3e-3;
+constexpr double slower = 0.1;
+constexpr double least_factor = 1e-5;
+constexpr Index rounds_between = 8;
+/// Changes relative to the displacement of a body: of a Newton step, and of a round.
+constexpr double short_step = 1e-12;
+constexpr double settled = 1e-10;
+/// Steps below this that become no shorter are rounding.
+constexpr double of_rounding = 1e-7;
+constexpr Index most_rounds = 200;
+constexpr Index most_newton = 60;
+/// Steps of Newton's method without progress, where there is no potential.
+constexpr Index patience = 12;
+constexpr double progress = 0.9;
+/// A line search ends where the slope has fallen to this.
+constexpr double flat = 1e-2;
+constexpr double steep_enough = 0.1;
+constexpr int most_trials = 40;
+constexpr int most_halvings = 10;
+constexpr double after_halvings = 0.3;
+/// Springs that hold what flies, relative to the search direction.
+constexpr std::array<double, 4> holds{Tangent::least_hold, 1e-8, 1e-5, 1e-2};
+/// Rounds with bounds held, at first and at most.
+constexpr Index first_wait = 6;
+constexpr Index most_wait = 100;
+/// How far the bounds follow from one round to the next, and halvings to find where they are that.
+constexpr double damping = 0.5;
+constexpr int most_bisections = 40;
+/// Steps that lead upwards by less are rounding.
+constexpr double rounding = 1e-8;
+/// Slopes that differ by less are symmetric.
+constexpr double same = 1e-6;
+
+}  // namespace
+
+bool Multipliers::suits(const substructure::Laws& laws) {
+  return laws.structure().communicator().alone() && laws.modes() == 1 && !laws.transformed() &&
+         !laws.linear() && Tangent::possible(laws.structure());
+}
+
+Multipliers::Multipliers(const substructure::Laws& laws)
+    : laws_(laws), system_(laws), tangent_(laws.structure()) {
+  const substructure::Structure& structure = laws.structure();
+  areas_.resize(system_.unknowns());
+  softness_ = Vector::Zero(system_.unknowns());
+  for (const substructure::ActiveInterface& interface : structure.interfaces()) {
+    const Index components = interface.geometry.components;
+    areas_.segment(interface.first_unknown, interface.size()) = interface.geometry.weights;
+    for (const Index first : interface.rows) {
+      for (Index i = 0; i < interface.size(); ++i) {
+        const double metric = structure.trace_metric()(first + i);
+        double& softness = softness_(interface.first_unknown + i);
+        softness = std::max(softness, structure.weights()(first + i) / metric);
+      }
+    }
+    for (Index i = 0; i < interface.size(); i += components) {
+      const Index first = interface.first_unknown + i;
+      if (components > 1) {
+        coupled_.emplace_back(first, components);
+      } else {
+        single_.push_back(first);
+      }
+    }
+  }
+  scale_ = tangent_.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt().cwiseInverse();
+}
+
+void Multipliers::set_flexibility(double factor) {
+  factor_ = factor;
+  flexibility_ = system_.law_flexibility(first_flexibility * factor * softness_);
+}
+
+bool Multipliers::solve(State& state, Index most) {
+  const substructure::Structure& structure = laws_.structure();
+  left_ = most;
+  memory_ = system_.blank();
+  Vector carried;
+  bool all = true;
+  for (column_ = 0; column_ < state.data.cols() && left_ > 0; ++column_) {
+    if (column_ % laws_.steps() == 0) {
+      memory_ = system_.blank();
+    }
+    traces_ = state.traces.col(column_);
+    jump_ = tangent_.sides() * traces_;
+    pull_ = tangent_.nodal(state.data.col(column_) - structure.directions().cwiseProduct(traces_));
+    moved_ = Vector::Zero(pull_.size());
+    set_flexibility(1.0);
+    const Matrix free = system_.free_jumps(state.data.col(column_), state.traces.col(column_));
+    force_ = column_ > 0 && laws_.remembers() ? carried
+                                              : system_.forces(column_, memory_, free.col(0), system_.direct());
+    frozen_.resize(0);
+    const bool found = solve_column();
+    all = all && found;
+    carried = force_;
+    if (laws_.remembers()) {
+      system_.advance(column_, memory_, free_jump(), flexibility_);
+    }
+    state.traces.col(column_) = traces_ + tangent_.traces() * moved_;
+    state.data.col(column_) = structure.directions().cwiseProduct(state.traces.col(column_)) -
+                              tangent_.sides().transpose() * force_;
+    if (!found && laws_.remembers()) {
+      return false;  // the others depend on it
+    }
+  }
+  return all && column_ == state.data.cols();
+}
+
+bool Multipliers::solve_column() {
+  Index wait = first_wait;
+  Index frozen_rounds = 0;
+  double before_change = std::numeric_limits<double>::infinity();
+  Vector bounds;
+  for (Index round = 0; round < most_rounds && left_ > 0; ++round) {
+    const Vector before = moved_;
+    const bool frozen = frozen_rounds > 0;
+    if (frozen) {
+      const Vector now = free_jump();
+      if (bounds.size() == 0) {
+        bounds = now;
+      } else {
+        follow(bounds, now);
+      }
+      frozen_ = bounds;
+    } else {
+      frozen_.resize(0);
+    }
+    const bool good = find_equilibrium();
+    if (!good && !frozen && !coupled_.empty()) {
+      moved_ = before;
+      frozen_rounds = wait;
+      wait = std::min(2 * wait, most_wait);
+      continue;
+    }
+    const Vector force = force_at(free_jump());
+    if (!force.allFinite()) {
+      return false;
+    }
+    force_ = force;
+    const double now = change(moved_ - before);
+    if (good && now < settled) {
+      return true;
+    }
+    if (frozen) {
+      --frozen_rounds;
+    } else if (good && round % rounds_between == rounds_between - 1 &&
+               now > slower * before_change && factor_ > least_factor) {
+      set_flexibility(slower * factor_);
+    }
+    before_change = now;
+  }
+  return false;
+}
+
+/// Free jumps whose normal forces are between those of two others.
+void Multipliers::follow(Vector& bounds, const Vector& now) const {
+  const Vector first = system_.forces(column_, memory_, bounds, flexibility_);
+  const Vector last = system_.forces(column_, memory_, now, flexibility_);
+  const Vector wanted = first + damping * (last - first);
+  Vector low = bounds;
+  Vector high = now;
+  for (int halving = 0; halving < most_bisections; ++halving) {
+    const Vector middle = 0.5 * (low + high);
+    const Vector force = system_.forces(column_, memory_, middle, flexibility_);
+    for (const auto& [normal, count] : coupled_) {
+      const bool below = (force(normal) - wanted(normal)) * (last(normal) - first(normal)) < 0.0;
+      (below ? low : high)(normal) = middle(normal);
+    }
+  }
+  bounds = now;
+  for (const auto& [normal, count] : coupled_) {
+    bounds(normal) = high(normal);
+  }
+}
+
+Vector Multipliers::free_jump() const {
+  return jump_ + tangent_.jumps() * moved_ + flexibility_.cwiseProduct(force_);
+}
+
+Vector Multipliers::force_at(const Vector& jump) const {
+  Vector force = system_.forces(column_, memory_, jump, flexibility_);
+  if (frozen_.size() == 0) {
+    return force;
+  }
+  Vector held = jump;
+  for (const auto& [normal, count] : coupled_) {
+    held(normal) = frozen_(normal);
+  }
+  Vector bounded = system_.forces(column_, memory_, held, flexibility_);
+  for (const auto& [normal, count] : coupled_) {
+    bounded(normal) = force(normal);
+  }
+  return bounded;
+}
+
+Multipliers::Answered Multipliers::ask() const {
+  const Vector jump = free_jump();
+  Answered at{force_at(jump), system_.slopes(column_, memory_, jump, flexibility_), true};
+  if (frozen_.size() > 0) {
+    Vector held = jump;
+    for (const auto& [normal, count] : coupled_) {
+      held(normal) = frozen_(normal);
+    }
+    Matrix bounded = system_.slopes(column_, memory_, held, flexibility_);
+    bounded.col(0).setZero();
+    for (const auto& [normal, count] : coupled_) {
+      bounded.row(normal) = at.slopes.row(normal);
+      bounded.row(normal).tail(bounded.cols() - 1).setZero();
+    }
+    // points with one component know no friction
+    for (const Index unknown : single_) {
+      bounded.row(unknown) = at.slopes.row(unknown);
+    }
+    at.slopes = bounded;
+  }
+  const double size = at.slopes.cwiseAbs().maxCoeff();
+  for (const auto& [first, count] : coupled_) {
+    for (Index a = 0; a < count; ++a) {
+      at.symmetric = at.symmetric && at.slopes(first + a, a) >= 0.0;
+      for (Index b = 0; b < a; ++b) {
+        at.symmetric = at.symmetric &&
+                       std::abs(at.slopes(first + a, b) - at.slopes(first + b, a)) <= same * size;
+      }
+    }
+  }
+  return at;
+}
+
+Vector Multipliers::residual_of(const Vector& force) const {
+  return tangent_.stiffness_times(moved_) + pull_ +
+         tangent_.jumps().transpose() * areas_.cwiseProduct(force);
+}
+
+bool Multipliers::step_from(const Answered& at, const Vector& residual, Vector& step) {
+  for (const double hold : holds) {
+    try {
+      --left_;
+      tangent_.factorise_stiffness(at.slopes, hold);
+      step = -tangent_.solve(residual);
+    } catch (const NumericalError&) {
+      continue;
+    }
+    if (step.allFinite() &&
+        (!at.symmetric || step.dot(residual) <= rounding * step.norm() * residual.norm())) {
+      held_ = hold > holds.front();
+      return true;
+    }
+  }
+  return false;
+}
+
+/// Where the energy is least along a step.
+double Multipliers::line_search(const Answered& at, const Vector& residual,
+                                const Vector& step) const {
+  const Vector along = tangent_.jumps() * step;
+  const Vector jump = free_jump();
+  const double curvature = step.dot(tangent_.stiffness_times(step));
+  const double start = step.dot(residual);
+  const auto slope_at = [&](double length) {
+    const Vector change = force_at(jump + length * along) - at.force;
+    return along.dot(areas_.cwiseProduct(change)) + length * curvature + start;
+  };
+  double high_slope = slope_at(1.0);
+  if (!(high_slope > steep_enough * std::abs(start))) {
+    return 1.0;
+  }
+  double low = 0.0;
+  double high = 1.0;
+  double low_slope = start;
+  double length = 1.0;
+  for (int trial = 0; trial < most_trials; ++trial) {
+    length = low - low_slope * (high - low) / (high_slope - low_slope);
+    if (trial % 3 == 2) {
+      length = 0.5 * (low + high);
+    }
+    const double slope = slope_at(length);
+    if (std::abs(slope) <= flat * std::abs(start)) {
+      break;
+    }
+    if (slope > 0.0) {
+      high = length;
+      high_slope = slope;
+    } else {
+      low = length;
+      low_slope = slope;
+    }
+  }
+  return length;
+}
+
+/// How far to go along a step; 0 where Newton's method is given up.
+double Multipliers::step_length(const Answered& at, const Vector& residual, const Vector& step) {
+  if (at.symmetric && step.dot(residual) < 0.0) {
+    return line_search(at, residual, step);
+  }
+  const double base = scale_.cwiseProduct(residual).norm();
+  if (base < progress * best_) {
+    best_ = base;
+    since_ = 0;
+  } else if (++since_ > patience) {
+    return 0.0;
+  }
+  const Vector along = tangent_.jumps() * step;
+  const Vector jump = free_jump();
+  const Vector of_bodies = tangent_.stiffness_times(step);
+  double length = 1.0;
+  for (int halving = 0; halving < most_halvings; ++halving) {
+    const Vector change = force_at(jump + length * along) - at.force;
+    const Vector now = residual + length * of_bodies +
+                       tangent_.jumps().transpose() * areas_.cwiseProduct(change);
+    if (scale_.cwiseProduct(now).norm() <= (1.0 - 1e-4 * length) * base) {
+      return length;
+    }
+    length *= 0.5;
+  }
+  return after_halvings;
+}
+
+bool Multipliers::find_equilibrium() {
+  best_ = std::numeric_limits<double>::infinity();
+  since_ = 0;
+  double last = std::numeric_limits<double>::infinity();
+  bool whole = false;
+  Vector step;
+  for (Index count = 0; count < most_newton && left_ > 0; ++count) {
+    const Answered at = ask();
+    const Vector residual = residual_of(at.force);
+    if (!residual.allFinite() || !step_from(at, residual, step)) {
+      return false;
+    }
+    const double now = change(step);
+    if (!held_ && (now < short_step || (now < of_rounding && whole && now > 0.5 * last))) {
+      moved_ += step;
+      return true;
+    }
+    const double length = step_length(at, residual, step);
+    if (length == 0.0) {
+      return false;
+    }
+    moved_ += length * step;
+    last = now;
+    whole = length == 1.0;
+  }
+  return false;
+}
+
+/// The largest change of a body's faces, relative to their displacements.
+double Multipliers::change(const Vector& step) const {
+  const substructure::Structure& structure = laws_.structure();
+  const Vector now = traces_ + tangent_.traces() * moved_;
+  const Vector moves = tangent_.traces() * step;
+  const double reach = now.cwiseAbs().maxCoeff();
+  double worst = 0.0;
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const auto rows = Eigen::seqN(structure.body_rows()[b], structure.bodies()[b].rows());
+    const double size = std::max(now(rows).norm(), std::numeric_limits<double>::epsilon() * reach);
+    const double moved = moves(rows).norm();
+    worst = std::max(worst, size > 0.0 ? moved / size : moved);
+  }
+  return worst;
+}
+
+}  // namespace latin::iteration
