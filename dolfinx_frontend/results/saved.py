@@ -149,6 +149,9 @@ class SavedProblem:
     def on_one_rank(self, what: str) -> None:
         """All is on one rank."""
 
+    def check_alike(self, call: str, **given: object) -> None:
+        """All is on one rank."""
+
     def __repr__(self) -> str:
         return self.text
 
