@@ -79,7 +79,7 @@ class _Reader:
         if isinstance(value, np.ndarray):
             self._each("objects", value.ravel().tolist())
         elif isinstance(value, Mapping):
-            self._each(kind, [part for item in value.items() for part in item])
+            self._each("dict", [part for item in value.items() for part in item])
         elif isinstance(value, Set):
             self.say(kind, *sorted(digest(each) for each in value))
         elif is_dataclass(value) and not isinstance(value, type):

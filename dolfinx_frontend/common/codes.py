@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 
 __all__ = ["code_digest"]
 
@@ -120,7 +121,7 @@ class _Reader:
         self.say("set", len(value), *sorted(code_digest(each, where, self.known) for each in value))
 
     def _mapping(self, value: Mapping[Any, Any], where: str) -> None:
-        self.say(type(value).__name__, len(value))
+        self.say("dict", len(value))
         for key, each in value.items():
             self.feed(key, where)
             self.feed(each, where)
@@ -304,6 +305,7 @@ _BY_TYPE: dict[type, Callable[[_Reader, Any, str], None]] = {
     set: _Reader._set,
     frozenset: _Reader._set,
     dict: _Reader._mapping,
+    ReadOnlyDict: _Reader._mapping,
     types.MappingProxyType: _Reader._mapping,
     np.ndarray: _Reader._array,
     types.FunctionType: _Reader._function,

@@ -9,9 +9,24 @@ from typing import Any, NoReturn, Self, SupportsIndex, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-__all__ = ["OneProcess", "frozen", "locked", "locked_matrix", "read_only"]
+__all__ = ["OneProcess", "ReadOnlyDict", "frozen", "locked", "locked_matrix", "read_only"]
 
 A = TypeVar("A", bound=np.ndarray[Any, Any])
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class ReadOnlyDict(dict[K, V]):
+    """A dict that nobody changes; ``dict(it)`` is one that can be. Unlike a mappingproxy it can be pickled."""
+
+    def _refuse(self, *given: Any, **named: Any) -> NoReturn:
+        raise TypeError("this dict is read-only: change a copy of it, dict(...)")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (type(self), (dict(self),))
 
 
 def frozen(value: Any) -> Any:
@@ -25,7 +40,7 @@ def frozen(value: Any) -> Any:
     if type(value) in (list, tuple):
         return tuple(frozen(each) for each in value)
     if isinstance(value, Mapping):
-        return {key: frozen(each) for key, each in value.items()}
+        return ReadOnlyDict({key: frozen(each) for key, each in value.items()})
     return value
 
 
@@ -50,19 +65,19 @@ def locked_matrix(matrix: sp.csr_matrix, own: bool = False) -> sp.csr_matrix:
 def _locked_value(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return read_only(value)
-    return tuple(map(_locked_value, value)) if type(value) is tuple else value
+    if isinstance(value, dict):
+        return ReadOnlyDict({key: _locked_value(each) for key, each in value.items()})
+    return tuple(map(_locked_value, value)) if type(value) in (tuple, list) else value
 
 
 def locked(record: Any) -> None:
-    """Make the arrays of a frozen dataclass read-only; for its ``__post_init__``."""
+    """Make the arrays and dicts of a frozen dataclass read-only, its lists tuples; for its ``__post_init__``."""
     for each in dataclasses.fields(record):
         value = getattr(record, each.name)
-        if isinstance(value, np.ndarray):
-            object.__setattr__(record, each.name, read_only(value))
-        elif sp.issparse(value):
+        if sp.issparse(value):
             object.__setattr__(record, each.name, locked_matrix(value))
-        elif isinstance(value, dict):
-            object.__setattr__(record, each.name, {key: _locked_value(v) for key, v in value.items()})
+        elif isinstance(value, (np.ndarray, dict, list)):
+            object.__setattr__(record, each.name, _locked_value(value))
 
 
 class OneProcess:

@@ -26,7 +26,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -146,6 +146,9 @@ class Plan:
     macro: tuple[str, ...] = ()
     moments: Moments = "linear"
     paired: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def steps(self) -> int:
