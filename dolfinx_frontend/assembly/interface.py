@@ -135,7 +135,8 @@ class Interface(PointFrames):
     def check_unchanged(self) -> None:
         """Raise SceneError if somebody has written to a trace."""
         for side in self.sides:
-            check_unchanged(side.trace, f"interface {self.name!r}: the trace of {side.substructure}:{side.face}")
+            where = f"{side.substructure}:{side.face}"
+            check_unchanged(side.trace, f"interface {self.name!r}: the trace of {where}")
 
     def __repr__(self) -> str:
         sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)

@@ -120,8 +120,10 @@ class Problem(OneProcess):
 
     def check_unchanged(self) -> None:
         """Raise SceneError if somebody has written to a matrix of this rank."""
-        for each in (*self.substructures.values(), *self.interfaces.values()):
-            each.check_unchanged()
+        for part in self.substructures.values():
+            part.check_unchanged()
+        for interface in self.interfaces.values():
+            interface.check_unchanged()
 
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.

@@ -37,7 +37,7 @@ def check() -> None:
         If it is newer than any release that was tested.
     """
     oldest, newest = (".".join(map(str, release)) for release in (OLDEST, NEWEST_TRIED))
-    with contextlib.suppress(ModuleNotFoundError):  # first: it asks MPI for several threads, dolfinx would not
+    with contextlib.suppress(ModuleNotFoundError):  # it asks MPI for several threads, dolfinx would not
         importlib.import_module("mpi4py.MPI")
     try:
         dolfinx = importlib.import_module("dolfinx")

@@ -190,8 +190,8 @@ def load(
         start = file.read(4096)
     if start.startswith(codecs.BOM_UTF8):  # OpenCASCADE finds nothing in it
         raise SceneError(
-            f"{path.name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it as "
-            "plain text without one"
+            f"{path.name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it "
+            "as plain text without one"
         )
     if b"ISO-10303-21" not in start:
         raise SceneError(

@@ -85,7 +85,7 @@ class Solver:
             self.laws = bridge.laws(self._core, problem, plan)
         self.weights = read_only(self._core.weights)
         self.directions = read_only(self._core.directions)
-        self.costs = tuple(ReadOnlyDict(cost) for cost in self._core.costs)
+        self.costs = tuple(ReadOnlyDict(dict[str, Any](**cost)) for cost in self._core.costs)
 
     def __repr__(self) -> str:
         active = len(self.plan.active)

@@ -62,6 +62,27 @@ class Decision(NamedTuple):
     reason: str
 
 
+REACH = 1e6
+"""Factors of E / L up to which, and 1 / which down to which, a search direction leaves digits to an answer.
+At 1e10 six of them are left, at 1e12 none."""
+
+
+def check_reach(what: str, *factors: float, reach: float = REACH) -> None:
+    """Refuse search directions so far from E / L that rounding takes the answer.
+
+    Raises
+    ------
+    SceneError
+        A factor of E / L beyond `reach`.
+    """
+    for factor in factors:
+        if not 1.0 / reach <= factor <= reach:
+            raise SceneError(
+                f"search direction: {what} is {factor:.1g} E/L; beyond {1.0 / reach:g} to {reach:g} E/L "
+                "rounding takes the answer: leave it out, or stay near 1 to 10 E/L"
+            )
+
+
 @dataclass(frozen=True, repr=False)
 class Direction:
     """Search direction k of every interface, force / length^3: a parameter of the method, not of the model.
@@ -91,6 +112,8 @@ class Direction:
         for name, value in (("factor", self.factor), ("length", self.length)):
             if value is not None:
                 checked_number("search direction", name, value, above=0.0)
+        if self.factor is not None:
+            check_reach(f"factor = {self.factor:g}", self.factor)
         check_kind("search direction", "given", self.given, Mapping, "give {interface: number or numbers}")
         for name, value in self.given.items():
             where, wanted = f"search direction of interface {name!r}", "it must be positive and finite"
@@ -363,6 +386,7 @@ def _search_direction(
     if not isinstance(given, Direction):
         if given is not None:
             checked_number("plan", "direction", given, above=0.0)
+            check_reach(f"direction = {given:g}", given)
         given = Direction(factor=given)
     _names(problem, given.given, "search direction")
     if given.factor is not None:

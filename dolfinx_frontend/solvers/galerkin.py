@@ -28,7 +28,7 @@ from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_optional_kind
+from dolfinx_frontend.common.checks import check_optional_kind, checked_word
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
@@ -393,8 +393,7 @@ def solve_chaos(
     TruncationWarning
         A law is nonlinear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
     """
-    if indefinite not in ("refuse", "prove"):
-        raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
+    checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
     check_problem("chaos", problem, plan)
     check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
     chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)

@@ -227,7 +227,7 @@ def test_a_solid_without_one_of_its_faces_is_named(two: Path) -> None:
 
 def test_a_byte_order_mark(two: Path) -> None:
     two.write_bytes(b"\xef\xbb\xbf" + two.read_bytes())
-    with pytest.raises(SceneError, match="'two.step' cannot be read as STEP: .* byte order mark.*; save it as"):
+    with pytest.raises(SceneError, match="'two.step' cannot be read as STEP.* byte order mark.*; save it as"):
         read_step(two)
 
 

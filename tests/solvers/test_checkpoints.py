@@ -383,7 +383,8 @@ def test_pipes_sockets_and_circles_are_no_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "table", ["moz_places (url text)", "header (title text)", "point (number integer primary key, arrays blob)"]
+    "table",
+    ["moz_places (url text)", "header (title text)", "point (number integer primary key, arrays blob)"],
 )
 def test_the_database_of_another_program(table: str, tmp_path: Path) -> None:
     path = tmp_path / "places.sqlite"

@@ -549,9 +549,11 @@ class Law:
             )
         data = checked_reals(self.title, name, value, "give a number or an array of numbers")
         end = f"; {remedy}" if remedy else ""
+        if not data.size:
+            raise SceneError(f"{self.title}: {name} = {short(value)} is empty{end or '; give numbers'}")
         if not np.all(np.isfinite(data)):
             raise SceneError(f"{self.title}: {name} = {short(value)} is not finite{end or '; give numbers'}")
-        if minimum is not None and data.size and data.min() < minimum:
+        if minimum is not None and data.min() < minimum:
             raise SceneError(f"{self.title}: {name} = {data.min():g} is negative{end}")
 
     def given(self, *names: str) -> dict[str, Any]:
