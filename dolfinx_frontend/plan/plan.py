@@ -230,6 +230,16 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
             check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
 
 
+def check_keeps(where: str, plan: Plan, interfaces: Iterable[str]) -> None:
+    """Refuse a plan that eliminates interfaces whose laws are random: at their means nothing would vary."""
+    lost = [name for name in interfaces if name in plan.eliminated]
+    if lost:
+        raise SceneError(
+            f"{where}: the plan eliminates {', '.join(map(repr, lost))}, whose law is random: leave the plan "
+            f"out, or make it with vary={lost}"
+        )
+
+
 def check_settings(where: str, plan: Plan | None, method: object = "auto", **given: object) -> None:
     """Refuse settings beside a plan, which has its own."""
     if plan is None:

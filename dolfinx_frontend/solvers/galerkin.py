@@ -33,7 +33,15 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, check_problem, make_plan
+from dolfinx_frontend.plan.plan import (
+    Decision,
+    Direction,
+    Method,
+    Plan,
+    check_keeps,
+    check_problem,
+    make_plan,
+)
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
@@ -419,6 +427,8 @@ def solve_chaos(
             len(basis),
             times=times,
         )
+    else:
+        check_keeps("chaos", plan, random.interfaces)
     states = start_states(start)
     return _run(
         problem, random, chaos, basis, plan, None, states, indefinite, callback, progress, estimator
