@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from blocks import RANK, WORLD, row
 from mpi4py import MPI
 
 from dolfinx_frontend import (
@@ -30,28 +31,12 @@ from dolfinx_frontend import (
     sweep,
 )
 
-WORLD = MPI.COMM_WORLD
-RANK = WORLD.rank
-
 
 def chain(
     law: Any, count: int = 2, comm: Any = WORLD, loads: Any = (-2.0, 0.3), modulus: float = 200.0
 ) -> Any:
     """Blocks in a row on a soft bed, pushed from the right."""
-    scene = Scene()
-    for k in range(count):
-        scene.substructure(
-            f"b{k}",
-            lambda k=k: geometry.box((10.0, 10.0), (2, 2), origin=(10.0 * k, 0.0)),
-            LinearElastic(E=modulus, nu=0.3),
-            degree=1,
-        )
-    scene.fix("b0:x0", name="wall")
-    for k in range(1, count):
-        scene.interface(f"j{k}", f"b{k - 1}:x1", f"b{k}:x0", law)
-        scene.interface(f"bed{k}", f"b{k}:y0", Elastic(normal=3.0, tangential=3.0))
-    scene.traction(f"b{count - 1}:x1", loads, name="pull")
-    return assemble(scene, comm=comm)
+    return assemble(row(lambda _: law, [modulus] * count, loads), comm=comm)
 
 
 def raises(call: Callable[[], Any], *messages: str) -> None:
