@@ -399,8 +399,8 @@ def test_errors_that_end_early(ends: type[BaseException], monkeypatch: pytest.Mo
     for last in range(1, 20):
         done[0] = 0
 
-        def ended(self: Solver, *given: Any, **named: Any) -> Any:
-            out = run(self, *given, **named)
+        def ended(self: Solver, *rest: Any, **named: Any) -> Any:
+            out = run(self, *rest, **named)
             done[0] += 1
             if done[0] == last:  # noqa: B023
                 raise ends
