@@ -69,16 +69,16 @@ def _locked_value(value: Any) -> Any:
         return read_only(value)
     if isinstance(value, dict):
         return ReadOnlyDict({key: _locked_value(each) for key, each in value.items()})
-    return tuple(map(_locked_value, value)) if type(value) in (tuple, list) else value
+    return tuple(map(_locked_value, value)) if type(value) is tuple else value
 
 
 def locked(record: Any) -> None:
-    """For the ``__post_init__`` of a frozen dataclass: arrays and dicts read-only, lists as tuples."""
+    """For the ``__post_init__`` of a frozen dataclass: arrays and dicts read-only."""
     for each in dataclasses.fields(record):
         value = getattr(record, each.name)
         if sp.issparse(value):
             object.__setattr__(record, each.name, locked_matrix(value))
-        elif isinstance(value, (np.ndarray, dict, list)):
+        elif isinstance(value, (np.ndarray, dict)):
             object.__setattr__(record, each.name, _locked_value(value))
 
 

@@ -24,7 +24,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import write_text
-from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
 
@@ -56,7 +56,8 @@ class Table:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        locked(self)
+        columns = ReadOnlyDict({name: tuple(entries) for name, entries in self.columns.items()})
+        object.__setattr__(self, "columns", columns)
 
     def __len__(self) -> int:
         return len(self.columns[self.labels[0]])
