@@ -14,6 +14,7 @@ import numpy.typing as npt
 from latin_core import Iteration, Options, State
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.checks import checked_flag, checked_word
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy
@@ -191,11 +192,13 @@ def solve(
     """
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_problem("solve", problem, plan)
-    check_settings("solve", plan, method, **settings)
-    check_running("solve", callback, progress)
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}
     given = {"plan": plan is None, "start": start is None, "meshes": meshes}
     problem.check_alike("solve", laws=True, method=method, **told, **given, **settings)
+    check_settings("solve", plan, method, **settings)
+    check_running("solve", callback, progress)
+    checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
+    checked_flag("solve", "meshes", meshes)
     if accuracy is not None:
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():

@@ -12,8 +12,19 @@ from petsc4py import PETSc as _PETSc
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
+from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["DIGITS", "EPS", "coordinate_element", "csr", "petsc_matrix", "quadrature", "tabulate"]
+__all__ = [
+    "DIGITS",
+    "EPS",
+    "check_unchanged",
+    "coordinate_element",
+    "csr",
+    "noted",
+    "petsc_matrix",
+    "quadrature",
+    "tabulate",
+]
 
 PETSc: Any = _PETSc  # its stubs know no members
 
@@ -40,6 +51,32 @@ def csr(matrix: Any) -> sp.csr_matrix:
     """SciPy copy of a sequential PETSc AIJ matrix."""
     indptr, indices, values = matrix.getValuesCSR()
     return sp.csr_matrix((values, indices, indptr), shape=matrix.getSize())
+
+
+_STATE = "latin_state"
+
+
+def noted(matrix: Any) -> None:
+    """Note the state of a PETSc matrix that is handed out: PETSc counts whatever writes to it."""
+    if matrix is not None and matrix.getAttr(_STATE) is None:
+        matrix.setAttr(_STATE, matrix.stateGet())
+
+
+def check_unchanged(matrix: Any, what: str) -> None:
+    """Refuse a PETSc matrix that was written to since it was :func:`noted`.
+
+    PETSc has no lock for matrices as it has for vectors, and a copy for everybody who looks at one costs its
+    memory again.
+
+    Raises
+    ------
+    SceneError
+        It was.
+    """
+    if matrix is not None and matrix.getAttr(_STATE) != matrix.stateGet():
+        raise SceneError(
+            f"{what} was changed after it was assembled: change a copy, .copy(), or assemble the scene again"
+        )
 
 
 def coordinate_element(mesh: dmesh.Mesh) -> Any:

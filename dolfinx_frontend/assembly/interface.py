@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from dolfinx_frontend.assembly.elements import check_unchanged, noted
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -27,7 +28,7 @@ class Side:
         Names.
     trace
         T (d*m, n), petsc4py seqaij, no unit: w = T u in global components, row d*point + component,
-        column d*node + component.
+        column d*node + component. To be read: an interface whose trace was written to is refused.
     shape
         The same for one component, (m, nodes of the substructure), SciPy.
     nodes
@@ -54,6 +55,7 @@ class Side:
 
     def __post_init__(self) -> None:
         locked(self)
+        noted(self.trace)
 
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
@@ -129,6 +131,12 @@ class Interface(PointFrames):
 
     def __post_init__(self) -> None:
         locked(self)
+
+    def check_unchanged(self) -> None:
+        """Raise SceneError if somebody has written to a trace."""
+        for side in self.sides:
+            where = f"{side.substructure}:{side.face}"
+            check_unchanged(side.trace, f"interface {self.name!r}: the trace of {where}")
 
     def __repr__(self) -> str:
         sides = " | ".join(f"{s.substructure}:{s.face}" for s in self.sides)

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import OneProcess
+from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 
@@ -40,6 +40,9 @@ class Problem(OneProcess):
     interfaces: dict[str, Interface]
     distribution: Distribution | None = field(default=None, repr=False)
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     @property
     def _instead(self) -> str:
         return "its meshes and function spaces live in this process; assemble its scene where it is needed"
@@ -49,7 +52,7 @@ class Problem(OneProcess):
         """What every rank knows of all parts."""
         if self.distribution is not None:
             return self.distribution.parts
-        return {name: summary(s) for name, s in self.substructures.items()}
+        return ReadOnlyDict({name: summary(s) for name, s in self.substructures.items()})
 
     @cached_property
     def own(self) -> Problem:
@@ -108,10 +111,19 @@ class Problem(OneProcess):
         laws
             Compare the laws of all interfaces, too.
         """
+        with agreement(self.comm):
+            self.check_unchanged()
         if self.comm is None:
             return
         of_laws = {f"the law of interface {n!r}": i.law for n, i in self.interfaces.items()} if laws else {}
         check_alike(self.comm, call, given | of_laws)
+
+    def check_unchanged(self) -> None:
+        """Raise SceneError if somebody has written to a matrix of this rank."""
+        for part in self.substructures.values():
+            part.check_unchanged()
+        for interface in self.interfaces.values():
+            interface.check_unchanged()
 
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.
@@ -277,3 +289,5 @@ def check_is_problem(where: str, problem: object) -> None:
         Where it was given, and what to do.
     """
     check_kind(where, "problem", problem, Problem, "assemble the scene first: problem = assemble(scene)")
+    if isinstance(problem, Problem) and problem.comm is None:  # several ranks: with what they compare
+        problem.check_unchanged()

@@ -23,6 +23,7 @@ from dolfinx_frontend.common.alike import digest
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.specs import SubstructureSpec
 from latin_core import bound_threads
@@ -77,6 +78,9 @@ class Distribution:
     owner: Mapping[str, int]
     parts: Mapping[str, PartSummary] = field(repr=False)
     load_amplitudes: tuple[Amplitude, ...] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def rank(self) -> int:

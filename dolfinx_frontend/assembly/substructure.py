@@ -16,7 +16,16 @@ import scipy.sparse as sp
 import ufl
 from dolfinx import mesh as dmesh
 
-from dolfinx_frontend.assembly.elements import DIGITS, EPS, coordinate_element, csr, quadrature, tabulate
+from dolfinx_frontend.assembly.elements import (
+    DIGITS,
+    EPS,
+    check_unchanged,
+    coordinate_element,
+    csr,
+    noted,
+    quadrature,
+    tabulate,
+)
 from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
@@ -39,7 +48,8 @@ class Substructure:
     space
         Vector-valued Lagrange space (also as ``V``).
     stiffness
-        K (n, n), petsc4py seqaij, force / length, symmetric, no boundary condition.
+        K (n, n), petsc4py seqaij, force / length, symmetric, no boundary condition. To be read: a part whose
+        matrix was written to is refused; ``dataclasses.replace(part, stiffness=K.copy())`` is another part.
     load
         F (n,), force: body forces that are constant in time.
     varying_loads
@@ -76,6 +86,11 @@ class Substructure:
 
     def __post_init__(self) -> None:
         locked(self)
+        noted(self.stiffness)
+
+    def check_unchanged(self) -> None:
+        """Raise SceneError if somebody has written to the stiffness."""
+        check_unchanged(self.stiffness, f"substructure {self.name!r}: its stiffness")
 
     def __repr__(self) -> str:
         return (
@@ -112,6 +127,7 @@ class Substructure:
     @cached_property
     def matrix(self) -> sp.csr_matrix:
         """K as a SciPy matrix."""
+        self.check_unchanged()
         return locked_matrix(csr(self.stiffness), own=True)
 
     @cached_property

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 
-__all__ = ["code_digest"]
+__all__ = ["Reader", "code_digest"]
 
 OURS = ("dolfinx_frontend", "latin_core")
 _PLAIN = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis), type(NotImplemented))
@@ -46,7 +47,7 @@ def code_digest(value: Any, what: str, known: Known | None = None) -> str:
     SceneError
         It refers to something that cannot be told apart from another one of its kind.
     """
-    reader = _Reader(known or {})
+    reader = Reader(known or {})
     reader.feed(value, what)
     return reader.digest.hexdigest()
 
@@ -73,7 +74,7 @@ def _library(name: str | None) -> str | None:
     return f"{name} {version} {_file_digest(file)}"
 
 
-class _Reader:
+class Reader:
     """Feeds values to a digest; what was seen before counts by its number, so that circles end."""
 
     def __init__(self, known: Known) -> None:
@@ -87,6 +88,11 @@ class _Reader:
             data = word if isinstance(word, bytes) else str(word).encode("utf-8", "surrogatepass")
             self.digest.update(b"%d:" % len(data) + data)
 
+    def number(self, value: Any) -> None:
+        """Give a value the number that it counts by when it is met again."""
+        self.seen[id(value)] = len(self.seen)
+        self.kept.append(value)  # so that its id stays its own
+
     def feed(self, value: Any, where: str) -> None:
         """Add a value; `where` says for messages how it was reached."""
         if isinstance(value, _PLAIN):
@@ -95,8 +101,7 @@ class _Reader:
         if id(value) in self.seen:
             self.say("seen", self.seen[id(value)])
             return
-        self.seen[id(value)] = len(self.seen)
-        self.kept.append(value)  # so that its id stays its own
+        self.number(value)
         for kind, tell in self.known.items():
             if isinstance(value, kind):
                 self.say("known", kind.__name__, tell(value))
@@ -117,10 +122,16 @@ class _Reader:
             self.feed(each, where)
 
     def _set(self, value: Any, where: str) -> None:
-        self.say("set", len(value), *sorted(code_digest(each, where, self.known) for each in value))
+        self.say("set", len(value), *sorted(self.alone(each, where) for each in value))
+
+    def alone(self, value: Any, where: str) -> str:
+        """Digest of a value by itself."""
+        other = type(self)(self.known)
+        other.feed(value, where)
+        return other.digest.hexdigest()
 
     def _mapping(self, value: Mapping[Any, Any], where: str) -> None:
-        self.say(type(value).__name__, len(value))
+        self.say("dict", len(value))
         for key, each in value.items():
             self.feed(key, where)
             self.feed(each, where)
@@ -298,16 +309,17 @@ class _Reader:
         )
 
 
-_BY_TYPE: dict[type, Callable[[_Reader, Any, str], None]] = {
-    tuple: _Reader._sequence,
-    list: _Reader._sequence,
-    set: _Reader._set,
-    frozenset: _Reader._set,
-    dict: _Reader._mapping,
-    types.MappingProxyType: _Reader._mapping,
-    np.ndarray: _Reader._array,
-    types.FunctionType: _Reader._function,
-    types.MethodType: _Reader._method,
-    types.ModuleType: _Reader._module,
-    functools.partial: _Reader._partial,
+_BY_TYPE: dict[type, Callable[[Reader, Any, str], None]] = {
+    tuple: Reader._sequence,
+    list: Reader._sequence,
+    set: Reader._set,
+    frozenset: Reader._set,
+    dict: Reader._mapping,
+    ReadOnlyDict: Reader._mapping,
+    types.MappingProxyType: Reader._mapping,
+    np.ndarray: Reader._array,
+    types.FunctionType: Reader._function,
+    types.MethodType: Reader._method,
+    types.ModuleType: Reader._module,
+    functools.partial: Reader._partial,
 }

@@ -34,25 +34,24 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
     Raises
     ------
     FileError
-        It cannot be written; of the given kind.
+        It cannot be written, or is a folder, a pipe or a device; of the given kind.
     """
     try:
         real = Path(os.path.realpath(target))
         temporary = real.with_name(f".{uuid.uuid4().hex}{real.suffix}")
-        before = os.stat(real) if real.exists() else None
-        whole = before is None or stat.S_ISREG(before.st_mode)
+        if real.is_symlink():  # what is left of a chain without an end
+            raise OSError("it is a link that leads back to itself")
+        before = os.stat(real) if os.path.lexists(real) else None
         if before is not None and stat.S_ISDIR(before.st_mode):
             raise IsADirectoryError("it is a folder")
+        if before is not None and not stat.S_ISREG(before.st_mode):  # writing to a pipe may wait for ever
+            raise OSError("it is a pipe, a socket or a device, not a file")
         if before is not None and not os.access(real, os.W_OK):
             raise PermissionError("it is write-protected")
     except OSError as error:
         raise _refused(target, error, kind) from error
-    if not whole:  # a terminal, a pipe
-        temporary = real
     try:
         yield temporary
-        if not whole:
-            return
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         if before is not None:
@@ -64,8 +63,7 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
         raise _refused(target, error, kind) from error
     finally:
         with contextlib.suppress(OSError):
-            if whole:
-                temporary.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(target: Path, text: str) -> None:

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Mapping
 from typing import Any, NoReturn, Self, SupportsIndex, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
-__all__ = ["OneProcess", "frozen", "locked", "locked_matrix", "read_only"]
+__all__ = ["OneProcess", "ReadOnlyDict", "by_value", "frozen", "locked", "locked_matrix", "read_only"]
 
 A = TypeVar("A", bound=np.ndarray[Any, Any])
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class ReadOnlyDict(dict[K, V]):
+    """A dict that nobody changes; ``dict(it)`` is one to change. Unlike a mappingproxy it can be pickled."""
+
+    def _refuse(self, *given: Any, **named: Any) -> NoReturn:
+        raise TypeError("this dict is read-only: change a copy of it, dict(...)")
+
+    __setitem__ = __delitem__ = _refuse
+    __ior__ = _refuse  # type: ignore[assignment]
+    clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (type(self), (dict(self),))
 
 
 def frozen(value: Any) -> Any:
@@ -25,7 +42,7 @@ def frozen(value: Any) -> Any:
     if type(value) in (list, tuple):
         return tuple(frozen(each) for each in value)
     if isinstance(value, Mapping):
-        return {key: frozen(each) for key, each in value.items()}
+        return ReadOnlyDict({key: frozen(each) for key, each in value.items()})
     return value
 
 
@@ -50,19 +67,29 @@ def locked_matrix(matrix: sp.csr_matrix, own: bool = False) -> sp.csr_matrix:
 def _locked_value(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return read_only(value)
+    if isinstance(value, dict):
+        return ReadOnlyDict({key: _locked_value(each) for key, each in value.items()})
     return tuple(map(_locked_value, value)) if type(value) is tuple else value
 
 
 def locked(record: Any) -> None:
-    """Make the arrays of a frozen dataclass read-only; for its ``__post_init__``."""
+    """For the ``__post_init__`` of a frozen dataclass: arrays and dicts read-only."""
     for each in dataclasses.fields(record):
         value = getattr(record, each.name)
-        if isinstance(value, np.ndarray):
-            object.__setattr__(record, each.name, read_only(value))
-        elif sp.issparse(value):
+        if sp.issparse(value):
             object.__setattr__(record, each.name, locked_matrix(value))
-        elif isinstance(value, dict):
-            object.__setattr__(record, each.name, {key: _locked_value(v) for key, v in value.items()})
+        elif isinstance(value, (np.ndarray, dict)):
+            object.__setattr__(record, each.name, _locked_value(value))
+
+
+def by_value() -> bool:
+    """Whether what asks for the content of an object can take functions by value, which pickle cannot."""
+    frame = inspect.currentframe()
+    while frame is not None:
+        if {"cloudpickle", "dill", "codes"} & set(str(frame.f_globals.get("__name__")).split(".")):
+            return True
+        frame = frame.f_back
+    return False
 
 
 class OneProcess:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import re
@@ -36,6 +37,8 @@ def check() -> None:
         If it is newer than any release that was tested.
     """
     oldest, newest = (".".join(map(str, release)) for release in (OLDEST, NEWEST_TRIED))
+    with contextlib.suppress(ModuleNotFoundError):  # it asks MPI for several threads, dolfinx would not
+        importlib.import_module("mpi4py.MPI")
     try:
         dolfinx = importlib.import_module("dolfinx")
     except ModuleNotFoundError as missing:

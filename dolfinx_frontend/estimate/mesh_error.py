@@ -28,6 +28,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.estimate.recovery import recovery
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupted
@@ -81,6 +82,9 @@ class DiscretisationError:
     bound: float | None = None
     shares: dict[str, float] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def relative(self) -> float:
         """Error of the quantity of interest relative to its value.

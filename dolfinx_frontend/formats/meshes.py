@@ -14,7 +14,7 @@ from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map, create_mesh
-from dolfinx_frontend.common.frozen import read_only
+from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.materials import matrix_stress
 
@@ -108,7 +108,8 @@ class StoredPart:
             np.array(tree[key], dtype=np.int64) for key in ("cells", "dofs", "facets")
         )
         tags = np.array(tree["tags"], dtype=np.int64)
-        self.names: dict[str, int] = dict(zip(map(str, tree["faces"]), map(int, tags), strict=True))
+        names = zip(map(str, tree["faces"]), map(int, tags), strict=True)
+        self.names: dict[str, int] = ReadOnlyDict(names)
         matrix = tree.get("elasticity")
         self.material = None
         if matrix is not None:

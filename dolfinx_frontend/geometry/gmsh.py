@@ -16,6 +16,7 @@ from dolfinx_frontend.common.checks import checked_path, checked_whole
 from dolfinx_frontend.common.compat import create_mesh, gmsh_cell_permutation, vertex_nodes
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.geometry.away import away
 from dolfinx_frontend.geometry.meshed import Meshed, meshed
 from dolfinx_frontend.geometry.parts import NO_FACETS, Assembly, Part, exterior_facets, tagged
@@ -187,7 +188,7 @@ def read_msh(path: str | Path, gdim: int | None = None, *, timeout: float | None
         With the name of the file: it is not there, cannot be read, or holds what :func:`from_gmsh` refuses.
     """
     file = checked_path("read_msh", path)
-    if not file.is_file():
+    if not is_file(file):
         raise SceneError(f"there is no mesh file {str(path)!r}")
     model: Meshed = away(
         "mesh_file", file, "cannot be read as a mesh", "write it again", timeout, path=file.absolute()

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.checks import check_kind, check_known, is_real, is_
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import OneProcess
+from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict
 
 __all__ = ["FREE", "Assembly", "Connection", "Part"]
 
@@ -59,6 +59,7 @@ class Part(OneProcess):
         check_kind("Part", "mesh", self.mesh, dmesh.Mesh, "give a dolfinx mesh")
         check_kind("Part", "facet_tags", self.facet_tags, dmesh.MeshTags, "give the tags of its facets")
         check_kind("Part", "names", self.names, Mapping, "give {face: tag}")
+        object.__setattr__(self, "names", ReadOnlyDict(self.names))
 
     @property
     def faces(self) -> tuple[str, ...]:
@@ -137,6 +138,7 @@ class Assembly:
         check_kind("Assembly", "parts", self.parts, Mapping, "give {name: part}")
         for name, part in self.parts.items():
             check_kind("Assembly", f"parts[{name!r}]", part, Part, "give a Part")
+        object.__setattr__(self, "parts", ReadOnlyDict(self.parts))
 
     def __repr__(self) -> str:
         lines = [f"{type(self).__name__}: {len(self.parts)} parts"]

@@ -54,7 +54,7 @@ def box(
     if low.shape != (dim,):
         raise SceneError(f"box: origin = {short(origin)} must have {dim} coordinates, like the lengths")
     high = low + sizes
-    kind = cell_type(cell or ("quadrilateral", "hexahedron")[dim - 2], dim)
+    kind = cell_type(("quadrilateral", "hexahedron")[dim - 2] if cell is None else cell, dim)
     build = dmesh.create_rectangle if dim == 2 else dmesh.create_box
     mesh = build(MPI.COMM_SELF, [low, high], numbers, cell_type=kind)
 

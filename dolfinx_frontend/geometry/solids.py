@@ -10,6 +10,7 @@ Lengths are millimetres, whatever the unit of the file: OpenCASCADE converts.
 
 from __future__ import annotations
 
+import codecs
 import fnmatch
 import math
 import re
@@ -24,6 +25,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_numbers
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.geometry.exchange import Exchange
 
@@ -181,11 +183,16 @@ def load(
         No such file, not STEP, no solids in it, solids that cannot be read, a cut that does not cut in two,
         solids that overlap.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise SceneError(f"there is no STEP file {str(path)!r}")
     occ, model = gmsh.model.occ, gmsh.model
     with path.open("rb") as file:
         start = file.read(4096)
+    if start.startswith(codecs.BOM_UTF8):  # OpenCASCADE finds nothing in it
+        raise SceneError(
+            f"{path.name!r} cannot be read as STEP: it begins with a byte order mark of an editor; save it "
+            "as plain text without one"
+        )
     if b"ISO-10303-21" not in start:
         raise SceneError(
             f"{path.name!r} cannot be read as STEP: it does not begin with ISO-10303-21 (an exchange file "

@@ -38,6 +38,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.away import away, check_timeout
 from dolfinx_frontend.geometry.gmsh import assembled
@@ -476,7 +477,7 @@ def read_step(
             checked_number("read_step", name, value, least=0.0)
     checked_flag("read_step", "partial", partial)
     check_timeout(timeout)
-    if not file.is_file():
+    if not is_file(file):
         raise SceneError(f"there is no STEP file {str(path)!r}")
     source = Source(file.absolute(), planes, imprint, tolerance, partial)
     found: Survey = away(

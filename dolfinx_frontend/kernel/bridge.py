@@ -24,7 +24,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.kernel.user_laws import batched
 from dolfinx_frontend.plan.coarse import basis
-from dolfinx_frontend.plan.plan import Plan
+from dolfinx_frontend.plan.plan import Plan, check_reach
 from dolfinx_frontend.plan.reduction import Body, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
@@ -50,16 +50,22 @@ CONTACT = 1.0 / 3.0
 SOFTEST = 1e-3
 """Smallest search direction of an elastic interface, relative to factor * E / L."""
 
+GIVEN_REACH = 1e10
+"""As :data:`dolfinx_frontend.plan.plan.REACH`, of one interface, whose own springs may be soft or stiff."""
+
 RANGE = 1e130
 """Largest strain of an iteration, and the inverse of the smallest: squares, moduli and tolerances must fit
 beside it into double precision."""
 
 
 def _scale(problem: Problem, plan: Plan) -> float:
-    """E / L of the scene: geometric mean of the moduli, over the scene's length."""
-    parts = problem.parts.values()
-    modulus = float(np.exp(np.mean([np.log(part.modulus) for part in parts])))
-    return modulus / (plan.direction.length or _length(problem))
+    """E / L of the scene."""
+    return _modulus(problem) / (plan.direction.length or _length(problem))
+
+
+def _modulus(problem: Problem) -> float:
+    """E of the scene: geometric mean of the moduli."""
+    return float(np.exp(np.mean([np.log(part.modulus) for part in problem.parts.values()])))
 
 
 def _length(problem: Problem) -> float:
@@ -75,11 +81,18 @@ def _direction(
     given = plan.direction.given.get(interface.name)
     if given is not None:
         per_point = resolve(given, interface, 1, name="search direction")
+        if per_point.size and per_point.min() > 0.0:  # others are refused by the kernel
+            usual = _modulus(problem) / _length(problem)
+            what = f"what is given for interface {interface.name!r}"
+            check_reach(what, per_point.min() / usual, per_point.max() / usual, reach=GIVEN_REACH)
         return np.repeat(per_point.ravel(), fields.components)
     assert plan.direction.factor is not None  # the plan fills it in
     law = interface.law
     patch = law.search_direction == "patch"
     unit = plan.direction.factor * _scale(problem, plan)
+    if plan.direction.length is not None:
+        usual = _modulus(problem) / _length(problem)
+        check_reach(f"with length = {plan.direction.length:g} it", unit / usual, reach=GIVEN_REACH)
     if plan.direction.length is None:
         shorter = 1.0
         if plan.macro:

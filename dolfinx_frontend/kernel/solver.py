@@ -29,7 +29,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
-from dolfinx_frontend.common.frozen import read_only
+from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.running import Interrupt
@@ -76,7 +76,8 @@ class Solver:
         )
         self.problem = problem
         self.plan = plan
-        self._core, own, self.acting = bridge.build(problem, plan)
+        self._core, own, acting = bridge.build(problem, plan)
+        self.acting = ReadOnlyDict(acting)
         every = [own] if problem.comm is None else problem.comm.allgather(own)
         self.bodies = tuple(body for bodies in every for body in bodies)
         self._first_body = sum(len(bodies) for bodies in every[: problem.rank])
@@ -84,7 +85,7 @@ class Solver:
             self.laws = bridge.laws(self._core, problem, plan)
         self.weights = read_only(self._core.weights)
         self.directions = read_only(self._core.directions)
-        self.costs = tuple(self._core.costs)
+        self.costs = tuple(ReadOnlyDict(dict[str, Any](**cost)) for cost in self._core.costs)
 
     def __repr__(self) -> str:
         active = len(self.plan.active)
@@ -142,6 +143,8 @@ class Solver:
         progress
             A progress bar if on a terminal.
         """
+        if self.problem.comm is None:
+            self.problem.check_unchanged()
         noisy = _log.isEnabledFor(logging.DEBUG)
         shown = progress and self.problem.rank == 0
         with Interrupt() as interrupt, Bar(None, "solve", "iteration", shown) as bar:
@@ -187,6 +190,8 @@ class Solver:
         start: Mapping[int, State] | None = None,
     ) -> SweepPoints:
         """Solve at many points, see :func:`latin_core.sweep`; `laws` hold where nothing is swept."""
+        if self.problem.comm is None:
+            self.problem.check_unchanged()
         own = self.problem.own.interfaces
         points = kernel_sweep(
             self._core,
@@ -212,6 +217,9 @@ class Solver:
         for block in blocks:
             if block is not None:
                 block.flags.writeable = False
+        points.forces, points.jumps = ReadOnlyDict(points.forces), ReadOnlyDict(points.jumps)
+        points.outputs = ReadOnlyDict(points.outputs)
+        points.histories = ReadOnlyDict(points.histories)
         return points
 
     def _over_ranks(self, points: SweepPoints) -> None:

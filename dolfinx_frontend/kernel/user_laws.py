@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_reals
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Functions
 
@@ -78,7 +79,8 @@ class _Asked:
         assert function is not None
         try:
             with np.errstate(over="ignore"):  # far from the answer a law may be anything
-                answer = np.asarray(function(*given, **values), dtype=np.float64)
+                found = function(*given, **values)
+                answer: Any = np.asarray(found)
         except Exception as error:
             shapes = ", ".join(f"{name} {np.shape(v)}" for name, v in values.items() if np.ndim(v) == 2)
             hint = f"; values are (points, columns): {shapes}; write value[:, None] beside a jump"
@@ -86,15 +88,18 @@ class _Asked:
                 f"{self.who}: its {what} raised {type(error).__name__}: {error}"
                 + (hint if isinstance(error, ValueError) and "broadcast" in str(error) else "")
             ) from error
-        if answer.shape != shape:
+        if answer.dtype.kind not in "biuf":  # a complex number would lose a part of it
+            answer = checked_reals(self.who, f"what its {what} returned", found, "return real numbers")
+        numbers: Array = answer.astype(np.float64, copy=False)
+        if numbers.shape != shape:
             names = "points, components, columns" if len(shape) == 3 else (
                 "points, components, components, columns"
             )
             raise SceneError(
-                f"{self.who}: its {what} returned an array of shape {answer.shape}, expected "
+                f"{self.who}: its {what} returned an array of shape {numbers.shape}, expected "
                 f"({names}) = {shape}"
             )
-        return answer
+        return numbers
 
     def demand(self, good: Bools, answer: Array, jump: Array, what: str) -> None:
         """Raise at the first point where an answer is not good."""

@@ -26,7 +26,7 @@ from dolfinx_frontend.common.checks import (
 )
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.frozen import frozen, locked
 from dolfinx_frontend.plan.coarse import Moments
 from dolfinx_frontend.plan.cost import Cost, newton_is_dense, predict
 from dolfinx_frontend.plan.random_laws import RandomLaws
@@ -62,6 +62,27 @@ class Decision(NamedTuple):
     reason: str
 
 
+REACH = 1e6
+"""Factors of E / L up to which, and 1 / which down to which, a search direction leaves digits to an answer.
+At 1e10 six of them are left, at 1e12 none."""
+
+
+def check_reach(what: str, *factors: float, reach: float = REACH) -> None:
+    """Refuse search directions so far from E / L that rounding takes the answer.
+
+    Raises
+    ------
+    SceneError
+        A factor of E / L beyond `reach`.
+    """
+    for factor in factors:
+        if not 1.0 / reach <= factor <= reach:
+            raise SceneError(
+                f"search direction: {what} is {factor:.1g} E/L; beyond {1.0 / reach:g} to {reach:g} E/L "
+                "rounding takes the answer: leave it out, or stay near 1 to 10 E/L"
+            )
+
+
 @dataclass(frozen=True, repr=False)
 class Direction:
     """Search direction k of every interface, force / length^3: a parameter of the method, not of the model.
@@ -91,6 +112,8 @@ class Direction:
         for name, value in (("factor", self.factor), ("length", self.length)):
             if value is not None:
                 checked_number("search direction", name, value, above=0.0)
+        if self.factor is not None:
+            check_reach(f"factor = {self.factor:g}", self.factor)
         check_kind("search direction", "given", self.given, Mapping, "give {interface: number or numbers}")
         for name, value in self.given.items():
             where, wanted = f"search direction of interface {name!r}", "it must be positive and finite"
@@ -147,6 +170,9 @@ class Plan:
     moments: Moments = "linear"
     paired: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     @property
     def steps(self) -> int:
         """Columns that are the time steps of one history."""
@@ -202,6 +228,16 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
     if isinstance(plan, Plan) and isinstance(problem, Problem):
         for name in (*plan.active, *plan.eliminated):
             check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
+
+
+def check_keeps(where: str, plan: Plan, interfaces: Iterable[str]) -> None:
+    """Refuse a plan that eliminates interfaces whose laws are random: at their means nothing would vary."""
+    lost = [name for name in interfaces if name in plan.eliminated]
+    if lost:
+        raise SceneError(
+            f"{where}: the plan eliminates {', '.join(map(repr, lost))}, whose law is random: leave the plan "
+            f"out, or make it with vary={lost}"
+        )
 
 
 def check_settings(where: str, plan: Plan | None, method: object = "auto", **given: object) -> None:
@@ -360,6 +396,7 @@ def _search_direction(
     if not isinstance(given, Direction):
         if given is not None:
             checked_number("plan", "direction", given, above=0.0)
+            check_reach(f"direction = {given:g}", given)
         given = Direction(factor=given)
     _names(problem, given.given, "search direction")
     if given.factor is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Fields, Law
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
@@ -57,6 +58,9 @@ class RandomLaws:
     sources: dict[tuple[str, str], Source]
     dropped: tuple[str, ...]
     space: RandomSpace
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def __repr__(self) -> str:
         named = (f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items())

@@ -476,6 +476,7 @@ class ChaosResult(Result, StochasticResult):
             return super().readings(interfaces, samples, seed)
         # in words, because a list may hold anything; what is wrong is refused and never kept
         key = repr((interfaces, samples, seed))
+        self.problem.check_alike("readings", interfaces=interfaces, samples=samples, seed=seed)
         if key not in self._readings:
             found = super().readings(interfaces, samples, seed)
             self._readings.clear()
@@ -595,8 +596,8 @@ class ChaosResult(Result, StochasticResult):
         points
             Deterministic solves at independent points of the germs; 0: only the decay.
         """
-        checked_whole("truncation", "points", points, 0)
         self.problem.check_alike("truncation", interface=interface, points=points, seed=seed)
+        checked_whole("truncation", "points", points, 0)
         # before the solves: on all ranks it is an interface with a chaos, or on none
         decay, deviation = self.everywhere(interface, lambda: self._decay(interface))
         if points == 0:

@@ -435,6 +435,7 @@ class Face(ABC):
         samples, seed
             Of a chaos: this many random samples (None: 4096).
         """
+        self.problem.check_alike("table", step=step, about=about, quantiles=quantiles)
         return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
 
     def bolts(
@@ -446,12 +447,14 @@ class Face(ABC):
     ) -> tables.Table:
         """Bolt forces of a load history before and after loading, see
         :func:`dolfinx_frontend.results.tables.bolts`; arguments as for :meth:`table`."""
+        self.problem.check_alike("bolts", quantiles=quantiles)
         return tables.bolts(self.readings(interfaces, samples, seed), quantiles)
 
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
         """The numbers behind the tables, a number per sample and time step."""
+        self.problem.check_alike("readings", interfaces=interfaces, samples=samples, seed=seed)
         return read(self, interfaces, samples, seed)
 
     def save(

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_names, checked_numbers
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.results.answer import Answer, Block, Surface, chunks, stepped
 from dolfinx_frontend.results.contact import contact_states
 from dolfinx_frontend.results.reactions import Reaction, reaction
@@ -53,6 +54,9 @@ class Measures:
     values: dict[str, Array]
     law: str
     bolt: int | None = None
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def about(self, point: npt.ArrayLike | None) -> dict[str, Array]:
         """The numbers with moments about a point (d,); None: the centroid."""
@@ -96,6 +100,9 @@ class Readings:
     weights: Array | None = None
     coordinates: Mapping[str, Array] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def select(self, names: Sequence[str] | str | None) -> Readings:
         """Some of the interfaces."""

@@ -17,7 +17,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_flag, checked_path
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.files import is_file
-from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.frozen import ReadOnlyDict, locked
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
 from dolfinx_frontend.formats.hdf5 import Tree
@@ -129,6 +129,9 @@ class SavedProblem:
     rank = 0
     distribution = None
 
+    def __post_init__(self) -> None:
+        locked(self)
+
     @property
     def parts(self) -> dict[str, Any]:
         """The parts by name."""
@@ -147,6 +150,9 @@ class SavedProblem:
         return read()
 
     def on_one_rank(self, what: str) -> None:
+        """All is on one rank."""
+
+    def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
 
     def __repr__(self) -> str:
@@ -229,8 +235,9 @@ class SavedResult(Face):
         self.statuses = tuple(str(each) or "interrupted" for each in statuses)
         self.software = str(tree["software"])
         self.germs, self.weights = _optional(tree, "germs"), _optional(tree, "weights")
-        self.axes = {name: _numbers(v, name, 1) for name, v in tree.get("axes", {}).items()}
-        self.seconds = {}
+        axes = tree.get("axes", {})
+        self.axes = ReadOnlyDict({name: _numbers(v, name, 1) for name, v in axes.items()})
+        self.seconds = ReadOnlyDict()
         self._tree = tree
         missing = {str(k): str(v) for k, v in json.loads(tree["missing"]).items()}
         self._readings = Readings(

@@ -24,6 +24,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.files import write_text
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.scene.amplitudes import check_step
 
@@ -50,9 +51,13 @@ class Table:
         What is not in the table, and why.
     """
 
-    columns: dict[str, list[Any]]
+    columns: Mapping[str, Sequence[Any]]
     labels: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        columns = ReadOnlyDict({name: tuple(entries) for name, entries in self.columns.items()})
+        object.__setattr__(self, "columns", columns)
 
     def __len__(self) -> int:
         return len(self.columns[self.labels[0]])
@@ -159,7 +164,7 @@ def _kind(column: str) -> str:
     return "pressure" if column == "shear_max" else column.split("_")[0]
 
 
-def _empty(column: list[Any]) -> bool:
+def _empty(column: Sequence[Any]) -> bool:
     return bool(column) and all(isinstance(v, float) and math.isnan(v) for v in column)
 
 

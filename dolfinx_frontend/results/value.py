@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any, Self
 
-from dolfinx_frontend.common.frozen import OneProcess
+from dolfinx_frontend.common.frozen import OneProcess, locked
 
 __all__ = ["Value"]
 
@@ -19,6 +19,9 @@ class Value(OneProcess):
 
     _notes: frozenset[str] = frozenset({"seconds", "found"})
     """Fields that say something about the answer and change nothing in it."""
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     def with_notes(self, **notes: Any) -> Self:
         """The same answer with other notes; what was recovered already is shared."""

@@ -28,12 +28,20 @@ from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_optional_kind
+from dolfinx_frontend.common.checks import check_optional_kind, checked_word
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Decision, Direction, Method, Plan, check_problem, make_plan
+from dolfinx_frontend.plan.plan import (
+    Decision,
+    Direction,
+    Method,
+    Plan,
+    check_keeps,
+    check_problem,
+    make_plan,
+)
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.accuracy import accuracy_of_run
 from dolfinx_frontend.results.chaos import ChaosResult, amplitudes_of, percent
@@ -393,8 +401,7 @@ def solve_chaos(
     TruncationWarning
         A law is nonlinear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
     """
-    if indefinite not in ("refuse", "prove"):
-        raise SceneError(f"indefinite = {indefinite!r}: use 'refuse' or 'prove'")
+    checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
     check_problem("chaos", problem, plan)
     check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
     chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
@@ -420,6 +427,8 @@ def solve_chaos(
             len(basis),
             times=times,
         )
+    else:
+        check_keeps("chaos", plan, random.interfaces)
     states = start_states(start)
     return _run(
         problem, random, chaos, basis, plan, None, states, indefinite, callback, progress, estimator

@@ -32,7 +32,15 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.kernel.fingerprint import fingerprint
 from dolfinx_frontend.kernel.running import Interrupt, check_running, report_points
 from dolfinx_frontend.kernel.solver import Solver
-from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
+from dolfinx_frontend.plan.plan import (
+    Direction,
+    Method,
+    Plan,
+    check_keeps,
+    check_problem,
+    check_settings,
+    make_plan,
+)
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import Estimator, not_measured
@@ -113,6 +121,8 @@ def sample(
         raise SceneError("sampling: nothing is random: give a law a random parameter")
     if plan is None:
         plan = make_plan(problem, method, active, random.interfaces, direction, options, times=times)
+    else:
+        check_keeps("sampling", plan, random.interfaces)
     began = perf_counter()
     solver = Solver(problem, plan)
     return sample_on(

@@ -23,6 +23,7 @@ from dolfinx_frontend.common.checks import (
     checked_names,
     checked_numbers,
     checked_path,
+    checked_reals,
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -163,7 +164,7 @@ def sweep(
     began = perf_counter()
     solver = Solver(problem, plan)
     setup = perf_counter() - began
-    readings = {name: _reading(problem, plan, call) for name, call in (outputs or {}).items()}
+    readings = {name: _reading(problem, plan, name, call) for name, call in (outputs or {}).items()}
     order = snake_order([len(values) for values in axes.values()])
     header = None if file is None else _header(problem, plan, parameters, axes, keep_fields, outputs)
     started = perf_counter()
@@ -246,7 +247,7 @@ def _header(
 
 
 def _reading(
-    problem: Problem, plan: Plan, function: Callable[[Block], npt.ArrayLike]
+    problem: Problem, plan: Plan, name: str, function: Callable[[Block], npt.ArrayLike]
 ) -> Callable[[int, dict[str, tuple[Array, Array]]], npt.ArrayLike]:
     """A user's function of a point as the kernel's sweep calls it."""
 
@@ -255,7 +256,10 @@ def _reading(
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
         # what a function does to its arrays is no business of the sweep's, nor of the next function's
         shown = {n: (read_only(force), read_only(jump)) for n, (force, jump) in fields.items()}
-        values: Array = np.asarray(function(point_block(problem, plan, shown)))
+        found = function(point_block(problem, plan, shown))
+        values = np.asarray(found) if isinstance(found, np.ndarray) else None
+        if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
+            values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
         if values.ndim == 0 or len(values) != 1:
             raise SceneError(
                 f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "

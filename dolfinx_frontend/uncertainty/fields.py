@@ -19,7 +19,7 @@ from scipy.sparse import linalg as sparse_linalg
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers, checked_whole
 from dolfinx_frontend.common.describe import record
-from dolfinx_frontend.common.errors import SceneError, unknown_name
+from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.checks import deviation, named
 
 __all__ = ["DiscretisedField", "RandomField", "exponential_1d_eigenvalues", "karhunen_loeve"]
@@ -45,6 +45,7 @@ def _correlation(where: str, covariance: Any, nu: float | None) -> tuple[Correla
     """The function, and whether it has a kink at distance 0."""
     if callable(covariance):
         return covariance, True
+    check_known("covariance", covariance, ("exponential", "gaussian", "matern"), where)
     if (nu is None) == (covariance == "matern"):
         raise SceneError(
             f"{where}: nu = {nu} with covariance {covariance!r}; 'matern' needs its smoothness "
@@ -54,9 +55,8 @@ def _correlation(where: str, covariance: Any, nu: float | None) -> tuple[Correla
         return (lambda r: np.exp(-r)), True
     if covariance == "gaussian":
         return (lambda r: np.exp(-0.5 * r * r)), False
-    if covariance == "matern" and nu is not None:
-        return _matern(checked_number(where, "nu", nu, above=0.0)), nu < 1.0
-    raise unknown_name("covariance", covariance, ("exponential", "gaussian", "matern"), where)
+    assert nu is not None
+    return _matern(checked_number(where, "nu", nu, above=0.0)), nu < 1.0
 
 
 class _Modes(NamedTuple):

@@ -17,6 +17,7 @@ from scipy.stats import qmc
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
@@ -160,7 +161,7 @@ class RandomSpace:
         self._blocks = tuple(blocks)
         self.germs = tuple(germs)
         self.germ_names = tuple(germ_names)
-        self.groups = {block.name: block.columns for block in blocks}
+        self.groups = ReadOnlyDict({block.name: block.columns for block in blocks})
 
     @property
     def dimension(self) -> int:

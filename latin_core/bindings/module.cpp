@@ -4,6 +4,7 @@
 #include "arguments.hpp"
 #include "latin/algebra/factor.hpp"
 #include "latin/common/error.hpp"
+#include "latin/common/outer_lock.hpp"
 #include "latin/common/threads.hpp"
 #include "latin/iteration/sweep.hpp"
 
@@ -16,7 +17,24 @@ void bind_results(py::module_& m);
 void bind_structure(py::module_& m);
 void bind_stochastic(py::module_& m);
 
+namespace {
+
+/// The lock of the interpreter: what Python's other threads hold while they make PETSc objects.
+int enter_python() {
+  constexpr int gone = -1;  // the interpreter ended before its objects
+  return Py_IsInitialized() != 0 ? static_cast<int>(PyGILState_Ensure()) : gone;
+}
+
+void leave_python(int entered) {
+  if (entered >= 0) {
+    PyGILState_Release(static_cast<PyGILState_STATE>(entered));
+  }
+}
+
+}  // namespace
+
 PYBIND11_MODULE(_core, m) {
+  latin::OuterLock::set({enter_python, leave_python});
   m.doc() =
       "LATIN kernel: substructures, interfaces, local and global stage, stochastic Galerkin blocks";
   py::register_exception<latin::InputError>(m, "InputError", PyExc_ValueError).doc() =

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dolfinx_frontend import Elastic, LogNormal, geometry
 from dolfinx_frontend.common.alike import digest
 
 
@@ -38,6 +40,25 @@ def test_containers_and_libraries() -> None:
     root = "def f(x): return r(x)"
     assert digest(made(root, r=math.sqrt)) == digest(made(root, r=math.sqrt))
     assert digest(made(root, r=np.linalg.norm)) == digest(made(root, r=np.linalg.norm))
+
+
+def test_what_cannot_be_told_apart_counts_by_its_kind() -> None:
+    """Where a checkpoint refuses; a rank has locks, meshes and communicators of its own."""
+    assert digest(threading.Lock()) == digest(threading.Lock())
+    assert digest([threading.Lock(), 1.0]) != digest([threading.Lock(), 2.0])
+    assert digest(made("def f(x): return r", r=threading.Lock())) == digest(
+        made("def f(x): return r", r=threading.Lock())
+    )
+    boxes = [geometry.box((1.0, 1.0), (n, n)) for n in (1, 2)]
+    assert digest(boxes[0].mesh) == digest(boxes[1].mesh)
+
+
+def test_records_and_random_variables() -> None:
+    assert digest(LogNormal("k", 30.0, cov=0.3)) == digest(LogNormal("k", 30.0, cov=0.3))
+    assert digest(LogNormal("k", 30.0, cov=0.3)) != digest(LogNormal("k", 31.0, cov=0.3))
+    assert digest(Elastic(normal=np.ones(3))) == digest(Elastic(normal=np.ones(3)))
+    assert digest(Elastic(normal=np.ones(3))) != digest(Elastic(normal=np.arange(3.0)))
+    assert digest({"a": np.float64(1.0)}) == digest({"a": 1.0}) != digest({"b": 1.0})
 
 
 def test_circles_end() -> None:

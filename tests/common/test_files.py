@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import socket
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -114,13 +115,28 @@ def test_an_interrupted_write_changes_nothing(tmp_path: Path) -> None:
     assert path.read_text() == "before" and os.listdir(tmp_path) == ["kept"]
 
 
-def test_pipes_are_written_to(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
+@pytest.mark.parametrize("name", ["result.h5", "table.csv", "figure.png"])
+def test_pipes_sockets_and_circles_are_refused(name: str, result: Any, tmp_path: Path) -> None:
+    """Nothing waits for a reader, and nothing takes their place."""
+    pipe, door, circle = (tmp_path / part / name for part in ("pipe", "socket", "circle"))
+    for each in (pipe, door, circle):
+        each.parent.mkdir()
     os.mkfifo(pipe)
-    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    write_text(pipe, "through")
-    assert os.read(reader, 100) == b"through" and stat.S_ISFIFO(pipe.stat().st_mode)
-    os.close(reader)
+    with socket.socket(socket.AF_UNIX) as open_door:
+        open_door.bind(str(door))
+    circle.symlink_to(circle.with_name("other"))
+    circle.with_name("other").symlink_to(circle)
+    for each, why in ((pipe, "pipe"), (door, "socket"), (circle, "leads back to itself")):
+        before = os.lstat(each)
+        with pytest.raises(FileError, match=f"{name} cannot be written.*{why}"):
+            WRITERS[name](result, each)
+        assert os.lstat(each).st_ino == before.st_ino
+    for reader in (load, io.load_chaos):
+        for each in (pipe, door, circle):
+            with pytest.raises(FileError, match="does not exist or is no file|not"):
+                reader(each)
+    with pytest.raises(FileError, match="null cannot be written.*device"):
+        write_text(Path(os.devnull), "nowhere")
 
 
 @pytest.mark.parametrize("name", ["no.h5", "x" * 300 + ".h5"])

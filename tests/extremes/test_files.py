@@ -126,7 +126,7 @@ def test_point_that_is_no_archive(tmp_path: Path, value: object) -> None:
 
 
 def test_folder_instead_of_a_checkpoint(tmp_path: Path) -> None:
-    with pytest.raises(CheckpointError, match="cannot be read"):
+    with pytest.raises(CheckpointError, match="is a folder, .*: give the name of a file"):
         Checkpoint(tmp_path, HEADER)
 
 

@@ -19,8 +19,9 @@ from hypothesis import strategies as st  # noqa: E402
 
 import dolfinx_frontend as api  # noqa: E402
 from dolfinx_frontend.common.errors import SceneError  # noqa: E402
+from dolfinx_frontend.kernel.solver import Solver  # noqa: E402
 from dolfinx_frontend.uncertainty.space import RandomSpace  # noqa: E402
-from latin_core import NumericalError, Options, _core  # noqa: E402
+from latin_core import NumericalError, Options, State, _core  # noqa: E402
 from tests.extremes import cases  # noqa: E402
 
 
@@ -315,3 +316,105 @@ def test_any_bolt(share: float, stiff: bool) -> None:
     # at share 0 on a rigid joint the answer is right, but its estimate does not know (stagnated)
     assert result.status in ("converged", "inexact", "stagnated")
     assert error <= bound, (result, error, bound)
+
+
+# ---------------------------------------------------------------------------------------------
+# The kernel of a result, and an interrupt within an estimate
+# ---------------------------------------------------------------------------------------------
+def joined_blocks(law: Any, n: int = 4) -> Any:
+    """Two blocks with a layer between them, pulled."""
+    scene = api.Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        part = api.geometry.box((1.0, 1.0), (n, n), origin=(x0, 0.0))
+        scene.substructure(name, part, api.LinearElastic(E=100.0, nu=0.3), degree=1)
+    scene.interface("layer", "left:x1", "right:x0", law)
+    scene.fix("left:x0", name="wall")
+    scene.traction("right:x1", (1.0, 0.2), name="pull")
+    return api.assemble(scene)
+
+
+def test_what_is_not_of_this_problem() -> None:
+    """States, laws, plans and numbers of another one, from the solver of a result: named, never used."""
+    quiet: dict[str, Any] = {"progress": False}
+    problem = joined_blocks(api.Elastic(normal=30.0, tangential=10.0))
+    result = api.solve(problem, active=["layer"], **quiet)
+    other = api.solve(joined_blocks(api.Elastic(normal=1.0, tangential=1.0), 2), active=["layer"], **quiet)
+    solver, laws, rows = result.solver, result.laws, result.solver.rows
+    tiny = State(np.zeros((1, 1)), np.zeros((1, 1)))
+    many = {"layer": {"normal": np.ones((1, 3000))}}
+    for call, told in (
+        (lambda: solver.local_fields(laws, "layer", tiny), rf"state: it has shape \(1, 1\).*\({rows}, any\)"),
+        (lambda: solver.local_fields(laws, "layr", result.state), "no active interface 'layr'"),
+        (lambda: solver.displacements(laws, tiny, np.ones((1, 1))), r"state: it has shape \(1, 1\)"),
+        (lambda: solver.displacements(laws, result.state, np.ones((5, 3))), r"amplitudes: .*\(5, 3\)"),
+        (lambda: solver.global_stage(laws, np.zeros((1, 1)), np.ones((1, 1))), r"data: .*got \(1, 1\)"),
+        (lambda: solver.local_fields(other.laws, "layer", result.state), "laws: they belong to another"),
+        (lambda: solver.run(other.laws, Options(), np.ones((1, 1))), "laws: they belong to another"),
+        (lambda: State(np.zeros((rows, 4000)), np.zeros((rows, 1))), "traces: shape"),
+        (lambda: solver.local_fields(laws.with_(parameters=many), "layer", result.state), "3000 columns"),
+    ):
+        with pytest.raises(_core.InputError, match=told):
+            call()
+    for start in (tiny, other, State(np.zeros((rows, 2)), np.zeros((rows, 2))), "state"):
+        with pytest.raises(SceneError, match="solve: start .*give a result of the same plan"):
+            api.solve(problem, active=["layer"], start=start, **quiet)
+    contact = joined_blocks(api.Contact(friction=0.3))
+    with pytest.raises(SceneError, match="'layer': Contact cannot be eliminated"):
+        api.solve(contact, plan=api.make_plan(problem), **quiet)
+
+
+def test_any_start_leads_to_the_answer() -> None:
+    problem = joined_blocks(api.Elastic(normal=30.0, tangential=10.0))
+    tight: dict[str, Any] = {"active": ["layer"], "options": Options(rtol=1e-10), "progress": False}
+    exact = api.solve(problem, **tight)
+    data, traces = np.random.default_rng(0).normal(size=(2, exact.solver.rows, 1))
+    found = api.solve(problem, start=State(data, traces), **tight)
+    size = np.abs(exact.displacements["right"]).max()
+    # twice the tolerance of each, relative to the answer
+    assert np.abs(found.displacements["right"] - exact.displacements["right"]).max() < 4e-10 * size
+
+
+def test_a_plan_that_fixes_what_is_random() -> None:
+    """It gave a chaos whose variance is 0."""
+    problem = joined_blocks(api.Elastic(normal=api.LogNormal("k", 30.0, cov=0.3), tangential=10.0))
+    plan = api.make_plan(problem)
+    told = "the plan eliminates 'layer', whose law is random: leave the plan out, or make it with vary="
+    with pytest.raises(SceneError, match=f"chaos: {told}"):
+        api.solve(problem, chaos=2, plan=plan, progress=False)
+    with pytest.raises(SceneError, match=f"sampling: {told}"):
+        api.monte_carlo(problem, 4, plan=plan, progress=False)
+    plan = api.make_plan(problem, vary=["layer"])
+    assert api.solve(problem, chaos=2, plan=plan, progress=False).moments("right")[1].max() > 0.0
+
+
+@pytest.mark.parametrize("ends", [KeyboardInterrupt, MemoryError])
+def test_errors_that_end_early(ends: type[BaseException], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whichever of its runs ends: the result answers as before, and the next measurement is whole."""
+    problem = joined_blocks(api.Elastic(normal=api.LogNormal("k", 30.0, cov=0.3), tangential=10.0))
+    result = api.solve(problem, chaos=2, progress=False)
+    force, table = result.force_coefficients("layer").copy(), str(result.table())
+    sobol = str(result.sobol("layer"))
+    whole = str(result.errors("layer"))
+    run, done = Solver.run, [0]
+    for last in range(1, 20):
+        done[0] = 0
+
+        def ended(self: Solver, *rest: Any, **named: Any) -> Any:
+            out = run(self, *rest, **named)
+            done[0] += 1
+            if done[0] == last:  # noqa: B023
+                raise ends
+            return out
+
+        monkeypatch.setattr(Solver, "run", ended)
+        raised = False
+        try:
+            result.errors("layer")
+        except ends:
+            raised = True
+        monkeypatch.setattr(Solver, "run", run)
+        assert np.array_equal(result.force_coefficients("layer"), force)
+        assert str(result.table()) == table and str(result.sobol("layer")) == sobol
+        if not raised:
+            break
+    assert 1 < last < 19 and str(result.errors("layer")) == whole

@@ -225,6 +225,21 @@ def test_a_solid_without_one_of_its_faces_is_named(two: Path) -> None:
         read_step(two)
 
 
+def test_a_byte_order_mark(two: Path) -> None:
+    two.write_bytes(b"\xef\xbb\xbf" + two.read_bytes())
+    with pytest.raises(SceneError, match="'two.step' cannot be read as STEP.* byte order mark.*; save it as"):
+        read_step(two)
+
+
+@pytest.mark.parametrize("read", [read_step, read_msh])
+def test_links_without_an_end(read: Any, tmp_path: Path) -> None:
+    (tmp_path / "a.step").symlink_to(tmp_path / "b.step")
+    (tmp_path / "b.step").symlink_to(tmp_path / "a.step")
+    for path in (tmp_path / "a.step", tmp_path / ("x" * 300)):
+        with pytest.raises(SceneError, match="there is no (STEP|mesh) file '.*(a.step|xx)'"):
+            read(path)
+
+
 def test_a_file_that_is_cut_off(two: Path) -> None:
     data = two.read_bytes()
     two.write_bytes(data[: len(data) // 2])

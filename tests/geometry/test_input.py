@@ -30,6 +30,11 @@ def test_boxes(shown: str, wrong: Any) -> None:
             refused(lambda: geometry.box((1.0, 1.0), (1, 1), cell=wrong), "cell = ")
 
 
+def test_cells() -> None:
+    for wrong in ("", np.array("triangle"), np.array(["triangle", "quadrilateral"]), ["triangle"], False):
+        refused(lambda wrong=wrong: geometry.box((1.0, 1.0), (1, 1), cell=wrong), "cell = ")
+
+
 def test_records() -> None:
     for wrong in JUNK:
         refused(lambda wrong=wrong: geometry.Part(wrong, UNIT.facet_tags, UNIT.names), "mesh = ")

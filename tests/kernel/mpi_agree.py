@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from blocks import RANK, WORLD, row
 from mpi4py import MPI
 
 from dolfinx_frontend import (
@@ -30,28 +31,12 @@ from dolfinx_frontend import (
     sweep,
 )
 
-WORLD = MPI.COMM_WORLD
-RANK = WORLD.rank
-
 
 def chain(
     law: Any, count: int = 2, comm: Any = WORLD, loads: Any = (-2.0, 0.3), modulus: float = 200.0
 ) -> Any:
     """Blocks in a row on a soft bed, pushed from the right."""
-    scene = Scene()
-    for k in range(count):
-        scene.substructure(
-            f"b{k}",
-            lambda k=k: geometry.box((10.0, 10.0), (2, 2), origin=(10.0 * k, 0.0)),
-            LinearElastic(E=modulus, nu=0.3),
-            degree=1,
-        )
-    scene.fix("b0:x0", name="wall")
-    for k in range(1, count):
-        scene.interface(f"j{k}", f"b{k - 1}:x1", f"b{k}:x0", law)
-        scene.interface(f"bed{k}", f"b{k}:y0", Elastic(normal=3.0, tangential=3.0))
-    scene.traction(f"b{count - 1}:x1", loads, name="pull")
-    return assemble(scene, comm=comm)
+    return assemble(row(lambda _: law, [modulus] * count, loads), comm=comm)
 
 
 def raises(call: Callable[[], Any], *messages: str) -> None:
@@ -87,6 +72,13 @@ def differ() -> None:
     result = solve(problem, chaos=2)
     raises(lambda: result.truncation(f"j{1 + RANK}"), "truncation: interface differs")
     raises(lambda: result.errors(f"j{1 + RANK}"), "errors: quantity differs")
+    raises(lambda: result.table(step=RANK), "table: step differs", "0 on rank 0, 1 on rank 1")
+    raises(lambda: result.table(about=(0.0, 1.0 * RANK)), "table: about differs")
+    raises(lambda: result.table(quantiles=[0.5, 0.9][: 1 + RANK]), "table: quantiles differs")
+    raises(lambda: result.table(f"j{1 + RANK}"), "readings: interfaces differs")
+    raises(lambda: result.table(samples=4 + RANK), "readings: samples differs")
+    raises(lambda: result.bolts() if RANK else result.table(), "rank 0 calls table, rank 1 calls bolts")
+    raises(lambda: result.truncation("j1", points=RANK - 1), "truncation: points differs")
     raises(lambda: result.gathered(f"j{1 + RANK}"), "asks for interface 'j1'", "for interface 'j2'")
     raises(lambda: result.errors() if RANK else solve(problem), "rank 0 calls solve, rank 1 calls errors")
     raises(lambda: result.truncation("bed1"), "interface 'bed1' was eliminated")

@@ -14,24 +14,21 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from blocks import WORLD, row
 from mpi4py import MPI
 
 from dolfinx_frontend import (
     Amplitude,
     Contact,
     Elastic,
-    LinearElastic,
     LogNormal,
     Options,
-    Scene,
     assemble,
-    geometry,
     monte_carlo,
     solve,
     sweep,
 )
 
-WORLD = MPI.COMM_WORLD
 # what ranks do without, so that one rank iterates as several do
 OPTIONS = Options(rtol=1e-10, max_iterations=3000, newton=0, macro="none", directions="diagonal")
 KINDS = ("elastic", "contact", "history", "random", "accuracy", "samples", "sweep")
@@ -52,27 +49,16 @@ class Drawn:
         ranks = [int(rng.integers(WORLD.size)) if rng.random() < 0.3 else None for _ in range(self.count)]
         if together is not None:
             ranks = [together] * self.count
-        self.scene = Scene()
+        cells, moduli = [], []
         for k in range(self.count):
-            cells = (2 + k % 2, 2 + k % 2) if rng.random() < 0.3 else (2, 2)
-            self.scene.substructure(
-                f"b{k}",
-                lambda o=((0.0, 10.0 * k) if tower else (10.0 * k, 0.0)), c=cells: geometry.box(
-                    (10.0, 10.0), c, origin=o
-                ),
-                LinearElastic(E=float(10.0 ** rng.uniform(1.0, 3.0)), nu=0.3),
-                degree=degree,
-                rank=None if alone else ranks[k],
-            )
-        far, near, side = ("y1", "y0", "x0") if tower else ("x1", "x0", "y0")
-        self.scene.fix(f"b0:{near}", name="wall")
-        for k in range(1, self.count):
-            self.scene.interface(f"j{k}", f"b{k - 1}:{far}", f"b{k}:{near}", self.law(k, rng))
-            self.scene.interface(f"bed{k}", f"b{k}:{side}", Elastic(normal=3.0, tangential=3.0))
+            cells.append((2 + k % 2, 2 + k % 2) if rng.random() < 0.3 else (2, 2))
+            moduli.append(float(10.0 ** rng.uniform(1.0, 3.0)))
         load: Any = (0.3, -2.0) if tower else (-2.0, 0.3)
         if self.kind == "history":
             load = Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, 0.5]) * load
-        self.scene.traction(f"b{self.count - 1}:{far}", load, name="pull")
+        self.scene = row(
+            lambda k: self.law(k, rng), moduli, load, cells, degree, None if alone else ranks, tower
+        )
 
     def law(self, k: int, rng: np.random.Generator) -> Any:
         """The law of joint k; friction is left out, whose answers need not be unique."""

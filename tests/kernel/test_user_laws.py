@@ -519,8 +519,9 @@ def test_what_a_law_returns_is_checked(way: str) -> None:
     points = len(blocks(Contact()).interfaces["joint"].weights)
     with pytest.raises(SceneError, match=rf"'joint', law 'pad'.*\({points}, 3\).*\({points}, 3, 1\)"):
         ask(lambda j: j[..., 0])
-    with pytest.raises(SceneError, match="'joint', law 'pad'.*raised ValueError"):
-        ask(lambda j: "soft")
+    for wrong in (lambda j: "soft", lambda j: 1j * j, lambda j: (j + 0j).astype(object), lambda j: None):
+        with pytest.raises(SceneError, match=f"'joint', law 'pad': what its {way} returned.*real numbers"):
+            ask(wrong)
 
     def nan(j: Array) -> Array:
         out = 0.0 * j

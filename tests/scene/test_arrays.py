@@ -162,9 +162,10 @@ def test_swept_parameters_of_the_kernel_are_copied() -> None:
 OURS = ("dolfinx_frontend", "latin_core")
 
 
-def public(root: Any) -> dict[str, np.ndarray]:
-    """Path -> array, for all that public names lead to without arguments."""
+def public(root: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Path -> array, and path -> dict or list, for all that public names lead to without arguments."""
     found: dict[str, np.ndarray] = {}
+    containers: dict[str, Any] = {}
     seen: dict[int, Any] = {}
 
     def walk(value: Any, path: str, depth: int) -> None:
@@ -173,6 +174,8 @@ def public(root: Any) -> dict[str, np.ndarray]:
             return
         if depth > 4 or id(value) in seen:
             return
+        if isinstance(value, (dict, list)) and (isinstance(value, dict) or "points." not in path):
+            containers[path] = value  # lists of a sweep say how it went: nothing is computed from them
         if isinstance(value, Mapping):
             for key, each in value.items():
                 walk(each, f"{path}[{key!r}]", depth + 1)
@@ -186,7 +189,7 @@ def public(root: Any) -> dict[str, np.ndarray]:
             return
         seen[id(value)] = value
         for name in dir(value):
-            if name.startswith("_") or name in ("seconds",):
+            if name.startswith("_"):
                 continue
             try:
                 each = getattr(value, name)
@@ -196,7 +199,7 @@ def public(root: Any) -> dict[str, np.ndarray]:
                 walk(each, f"{path}.{name}", depth + 1)
 
     walk(root, "it", 0)
-    return found
+    return found, containers
 
 
 def history(times: Any = (1.0, 2.0)) -> Any:
@@ -242,14 +245,22 @@ OUTPUTS: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_what_is_handed_out_cannot_change_the_object(name: str, tmp_path: Path) -> None:
     thing = OUTPUTS[name](tmp_path)
-    before = {path: values.copy() for path, values in public(thing).items()}
-    for path, values in public(thing).items():
+    arrays, containers = public(thing)
+    before = {path: values.copy() for path, values in arrays.items()}
+    sizes = {path: len(each) for path, each in containers.items()}
+    for path, values in public(thing)[0].items():
         if values.size and values.dtype.kind in "fiub":
             try:
                 values[...] = 1 - values if values.dtype.kind == "b" else values + 1
             except ValueError as error:
                 assert "read-only" in str(error), path
-    after = public(thing)
+    for path, each in public(thing)[1].items():
+        try:
+            each.clear()
+        except TypeError as error:
+            assert "read-only" in str(error), path
+    after, containers = public(thing)
+    assert {path: len(each) for path, each in containers.items()} == sizes
     assert after.keys() == before.keys()
     for path, values in after.items():
         assert np.array_equal(values, before[path], equal_nan=values.dtype.kind == "f"), path

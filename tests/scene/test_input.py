@@ -52,6 +52,21 @@ def test_numbers_of_laws(law: str, name: str) -> None:
     refused(lambda: make(**{**rest, name: object()}), law, name, "object")
 
 
+@pytest.mark.parametrize("law, name", [*VALUES, ("Debonding", "energy")])
+@pytest.mark.parametrize("empty", [[], (), np.zeros(0), np.zeros((0, 2))], ids=repr)
+def test_empty_values(law: str, name: str, empty: Any) -> None:
+    make, rest, _ = LAWS[law]
+    if name == "energy":
+        rest = {"normal": 1.0, "strength": 1.0}
+    refused(lambda: make(**{**rest, name: empty}), law, name)
+
+
+def test_a_bond_has_a_stiffness() -> None:
+    refused(lambda: lf.Debonding(normal=None, strength=1.0, opening=1.0), "Debonding: normal = None: a bond")
+    user = lf.UserLaw(force=lambda jump, *, k: jump, values={"k": 1.0})
+    refused(lambda: user.with_(k=[]), "UserLaw: k = [] is empty")
+
+
 @pytest.mark.parametrize(
     "make, flag",
     [

@@ -6,6 +6,7 @@ import logging
 import os
 import resource
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -362,10 +363,38 @@ def test_memory_is_no_file(name: str) -> None:
         swept(plates(), Path(name))
 
 
-def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["file::memory:?cache=shared", "file:points?mode=memory"])
+def test_an_address_is_no_file(name: str) -> None:
+    with pytest.raises(CheckpointError, match="file:.* is an address: give the name of a file"):
+        swept(plates(), name)  # type: ignore[arg-type]
+
+
+def test_pipes_sockets_and_circles_are_no_files(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(CheckpointError, match="pipe cannot be read .*no file"):
-        swept(plates(), tmp_path / "pipe")
+    with socket.socket(socket.AF_UNIX) as door:
+        door.bind(str(tmp_path / "socket"))
+    for each in ("pipe", "socket"):
+        with pytest.raises(CheckpointError, match=f"{each} is a folder, a pipe, .*: give the name of a file"):
+            swept(plates(), tmp_path / each)
+    (tmp_path / "circle").symlink_to(tmp_path / "back")
+    (tmp_path / "back").symlink_to(tmp_path / "circle")
+    with pytest.raises(CheckpointError, match="circle is a link that leads back to itself: give"):
+        swept(plates(), tmp_path / "circle")
+
+
+@pytest.mark.parametrize(
+    "table",
+    ["moz_places (url text)", "header (title text)", "point (number integer primary key, arrays blob)"],
+)
+def test_the_database_of_another_program(table: str, tmp_path: Path) -> None:
+    path = tmp_path / "places.sqlite"
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute(f"create table {table}")
+    before = path.read_bytes()
+    told = f"is a database of another program .its tables: '{table.split()[0]}'.: give another file name"
+    with pytest.raises(CheckpointError, match=told):
+        swept(plates(), path)
+    assert path.read_bytes() == before
 
 
 # --- two runs on one file ------------------------------------------------------------------------

@@ -73,3 +73,28 @@ def test_what_lives_in_its_process() -> None:
     assert "more" in other.interfaces and "more" not in scene.interfaces
     for value in (result.table(), result.plan, result.plan.options, result.errors()):
         assert repr(pickle.loads(pickle.dumps(value))) == repr(copy.deepcopy(value)) == repr(value)
+
+
+def soft(jump: Any) -> Any:
+    return 10.0 * jump
+
+
+def test_laws_of_users() -> None:
+    """A function that pickle cannot find by name is told with its law; copies need no pickle."""
+    law = lf.UserLaw(force=soft)
+    assert pickle.loads(pickle.dumps(law)) == law
+    law = lf.UserLaw(force=lambda jump: 2.0 * jump, name="rubber")
+    with pytest.raises(pickle.PicklingError, match="UserLaw 'rubber': its force cannot be pickled .*lambda"):
+        pickle.dumps(law)
+    with pytest.raises(pickle.PicklingError, match="UserLaw 'rubber'"):
+        pickle.dumps({"layer": [law]})
+    assert copy.copy(law) == copy.deepcopy(law) == law
+    assert copy.deepcopy([law]) == [law]
+
+
+def test_by_value_where_somebody_can() -> None:
+    """Picklers that take functions by value, cloudpickle and dill, are not stopped."""
+    law = lf.UserLaw(force=lambda jump: 2.0 * jump, name="rubber")
+    names: dict[str, Any] = {"__name__": "joblib.externals.cloudpickle.cloudpickle", "law": law}
+    exec("found = law.__reduce_ex__(4)", names)
+    assert names["found"][2]["force"] is law.force

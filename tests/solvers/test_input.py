@@ -211,6 +211,13 @@ def test_grids(problem: lf.Problem) -> None:
     grid = {"layer.normal": [1.0]}
     for outputs in (3, [len], "a", {"a": 3}, {3: len}, {"": len}):
         refused(lambda outputs=outputs: lf.sweep(problem, grid, outputs=outputs), "outputs")
+    for returned in ([None], "abc", ["1.0"], [1j], np.array([1j]), np.array(["a"]), [[1.0], None], None):
+        refused(
+            lambda returned=returned: lf.sweep(problem, grid, outputs={"mine": lambda _: returned}),
+            "sweep: outputs: mine(fields) = ", "return numbers"
+        )
+    found = lf.sweep(problem, grid, outputs={"mine": lambda _: np.array([True])}, **QUIET)
+    assert np.array_equal(found.output("mine"), np.ones(len(grid["layer.normal"])))
     refused(lambda: lf.sweep(problem, grid, keep_fields=3), "keep_fields = 3")  # type: ignore[arg-type]
 
 
@@ -243,6 +250,8 @@ def test_accuracy(problem: lf.Problem, random: lf.Problem) -> None:
     refused(lambda: lf.solve(problem, accuracy="a", chaos=2), "accuracy = 'a'", "chaos")  # type: ignore
     for wrong in (3, None, "x", ["prove"]):
         refused(lambda wrong=wrong: lf.solve(random, chaos=1, indefinite=wrong), f"indefinite = {wrong!r}")
+        refused(lambda wrong=wrong: lf.solve(problem, indefinite=wrong), f"indefinite = {wrong!r}")
+        refused(lambda wrong=wrong: lf.solve(problem, meshes=wrong), f"meshes = {wrong!r}")
 
 
 def test_resultants_and_directions() -> None:
@@ -261,6 +270,18 @@ def test_resultants_and_directions() -> None:
     for wrong in ("a", None, [np.nan], True, -1.0, [1j]):
         refused(lambda wrong=wrong: lf.Direction(given={"layer": wrong}), "'layer'")
     refused(lambda: lf.Direction(given=[1.0]), "given = [1]")  # type: ignore[arg-type]
+
+
+def test_directions_out_of_reach(problem: lf.Problem) -> None:
+    """They left nothing of the answer, and the estimate of its error did not see it."""
+    for far in (1e30, 1.1e6, 0.9e-6, 1e-30):
+        refused(lambda far=far: lf.Direction(factor=far), f"factor = {far:g}", "1 to 10 E/L")
+        refused(lambda far=far: lf.solve(problem, direction=far), f"search direction: direction = {far:g}")
+    for far in (1e30, 1e-30):
+        given = lf.Direction(given={"layer": far})
+        refused(lambda given=given: lf.solve(problem, active="all", direction=given), "interface 'layer'")
+        length = lf.Direction(length=far)
+        refused(lambda length=length: lf.solve(problem, active="all", direction=length), f"length = {far:g}")
 
 
 def test_errors_of_what_has_none(problem: lf.Problem) -> None:

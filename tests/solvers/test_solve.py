@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from dataclasses import replace
 from time import perf_counter, sleep
 
 import numpy as np
@@ -23,7 +24,7 @@ from dolfinx_frontend.results.result import phase_seconds
 from dolfinx_frontend.scene.laws import Contact, Displacement, Elastic, Law, Perfect, Pressure, Symmetry
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.solving import solve
+from dolfinx_frontend.solving import solve, sweep
 from latin_core import InputError, NumericalError, Options, available_backends
 
 pytestmark = pytest.mark.sanitize
@@ -430,22 +431,58 @@ def test_interrupt_from_outside(problem, interrupts, with_callback):
 # ---------------------------------------------------------------------------------------------
 # Matrices
 # ---------------------------------------------------------------------------------------------
+def changed(name, change):
+    """The bars with another stiffness of one of them."""
+    problem = bars()
+    part = problem.substructures[name]
+    matrix = part.stiffness.copy()
+    change(matrix)
+    parts = {**problem.substructures, name: replace(part, stiffness=matrix)}
+    return replace(problem, substructures=parts)
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_not_a_number_in_a_matrix(value):
-    spoilt = bars()
-    matrix = spoilt.substructures["b"].stiffness
-    matrix.setValue(3, 3, value)
-    matrix.assemble()
+    def spoil(matrix):
+        matrix.setValue(3, 3, value)
+        matrix.assemble()
+
     with pytest.raises(InputError, match="'b' holds a NaN or infinity in row 3"):
-        solve(spoilt, "accelerated")
+        solve(changed("b", spoil), "accelerated")
 
 
 def test_indefinite_matrix():
-    spoilt = bars()
-    matrix = spoilt.substructures["c"].stiffness
-    matrix.scale(-1.0)
     with pytest.raises(NumericalError, match=r"'c'.*not positive definite"):
-        solve(spoilt, "accelerated")
+        solve(changed("c", lambda matrix: matrix.scale(-1.0)), "accelerated")
+
+
+def test_matrices_that_somebody_has_written_to():
+    """Refused by whatever would use them: what was factorised, and what is read later, belong together."""
+    problem = bars()
+    result = solve(problem, active="all")
+    stiffness = problem.substructures["b"].stiffness
+    stiffness.mult(*stiffness.createVecs())
+    stiffness.getValuesCSR(), stiffness.norm(), stiffness.isSymmetric(1e-9), stiffness.getDiagonal()
+    assert solve(problem, active="all").iterations == result.iterations  # reading is no change
+    stiffness.scale(2.0)
+    told = "substructure 'b': its stiffness was changed after it was assembled: change a copy"
+    for use in (
+        lambda: solve(problem),
+        lambda: solve(problem.with_laws({})),
+        lambda: make_plan(problem),
+        lambda: result.errors(),
+        lambda: problem.substructures["b"].matrix,
+        lambda: sweep(problem, {}),
+    ):
+        with pytest.raises(SceneError, match=told):
+            use()
+    other = bars()
+    name, interface = next((n, i) for n, i in other.interfaces.items() if len(i.sides) == 2)
+    side = interface.sides[1]
+    side.trace.zeroEntries()
+    told = f"interface '{name}': the trace of {side.substructure}:{side.face} was changed after"
+    with pytest.raises(SceneError, match=told):
+        solve(other)
 
 
 def test_unlimited_or_no_memory_for_condensation(problem):

@@ -355,7 +355,7 @@ def test_database_of_somebody_else_is_left_alone(problem, tmp_path):
     with closing(sqlite3.connect(path)) as other, other:
         other.execute("create table person (name text)")
     before = path.read_bytes()
-    with pytest.raises(CheckpointError, match="cannot be read"):
+    with pytest.raises(CheckpointError, match="database of another program"):
         sweep(problem, {"layer.normal": [10.0]}, progress=False, checkpoint=path)
     assert path.read_bytes() == before
 

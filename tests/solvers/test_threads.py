@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -80,6 +83,42 @@ def test_one_problem(settings: dict[str, Any]) -> None:
             assert np.array_equal(found.displacements["right"], wanted)
 
     at_once(work, work, work)
+
+
+BESIDE = """
+import sys
+import {first}  # which decides how many threads MPI expects
+sys.path.insert(0, {here!r})
+from mpi4py import MPI
+from test_threads import np, TIGHT, at_once, contact, solve
+
+problem, options = contact(), TIGHT.with_(backend="mumps", operator="factored")
+wanted = solve(problem, options=options).displacements["right"]
+left = [100]
+
+def solves():
+    while left[0] > 0:
+        left[0] -= 1
+        assert np.array_equal(solve(problem, options=options).displacements["right"], wanted)
+
+def makes():
+    while left[0] > 0:
+        contact()
+
+at_once(solves, makes)
+print("level", MPI.Query_thread() == MPI.THREAD_MULTIPLE)
+"""
+
+
+@pytest.mark.parametrize(("first", "several"), [("petsc4py.PETSc", False), ("dolfinx_frontend", True)])
+def test_mumps_beside_a_thread_that_assembles(first: str, several: bool) -> None:
+    """MUMPS calls MPI, and so does whoever makes a mesh: right even where MPI takes one thread at a time."""
+    program = BESIDE.format(first=first, here=str(Path(__file__).parent))
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    assert ended.stdout.split() == ["level", str(several)]
 
 
 def test_problems_of_their_own() -> None:

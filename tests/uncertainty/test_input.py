@@ -187,3 +187,9 @@ def test_sobol_indices() -> None:
     refused(lambda: sobol_of(3, space, 4), "function = 3")  # type: ignore[arg-type]
     for returned in ("abcd", None, [1j] * 4, 1.0):
         refused(lambda returned=returned: sobol_of(lambda x: returned, space, 4), "sobol_of", "function")
+
+
+@pytest.mark.parametrize("wrong", [np.array(["gaussian", "a"]), np.array("gaussian"), None, 3, ["matern"]])
+def test_covariances(wrong: Any) -> None:
+    given: dict[str, Any] = {"mean": 1.0, "cov": 0.1, "length": 1.0, "modes": 2}
+    refused(lambda: lf.RandomField("k", **given, covariance=wrong), "unknown covariance", "'gaussian'")

@@ -20,7 +20,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_flag, checked_reals
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.common.frozen import ReadOnlyDict, frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
 from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain
 
@@ -215,13 +215,13 @@ class Law:
     """How it is assembled into the bodies where it is fixed; None: it is always iterated on."""
     unilateral: ClassVar[bool] = False
     """Whether it may open: what it holds is known with the answer only."""
-    kernel_names: ClassVar[Mapping[str, str]] = {}
+    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict()
     """Parameter -> kernel parameter, where the names differ."""
     inverse: ClassVar[tuple[str, ...]] = ()
     """Parameters of which the kernel is given 1 / value; all others enter it linearly."""
     not_negative: ClassVar[tuple[str, ...]] = ()
     """Parameters with which it is no law if they are negative."""
-    spans: ClassVar[Mapping[str, slice]] = {}
+    spans: ClassVar[Mapping[str, slice]] = ReadOnlyDict()
     """Stiffness parameter -> components of the force that it makes, of springs."""
     search_direction: ClassVar[Literal["parts", "patch", "springs"]] = "parts"
     """Where the default search direction comes from: E / L of the parts, at most that of its own patch (for
@@ -549,9 +549,11 @@ class Law:
             )
         data = checked_reals(self.title, name, value, "give a number or an array of numbers")
         end = f"; {remedy}" if remedy else ""
+        if not data.size:
+            raise SceneError(f"{self.title}: {name} = {short(value)} is empty{end or '; give numbers'}")
         if not np.all(np.isfinite(data)):
             raise SceneError(f"{self.title}: {name} = {short(value)} is not finite{end or '; give numbers'}")
-        if minimum is not None and data.size and data.min() < minimum:
+        if minimum is not None and data.min() < minimum:
             raise SceneError(f"{self.title}: {name} = {data.min():g} is negative{end}")
 
     def given(self, *names: str) -> dict[str, Any]:

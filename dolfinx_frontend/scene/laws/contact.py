@@ -10,6 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, positive, resolve
 from dolfinx_frontend.scene.values import is_zero
 
@@ -52,7 +53,7 @@ class Contact(Law):
     jump: Any = 0.0
     interference: bool = False
     unilateral: ClassVar[bool] = True
-    kernel_names: ClassVar[Mapping[str, str]] = {"stiffness": "compliance"}
+    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict({"stiffness": "compliance"})
     inverse: ClassVar[tuple[str, ...]] = ("stiffness",)
     not_negative: ClassVar[tuple[str, ...]] = ("friction", "threshold", "stiffness")
     search_direction: ClassVar[Literal["parts", "patch", "springs"]] = "patch"

@@ -57,6 +57,8 @@ class Debonding(Law):
     not_negative: ClassVar[tuple[str, ...]] = ("normal", "tangential", "strength", "opening", "energy")
 
     def validate(self) -> None:
+        if self.normal is None:
+            raise SceneError("Debonding: normal = None: a bond has a normal stiffness > 0, force / length^3")
         if self.strength is None or (self.opening is None) == (self.energy is None):
             raise SceneError("Debonding: give its strength, and its final opening or its energy")
         for name in ("normal", "tangential", "strength", "opening", "energy"):

@@ -11,6 +11,7 @@ import numpy as np
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import is_whole
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Elimination, Face, Fields, Law, Points, resolve
 from dolfinx_frontend.scene.values import evaluate
 
@@ -36,7 +37,7 @@ class Displacement(Law):
     loading: ClassVar[tuple[str, ...]] = ("value",)
     linear: ClassVar[bool] = True
     elimination: ClassVar[Elimination | None] = Elimination.REMOVED
-    kernel_names: ClassVar[Mapping[str, str]] = {"value": "jump"}
+    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict({"value": "jump"})
     drawn: ClassVar[str] = "support"
 
     def validate(self) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Elimination, Fields, Law, Points, resolve
 from dolfinx_frontend.scene.values import is_zero
 
@@ -43,7 +44,7 @@ class Elastic(Law):
     linear: ClassVar[bool] = True
     elimination: ClassVar[Elimination | None] = Elimination.SPRINGS
     not_negative: ClassVar[tuple[str, ...]] = ("normal", "tangential")
-    spans: ClassVar[Mapping[str, slice]] = {"normal": slice(0, 1), "tangential": slice(1, None)}
+    spans: ClassVar[Mapping[str, slice]] = ReadOnlyDict({"normal": slice(0, 1), "tangential": slice(1, None)})
     search_direction: ClassVar[Literal["parts", "patch", "springs"]] = "springs"
 
     def validate(self) -> None:

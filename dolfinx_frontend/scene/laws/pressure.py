@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Elimination, Fields, Law, Points, resolve
 
 __all__ = ["Pressure"]
@@ -23,7 +24,7 @@ class Pressure(Law):
     loading: ClassVar[tuple[str, ...]] = ("p",)
     linear: ClassVar[bool] = True
     elimination: ClassVar[Elimination | None] = Elimination.LOAD
-    kernel_names: ClassVar[Mapping[str, str]] = {"p": "force"}
+    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict({"p": "force"})
     drawn: ClassVar[str] = "pressure"
 
     def validate(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Elimination, Fields, Law, Points, resolve
 
 __all__ = ["Traction"]
@@ -23,7 +24,7 @@ class Traction(Law):
     loading: ClassVar[tuple[str, ...]] = ("t",)
     linear: ClassVar[bool] = True
     elimination: ClassVar[Elimination | None] = Elimination.LOAD
-    kernel_names: ClassVar[Mapping[str, str]] = {"t": "force"}
+    kernel_names: ClassVar[Mapping[str, str]] = ReadOnlyDict({"t": "force"})
     drawn: ClassVar[str] = "pressure"
 
     def validate(self) -> None:

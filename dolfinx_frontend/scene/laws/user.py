@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, SupportsIndex
 
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_kind, checked_name
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import by_value
 from dolfinx_frontend.scene.laws.base import Fields, Functions, Law, Points, resolve
 
 __all__ = ["UserLaw"]
@@ -118,6 +120,25 @@ class UserLaw(Law):
         }
         parameters["jump"] = self.imposed(points)
         return Fields(f"user {self.label}", self.count(points.dim), self.rows(points), parameters)
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        for name in ("force", "resolve", "tangent", "compiled"):
+            try:
+                pickle.dumps(getattr(self, name))
+            except Exception as error:
+                if by_value():
+                    break
+                raise pickle.PicklingError(
+                    f"UserLaw {self.label!r}: its {name} cannot be pickled ({error}): give a function of a "
+                    "module, by name, instead of a lambda or one inside another function"
+                ) from error
+        return super().__reduce_ex__(protocol)
 
     @property
     def functions(self) -> Functions | None:

@@ -17,7 +17,10 @@ from typing import Any
 
 import numpy as np
 
-# before the extension: it initialises MPI and PETSc, which the extension never does
+# first: it asks MPI for several threads at once, which PETSc would not
+from mpi4py import MPI as _MPI  # noqa: F401
+
+# before the extension: it initialises PETSc, which the extension never does
 from petsc4py import PETSc
 
 from latin_core import _core

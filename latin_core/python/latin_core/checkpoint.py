@@ -34,6 +34,7 @@ __all__ = ["Checkpoint", "CheckpointError", "CheckpointWarning"]
 _VERSION = 3
 _DIGEST = hashlib.sha256().digest_size
 _MAGIC = b"SQLite format 3\x00"
+_TABLES = {"header": ["text"], "point": ["number", "arrays"]}
 _SAME = 1e-10
 """Difference up to which two numbers of a header are the same: another order of summation is no other run."""
 _PATIENCE = 5.0
@@ -125,6 +126,12 @@ class Checkpoint:
         self._db: Any = None
         if self.path.name == ":memory:":
             raise CheckpointError("checkpoint ':memory:' would be gone with the run: give the name of a file")
+        if str(path).lower().startswith("file:"):
+            raise CheckpointError(f"checkpoint {str(path)!r} is an address: give the name of a file")
+        if self.path.is_symlink() and os.path.islink(os.path.realpath(self.path)):
+            raise CheckpointError(
+                f"checkpoint {self.path} is a link that leads back to itself: give the name of a file"
+            )
         if not self.path.parent.is_dir():
             raise CheckpointError(
                 f"checkpoint {self.path}: folder {self.path.parent} does not exist: make it first"
@@ -168,6 +175,7 @@ class Checkpoint:
         try:
             self._claim(made)
             self._db = sqlite3.connect(self._file, timeout=_PATIENCE, check_same_thread=False)
+            self._check_tables()
             if self._db.execute("select count(*) from sqlite_master").fetchone() == (0,):
                 with self._db:
                     self._db.execute("begin")  # all of it or nothing
@@ -190,6 +198,22 @@ class Checkpoint:
             raise sqlite3.DatabaseError("not a checkpoint file")
         return theirs
 
+    def _check_tables(self) -> None:
+        """Refuse the database of another program, by its tables."""
+        found = self._db.execute("select name from sqlite_master where type = 'table' order by name")
+        names = [str(name) for (name,) in found]
+        columns = {
+            table: [str(row[1]) for row in self._db.execute(f"pragma table_info({table})")]
+            for table in _TABLES
+            if names
+        }
+        if names and columns != _TABLES:
+            told = ", ".join(map(repr, names[:4])) + (", ..." if len(names) > 4 else "")
+            raise CheckpointError(
+                f"checkpoint {self.path} is a database of another program (its tables: {told}): give another "
+                "file name"
+            )
+
     def _claim(self, made: bool) -> None:
         """Open the file and mark it as in use, in this process and for others.
 
@@ -200,7 +224,10 @@ class Checkpoint:
             if not made:
                 status = os.stat(self._file)
                 if not stat.S_ISREG(status.st_mode):
-                    raise OSError(errno.EINVAL, "no file")
+                    raise CheckpointError(
+                        f"checkpoint {self.path} is a folder, a pipe, a socket or a device: give the name of "
+                        "a file"
+                    )
                 if (status.st_dev, status.st_ino) in _in_use:
                     raise self._used("in this program")
             try:

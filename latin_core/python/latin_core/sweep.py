@@ -187,7 +187,10 @@ class _Keeper:
         for name in self.interfaces:
             arrays[f"force:{name}"], arrays[f"jump:{name}"] = (each.T for each in fields[name])
         for name, function in self.outputs.items():
-            arrays[f"output:{name}"] = np.asarray(function(point, fields), dtype=np.float64)
+            found = np.asarray(function(point, fields))
+            if found.dtype.kind not in "biuf":  # a complex number would lose a part of it
+                raise _core.InputError(f"outputs: {name!r} returned {found!r}: return real numbers")
+            arrays[f"output:{name}"] = found.astype(np.float64)
         return arrays
 
     def read(self, file: Checkpoint | None) -> Iterator[tuple[int, _core.State]]:

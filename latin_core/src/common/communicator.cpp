@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "latin/common/error.hpp"
+#include "latin/common/outer_lock.hpp"
 
 namespace latin {
 namespace {
@@ -21,6 +22,21 @@ std::string message_of(const std::exception_ptr& failure) {
     return "unknown error";
   }
 }
+
+/// Held around MPI calls. Where MPI was not asked for several threads it takes one at a time, of the whole
+/// process: then nobody else may call it meanwhile.
+class MpiLock {
+ public:
+  MpiLock() : lock_(!several()) {}
+
+ private:
+  static bool several() {
+    int level = MPI_THREAD_SINGLE;
+    MPI_Query_thread(&level);
+    return level == MPI_THREAD_MULTIPLE;
+  }
+  OuterLock lock_;
+};
 
 int count_of(std::size_t size) {
   if (size > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
@@ -39,6 +55,7 @@ Communicator::Communicator(MPI_Comm comm) : comm_(comm) {
 
 void Communicator::sum(std::span<double> values) const {
   if (!alone()) {
+    const MpiLock lock;
     // MPI requires an allreduce to leave identical results on all ranks
     MPI_Allreduce(MPI_IN_PLACE, values.data(), count_of(values.size()), MPI_DOUBLE, MPI_SUM, comm_);
   }
@@ -52,6 +69,7 @@ double Communicator::sum(double value) const {
 Index Communicator::maximum(Index value) const {
   auto largest = static_cast<long long>(value);
   if (!alone()) {
+    const MpiLock lock;
     MPI_Allreduce(MPI_IN_PLACE, &largest, 1, MPI_LONG_LONG, MPI_MAX, comm_);
   }
   return static_cast<Index>(largest);
@@ -60,6 +78,7 @@ Index Communicator::maximum(Index value) const {
 double Communicator::largest(double value) const {
   if (!alone()) {
     value = std::isnan(value) ? std::numeric_limits<double>::infinity() : value;
+    const MpiLock lock;
     MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, comm_);
   }
   return value;
@@ -70,6 +89,7 @@ std::vector<std::vector<std::string>> Communicator::gather(
   if (alone()) {
     return {texts};
   }
+  const MpiLock lock;
   std::string mine;
   for (const std::string& text : texts) {
     mine += text + '\0';
@@ -104,6 +124,7 @@ std::vector<std::vector<double>> Communicator::gather(const std::vector<double>&
   if (alone()) {
     return {numbers};
   }
+  const MpiLock lock;
   const auto ranks = static_cast<std::size_t>(size_);
   const auto length = static_cast<long long>(numbers.size());
   std::vector<long long> lengths(ranks);
@@ -132,6 +153,7 @@ Matrix Communicator::stacked(ConstMatrixRef own, const std::vector<Index>& rows)
   if (alone()) {
     return own;
   }
+  const MpiLock lock;
   const Index columns = own.cols();
   const Matrix mine = own;
   std::vector<int> counts;
@@ -179,6 +201,7 @@ bool Communicator::none_failed(const std::exception_ptr& failure) const {
 
 void Communicator::agree(const std::exception_ptr& failure) const {
   if (!alone()) {
+    const MpiLock lock;
     int first = failure ? rank_ : size_;
     MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, comm_);
     if (first == size_) {
@@ -201,8 +224,12 @@ void Communicator::agree(const std::exception_ptr& failure) const {
 Exchange::~Exchange() { release(); }
 
 void Exchange::release() {
+  if (requests_.empty()) {
+    return;
+  }
   int finalized = 0;
   MPI_Finalized(&finalized);
+  const OuterLock lock(finalized == 0);
   for (MPI_Request& request : requests_) {
     if (finalized == 0) {
       MPI_Request_free(&request);
@@ -227,6 +254,7 @@ void Exchange::prepare(Index columns) {
     return;
   }
   release();
+  const MpiLock lock;
   for (Peer& peer : peers_) {
     peer.out.resize(peer.rows, columns);
     peer.in.resize(peer.rows, columns);
@@ -254,6 +282,7 @@ Eigen::Block<Matrix> Exchange::incoming(std::size_t slot) {
 
 Exchange::Transit Exchange::start() {
   if (!requests_.empty()) {
+    const MpiLock lock;
     MPI_Startall(static_cast<int>(requests_.size()), requests_.data());
   }
   return Transit(*this);
@@ -262,6 +291,7 @@ Exchange::Transit Exchange::start() {
 void Exchange::Transit::finish() {
   auto& requests = exchange_.requests_;
   if (!finished_ && !requests.empty()) {
+    const MpiLock lock;
     MPI_Waitall(static_cast<int>(requests.size()), requests.data(), MPI_STATUSES_IGNORE);
   }
   finished_ = true;

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <utility>
 
+#include "latin/common/outer_lock.hpp"
 #include "latin/common/sparse_view.hpp"
 #include "latin/common/types.hpp"
 
@@ -21,12 +22,14 @@ static_assert(std::same_as<PetscScalar, double>, "latin needs a real, double pre
 
 /// PETSc, and MUMPS behind it, for one thread at a time: held around every use of theirs in the kernel. A
 /// thread may hold it several times. Nothing that waits for another thread may be done meanwhile.
+/// The outer lock comes first, since the rest of the program makes PETSc objects and MPI calls too.
 class PetscLock {
  public:
   PetscLock() : lock_(mutex()) {}
 
  private:
   static std::recursive_mutex& mutex();
+  OuterLock outer_;
   std::scoped_lock<std::recursive_mutex> lock_;
 };
 
