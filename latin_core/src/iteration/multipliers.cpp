@@ -88,6 +88,7 @@ void Multipliers::set_flexibility(double factor) {
 bool Multipliers::solve(State& state, Index most) {
   const substructure::Structure& structure = laws_.structure();
   left_ = most;
+  before_last_ = state;
   memory_ = system_.blank();
   Vector carried;
   bool all = true;
@@ -104,20 +105,29 @@ bool Multipliers::solve(State& state, Index most) {
     force_ = column_ > 0 && laws_.remembers() ? carried
                                               : system_.forces(column_, memory_, free.col(0), system_.direct());
     frozen_.resize(0);
+    moved_before_ = moved_;
+    force_before_ = force_;
     const bool found = solve_column();
     all = all && found;
     carried = force_;
     if (laws_.remembers()) {
       system_.advance(column_, memory_, free_jump(), flexibility_);
     }
-    state.traces.col(column_) = traces_ + tangent_.traces() * moved_;
-    state.data.col(column_) = structure.directions().cwiseProduct(state.traces.col(column_)) -
-                              tangent_.sides().transpose() * force_;
+    write(moved_, force_, state);
+    write(moved_before_, force_before_, before_last_);
     if (!found && laws_.remembers()) {
       return false;  // the others depend on it
     }
   }
   return all && column_ == state.data.cols();
+}
+
+/// A column of a state: displacements since the beginning, and forces.
+void Multipliers::write(const Vector& moved, const Vector& force, State& state) const {
+  state.traces.col(column_) = traces_ + tangent_.traces() * moved;
+  state.data.col(column_) =
+      laws_.structure().directions().cwiseProduct(state.traces.col(column_)) -
+      tangent_.sides().transpose() * force;
 }
 
 bool Multipliers::solve_column() {
@@ -127,6 +137,8 @@ bool Multipliers::solve_column() {
   Vector bounds;
   for (Index round = 0; round < most_rounds && left_ > 0; ++round) {
     const Vector before = moved_;
+    moved_before_ = moved_;
+    force_before_ = force_;
     const bool frozen = frozen_rounds > 0;
     if (frozen) {
       const Vector now = free_jump();

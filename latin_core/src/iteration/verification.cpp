@@ -44,6 +44,10 @@ constexpr Index first_pause = 4;
 constexpr double bearable_growth = 1.2;
 /// A step of a history whose residual has fallen to this, relative to that of the whole, is one to go on from.
 constexpr double found_enough = 1e-3;
+/// A residual below this fraction of the data is an answer, if a search says so.
+constexpr double balanced = 1e-9;
+/// The error that rounds of a search leave, relative to the change of the last one.
+constexpr double rounds_left = 3.0;
 /// Springs that hold the bodies, relative to the search direction.
 constexpr double largest_hold = 25.0;
 constexpr double least_hold = Linearisation::least_hold;
@@ -336,6 +340,7 @@ void Verification::plain_steps(Columns columns, Index count, double& norm) {
 
 bool Verification::search(const State& state, const Matrix& residual, double least, Index most) {
   const double first = history_.metric().norm(residual);
+  settled_.reset();
   Best best{state, residual, first};
   if (Multipliers::suits(stages_.laws()) && by_multipliers(state, most, best)) {
     better_ = std::move(best.state);
@@ -367,11 +372,17 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
   better_ = state;
   residual_.resize(state.data.rows(), state.data.cols());
   bool found = false;
+  Matrix left;
   if (!evaluate(better_, residual_)) {
     return false;
   }
   try {
-    found = Multipliers(stages_.laws()).solve(better_, most);
+    Multipliers multipliers(stages_.laws());
+    found = multipliers.solve(better_, most);
+    linear_->take(stages_.laws(), better_);
+    const Whole whole = stages_.whole(better_);
+    left = carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last())))
+               .cwiseMax(linear_->rounding(stages_.laws(), better_, whole));
   } catch (const NumericalError&) {
     return false;
   }
@@ -379,8 +390,12 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     return false;
   }
   const double norm = history_.metric().norm(residual_);
-  if (norm < best.norm) {
+  const bool enough = norm <= balanced * history_.metric().norm(better_.data);
+  if (norm < best.norm || (found && enough)) {
     best = {better_, residual_, norm};
+    if (found && enough) {
+      settled_ = rounds_left * left;
+    }
     return found;
   }
   return false;

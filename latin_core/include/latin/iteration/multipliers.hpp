@@ -36,6 +36,8 @@ class Multipliers {
   /// @return whether all columns have settled; otherwise those that have not are where they got to
   /// @throws NumericalError if a law has no answer on the way
   bool solve(State& state, Index most);
+  /// The state before the last round: how far it is away is what the rounds have left of an error, at most.
+  [[nodiscard]] const State& before_last() const { return before_last_; }
 
  private:
   struct Answered {
@@ -57,6 +59,7 @@ class Multipliers {
   void follow(Vector& bounds, const Vector& now) const;
   [[nodiscard]] double change(const Vector& step) const;
   void set_flexibility(double factor);
+  void write(const Vector& moved, const Vector& force, State& state) const;
 
   const substructure::Laws& laws_;
   substructure::InterfaceSystem system_;
@@ -77,6 +80,9 @@ class Multipliers {
   Vector pull_;         ///< forces of the interfaces on the bodies there, (active)
   Vector moved_;        ///< since then, (active)
   Vector force_;        ///< multipliers, (unknowns)
+  Vector moved_before_;  ///< the same, before the last round
+  Vector force_before_;
+  State before_last_;
   Vector frozen_;       ///< free jumps of which friction takes its bounds; empty: of those at hand
   bool held_ = false;   ///< whether more springs than least hold the bodies in a step
   double best_ = 0.0;

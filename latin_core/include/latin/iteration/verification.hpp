@@ -53,6 +53,8 @@ class Verification {
   /// Where the last check or search has led to.
   [[nodiscard]] const State& better() const { return better_; }
   [[nodiscard]] const Matrix& better_residual() const { return residual_; }
+  /// Errors (groups, bodies) of what the last search has found, where it knows them by itself.
+  [[nodiscard]] const std::optional<Matrix>& settled() const { return settled_; }
   /// Its distance from the iterate: what the error is at least like, if nothing was found.
   [[nodiscard]] const Matrix& distance() const { return distance_; }
 
@@ -90,6 +92,7 @@ class Verification {
   State better_;
   Matrix residual_;
   Matrix distance_;
+  std::optional<Matrix> settled_;
   Matrix moved_;
 };
 
