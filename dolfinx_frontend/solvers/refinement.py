@@ -467,9 +467,10 @@ def _refine(state: _Corrections, factors: Array, enough: float) -> tuple[dict[st
         first = {name: each[:, :columns] for name, each in u.items()}
         state.add(first, floating[:, :columns], {name: each[:, :columns] for name, each in changes.items()})
         forces, gaps = state.residual()
-        rate = min(now / before, 1.0)
+        # one correction does not say how fast they fall
+        rate = min(now / before, 1.0) if number > 1 else 1.0
         left = now * rate
-        if left <= enough or rate > FALLING or not np.isfinite(now) or number == MOST:
+        if left <= enough or (number > 1 and rate > FALLING) or not np.isfinite(now) or number == MOST:
             return _errors(state, [(rate, found), (1.0, noise)], factors, True), number
         before = now
 

@@ -58,4 +58,25 @@ TEST(InterfaceSystem, SlopesAreThoseOfTheForces) {
   EXPECT_NEAR(slopes(3, 0), 0.0, 1e-12);        // a given force
 }
 
+TEST(InterfaceSystem, SlopesOfAllColumnsAreThoseOfEach) {
+  for (const char* law : {"contact", "coulomb"}) {
+    const Laws laws =
+        chain::Bars{.parts = 3, .paired = false, .joint_law = law}.build().with_steps(2);
+    const InterfaceSystem system(laws);
+    Matrix jumps(4, 4);
+    jumps << -0.5, 0.3, -0.7, 0.2, 0.3, -1e-3, 0.2, -0.1, 0.7, 1e-5, 0.1, 0.4, -0.2, 0.1, 3.0, 1.0;
+    const std::vector<Matrix> all = system.slopes_of_all(jumps, system.direct());
+    ASSERT_EQ(all.size(), 4u);
+    InterfaceSystem::Memory memory;
+    for (Index column = 0; column < 4; ++column) {
+      if (column % 2 == 0) {
+        memory = system.blank();
+      }
+      const Matrix one = system.slopes(column, memory, jumps.col(column), system.direct());
+      EXPECT_LT((one - all[static_cast<std::size_t>(column)]).cwiseAbs().maxCoeff(), 1e-14);
+      system.advance(column, memory, jumps.col(column), system.direct());
+    }
+  }
+}
+
 }  // namespace latin::substructure

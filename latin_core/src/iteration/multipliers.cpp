@@ -30,7 +30,7 @@ constexpr double progress = 0.9;
 /// A line search ends where the slope has fallen to this.
 constexpr double flat = 1e-2;
 constexpr double steep_enough = 0.1;
-constexpr int most_trials = 40;
+constexpr int most_trials = 80;
 constexpr int most_halvings = 10;
 constexpr double after_halvings = 0.3;
 /// Springs that hold what flies, relative to the search direction.
@@ -43,6 +43,8 @@ constexpr double damping = 0.5;
 constexpr int most_bisections = 40;
 /// Steps that lead upwards by less are rounding.
 constexpr double rounding = 1e-8;
+/// Diagonals of the bodies below this fraction of the largest are none.
+constexpr double least_diagonal = 1e-12;
 /// Slopes that differ by less are symmetric.
 constexpr double same = 1e-6;
 
@@ -77,7 +79,11 @@ Multipliers::Multipliers(const substructure::Laws& laws)
       }
     }
   }
-  scale_ = tangent_.diagonal().cwiseMax(std::numeric_limits<double>::min()).cwiseSqrt().cwiseInverse();
+  // what is free of its own body's stiffness is measured with the stiffest
+  const Vector diagonal = tangent_.diagonal();
+  const double largest = diagonal.size() > 0 ? diagonal.maxCoeff() : 0.0;
+  const double least = largest > 0.0 ? least_diagonal * largest : 1.0;
+  scale_ = diagonal.cwiseMax(least).cwiseSqrt().cwiseInverse();
 }
 
 void Multipliers::set_flexibility(double factor) {
@@ -102,8 +108,9 @@ bool Multipliers::solve(State& state, Index most) {
     moved_ = Vector::Zero(pull_.size());
     set_flexibility(1.0);
     const Matrix free = system_.free_jumps(state.data.col(column_), state.traces.col(column_));
-    force_ = column_ > 0 && laws_.remembers() ? carried
-                                              : system_.forces(column_, memory_, free.col(0), system_.direct());
+    force_ = column_ > 0 && laws_.remembers()
+                 ? carried
+                 : system_.forces(column_, memory_, free.col(0), system_.direct());
     frozen_.resize(0);
     moved_before_ = moved_;
     force_before_ = force_;
@@ -125,9 +132,8 @@ bool Multipliers::solve(State& state, Index most) {
 /// A column of a state: displacements since the beginning, and forces.
 void Multipliers::write(const Vector& moved, const Vector& force, State& state) const {
   state.traces.col(column_) = traces_ + tangent_.traces() * moved;
-  state.data.col(column_) =
-      laws_.structure().directions().cwiseProduct(state.traces.col(column_)) -
-      tangent_.sides().transpose() * force;
+  state.data.col(column_) = laws_.structure().directions().cwiseProduct(state.traces.col(column_)) -
+                            tangent_.sides().transpose() * force;
 }
 
 bool Multipliers::solve_column() {
@@ -294,22 +300,25 @@ double Multipliers::line_search(const Answered& at, const Vector& residual,
   double high = 1.0;
   double low_slope = start;
   double length = 1.0;
+  bool raised = false;
   for (int trial = 0; trial < most_trials; ++trial) {
     length = low - low_slope * (high - low) / (high_slope - low_slope);
-    if (trial % 3 == 2) {
-      length = 0.5 * (low + high);
-    }
     const double slope = slope_at(length);
     if (std::abs(slope) <= flat * std::abs(start)) {
       break;
     }
-    if (slope > 0.0) {
-      high = length;
-      high_slope = slope;
-    } else {
+    // false position, where an end that stays counts half (Illinois): what flies lands far below a whole step
+    const bool raises = slope < 0.0;
+    if (raises) {
       low = length;
       low_slope = slope;
+      high_slope *= trial > 0 && raised ? 0.5 : 1.0;
+    } else {
+      high = length;
+      high_slope = slope;
+      low_slope *= trial > 0 && !raised ? 0.5 : 1.0;
     }
+    raised = raises;
   }
   return length;
 }
@@ -332,8 +341,8 @@ double Multipliers::step_length(const Answered& at, const Vector& residual, cons
   double length = 1.0;
   for (int halving = 0; halving < most_halvings; ++halving) {
     const Vector change = force_at(jump + length * along) - at.force;
-    const Vector now = residual + length * of_bodies +
-                       tangent_.jumps().transpose() * areas_.cwiseProduct(change);
+    const Vector now =
+        residual + length * of_bodies + tangent_.jumps().transpose() * areas_.cwiseProduct(change);
     if (scale_.cwiseProduct(now).norm() <= (1.0 - 1e-4 * length) * base) {
       return length;
     }

@@ -124,7 +124,7 @@ class Scatter {
  private:
   const substructure::Structure& structure_;
   Index count_ = 0;
-  Vector errors_;  ///< the largest of every body so far
+  Vector errors_;             ///< the largest of every body so far
   substructure::Sizes size_;  ///< of the first
   Matrix mean_;
   Matrix mean_forces_;
@@ -352,9 +352,10 @@ class Sweep {
   void hand_out(Index point, const substructure::Laws& laws, Summary summary, const State& state) {
     if (follows_scatter()) {
       const auto bodies = static_cast<Index>(structure_.bodies().size());
-      scatter_.add(state, summary.errors.cols() == bodies && summary.errors.rows() > 0
-                              ? Vector(summary.errors.colwise().maxCoeff().transpose())
-                              : Vector::Zero(bodies),
+      scatter_.add(state,
+                   summary.errors.cols() == bodies && summary.errors.rows() > 0
+                       ? Vector(summary.errors.colwise().maxCoeff().transpose())
+                       : Vector::Zero(bodies),
                    [&](const State& first) {
                      return substructure::GlobalStage(laws).sizes(first.data, first.traces,
                                                                   amplitudes_);

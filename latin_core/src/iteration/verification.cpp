@@ -31,6 +31,8 @@ constexpr double borrowed_fall = 0.3;
 constexpr double well_fallen = 0.1;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
+/// And errors of nonlinear laws below this one are not known.
+constexpr double unresolved = 2e-4;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
@@ -245,6 +247,10 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
+        }
+        if (!stages_.laws().linear_everywhere()) {
+          // steps that end far below the tolerance do not say how far
+          least_error = least_error.cwiseMax(unresolved * rtol);
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),

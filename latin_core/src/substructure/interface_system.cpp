@@ -26,8 +26,9 @@ Matrix sizes_of_points(const Matrix& jumps, Index components, double unit) {
     const double largest = jumps.col(column).cwiseAbs().maxCoeff();
     for (Index first = 0; first < jumps.rows(); first += components) {
       const double own = jumps.col(column).segment(first, components).cwiseAbs().maxCoeff();
-      sizes.col(column).segment(first, components).setConstant(
-          largest > 0.0 ? std::max(own, least_jump * largest) : unit);
+      sizes.col(column)
+          .segment(first, components)
+          .setConstant(largest > 0.0 ? std::max(own, least_jump * largest) : unit);
     }
   }
   return sizes;
@@ -282,8 +283,8 @@ std::vector<Matrix> InterfaceSystem::slopes_by_differences(std::size_t i, const 
       const Matrix moved = forces(others);
       for (Index column = 0; column < jumps.cols(); ++column) {
         auto slope = slopes[static_cast<std::size_t>(column)].col(component);
-        const Vector now = (force.col(column) - moved.col(column))
-                               .cwiseQuotient(difference * sizes.col(column));
+        const Vector now =
+            (force.col(column) - moved.col(column)).cwiseQuotient(difference * sizes.col(column));
         if (difference == differences.front()) {
           slope = now;
         } else {

@@ -69,22 +69,22 @@ class Multipliers {
   /// First unknowns of points with tangential components, and the number of their components.
   std::vector<std::pair<Index, Index>> coupled_;
   std::vector<Index> single_;  ///< unknowns of points without
-  Vector scale_;                ///< 1 / sqrt of the diagonal of S, (active)
+  Vector scale_;               ///< 1 / sqrt of the diagonal of S, (active)
   // of the column at hand
   Index column_ = 0;
   substructure::InterfaceSystem::Memory memory_;
   double factor_ = 1.0;
-  Vector flexibility_;  ///< c, (unknowns)
-  Vector traces_;       ///< where it began, (rows)
-  Vector jump_;         ///< the same, (unknowns)
-  Vector pull_;         ///< forces of the interfaces on the bodies there, (active)
-  Vector moved_;        ///< since then, (active)
-  Vector force_;        ///< multipliers, (unknowns)
+  Vector flexibility_;   ///< c, (unknowns)
+  Vector traces_;        ///< where it began, (rows)
+  Vector jump_;          ///< the same, (unknowns)
+  Vector pull_;          ///< forces of the interfaces on the bodies there, (active)
+  Vector moved_;         ///< since then, (active)
+  Vector force_;         ///< multipliers, (unknowns)
   Vector moved_before_;  ///< the same, before the last round
   Vector force_before_;
   State before_last_;
-  Vector frozen_;       ///< free jumps of which friction takes its bounds; empty: of those at hand
-  bool held_ = false;   ///< whether more springs than least hold the bodies in a step
+  Vector frozen_;      ///< free jumps of which friction takes its bounds; empty: of those at hand
+  bool held_ = false;  ///< whether more springs than least hold the bodies in a step
   double best_ = 0.0;
   Index since_ = 0;
   Index left_ = 0;  ///< factorisations
