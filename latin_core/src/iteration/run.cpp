@@ -96,7 +96,7 @@ Summary Run::run(bool traces_known) {
       status = Status::inexact;
     }
     // as many iterations again, where there is room for any
-    if (status && gave_up(*status) && verifies() && options_.max_iterations >= least_room) {
+    if (status && gave_up(*status) && searches() && options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
       report(measured);
       if (summary_.error <= options_.rtol) {
@@ -167,6 +167,11 @@ bool Run::verifies() const {
   return !options_.stop_on_indicator && Verification::possible(stages_.laws());
 }
 
+/// Whether a run that gives up looks for its answer in other ways.
+bool Run::searches() const {
+  return !options_.stop_on_indicator && Verification::searches(stages_.laws());
+}
+
 /// Try what is left before giving up: a search from the best iterate.
 Measured Run::rescue(Measured measured) {
   if (!verification_) {
@@ -187,7 +192,7 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const State found = verification_->settled() ? state_ : State{};
-  for (Index i = 0; i < most_checks && !(summary_.error <= options_.rtol); ++i) {
+  for (Index i = 0; verifies() && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
     const double before = summary_.error;
     measured = verify(std::move(measured), false);
     if (i > 0 && !(summary_.error < 0.5 * before)) {

@@ -68,6 +68,10 @@ bool Verification::possible(const substructure::Laws& laws) {
   return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
 }
 
+bool Verification::searches(const substructure::Laws& laws) {
+  return possible(laws) || Multipliers::suits(laws);
+}
+
 bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
 }
@@ -358,6 +362,11 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
     residual_ = residual;
     return stages_.count() + most / 2;
   };
+  if (!possible(stages_.laws())) {
+    better_ = std::move(best.state);
+    residual_ = std::move(best.residual);
+    return best.norm < first;
+  }
   if (by_steps()) {
     again();
     search_steps(least, most / 2, best);

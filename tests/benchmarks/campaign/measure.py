@@ -25,6 +25,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import dolfinx_frontend as lf
 import numpy as np
 
 from campaign.points import Array
@@ -277,15 +278,18 @@ def unbalanced(
     body
         Part -> nodal body forces (n,).
     reach
-        Largest displacement of the scene; what its rounding does to the forces of a part and of its
-        neighbours, whose stiffness the iteration multiplies it by, is no imbalance.
+        Largest displacement of the scene; what its rounding does to the forces of a part, of its neighbours
+        and of springs between them, whose stiffness it is multiplied by, is no imbalance.
     """
     stiffest = {name: float(part.matrix.diagonal().sum()) for name, part in problem.substructures.items()}
     near = dict(stiffest)
-    for interface in problem.interfaces.values():
+    for label, interface in problem.interfaces.items():
         sides = [side.substructure for side in interface.sides]
+        spring = 0.0
+        if isinstance(laws[label], lf.Elastic):
+            spring = float((laws[label].stiffnesses(interface) * interface.weights[:, None]).sum())
         for name in sides:
-            near[name] = max(near[name], *(stiffest[other] for other in sides))
+            near[name] = max(near[name], spring, *(stiffest[other] for other in sides))
     left: dict[str, Any] = {name: [body[name].reshape(-1, problem.dim)] for name in problem.substructures}
     for name, interface in problem.interfaces.items():
         known = nodal(interface, laws[name], forces[name]) if name in forces else None

@@ -55,6 +55,7 @@ class Run {
   Measured rescue(Measured measured);
   Measured verify(Measured measured, bool believed);
   [[nodiscard]] bool verifies() const;
+  [[nodiscard]] bool searches() const;
   void advance(const Measured& measured);
   void propose();
   bool follow(const Measured& measured);

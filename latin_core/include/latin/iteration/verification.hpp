@@ -24,6 +24,9 @@ class Verification {
   /// Whether there is one for these laws: not for long histories of laws with memory. Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
 
+  /// Whether an answer can be searched for. Collective.
+  [[nodiscard]] static bool searches(const substructure::Laws& laws);
+
   /// Whether one step of it is exact for these laws, but for what the tangents of rigid ones leave. Collective.
   [[nodiscard]] static bool exact(const substructure::Laws& laws);
 
