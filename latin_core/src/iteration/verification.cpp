@@ -33,6 +33,7 @@ constexpr double well_fallen = 0.1;
 constexpr double negligible = 0.05;
 /// And errors of nonlinear laws below this one are not known.
 constexpr double unresolved = 2e-4;
+constexpr double most_unresolved = 2e-9;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
@@ -254,7 +255,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         }
         if (!stages_.laws().linear_everywhere()) {
           // steps that end far below the tolerance do not say how far
-          least_error = least_error.cwiseMax(unresolved * rtol);
+          least_error = least_error.cwiseMax(std::min(unresolved * rtol, most_unresolved));
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
