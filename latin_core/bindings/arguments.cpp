@@ -252,7 +252,7 @@ latin::iteration::Options to_options(py::object value) {
   const auto integer = [&get](const char* key) {
     return to_index(get(key), "options." + std::string(key));
   };
-  latin::iteration::Options options{};
+  latin::iteration::Options options;
   options.rtol = to_number(get("rtol"), "options.rtol");
   options.stop_on_indicator = choose("criterion", "error", "indicator");
   options.max_iterations = integer("max_iterations");
