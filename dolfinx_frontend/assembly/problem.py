@@ -49,7 +49,7 @@ class Problem(OneProcess):
     """What :meth:`export` calls: it plans the problem, which is above this layer."""
 
     def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
-        """Write what the kernel is given for the program ``latin_run``, see :func:`dolfinx_frontend.export`."""
+        """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
         return type(self).exporter(self, folder, *args, **settings)
 
     @property

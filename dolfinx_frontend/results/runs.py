@@ -1,4 +1,4 @@
-"""What ``latin_run`` has written, as the tree of a saved result: its numbers are those of the kernel's columns."""
+"""What ``latin_run`` has written, the fields in the kernel's columns, as the tree of a saved result."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["RUN_FORMAT", "RUN_VERSION", "from_run"]
 
 RUN_FORMAT = "latin-run"
 RUN_VERSION = 1
-UNDESCRIBED = "it was solved from a folder that no problem was exported to: nothing says what its numbers are of"
+UNDESCRIBED = "it was solved from a folder of another program: nothing says what its numbers are of"
 """A folder that another program has written has nothing for this reader."""
 
 

@@ -101,8 +101,8 @@ def export_problem(
 
     ``latin_run FOLDER`` then does what :func:`dolfinx_frontend.solve` (or, with a grid,
     :func:`dolfinx_frontend.sweep`) would do with the same arguments, on any number of ranks, and
-    :func:`dolfinx_frontend.load` reads its file. Of a direct plan it makes no corrections of rounding, and of a
-    chaos no deterministic solves to check it.
+    :func:`dolfinx_frontend.load` reads its file. Of a direct plan it makes no corrections of rounding, and of
+    a chaos no deterministic solves to check it.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def export_problem(
     Raises
     ------
     SceneError
-        The law of an interface is a user's (functions or a compiled module), both chaos and grid are given, or
-        as for ``solve``.
+        The law of an interface is a user's (functions or a compiled module), both chaos and grid are given,
+        or as for ``solve``.
     FileError
         The folder cannot be written.
     """

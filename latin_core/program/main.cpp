@@ -24,7 +24,7 @@ constexpr const char* usage =
 
 Solves the problem that problem.export(FOLDER) wrote, as it was exported: once, a history, a chaos, or a sweep.
 
-  --output FILE   where the answer is written, which dolfinx_frontend.load reads; FOLDER/result.h5 by default
+  --output FILE   where the answer is written, which the frontend reads (load); FOLDER/result.h5 by default
   --sweep AXIS    instead: a grid of values of kernel parameters of interface laws, one option for each axis
 
 Exit code 0: converged; 2: the answer is written, but did not converge; 1: an error, which is named.

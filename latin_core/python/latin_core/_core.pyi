@@ -71,7 +71,12 @@ class Spring:
 
 class Body:
     def __init__(
-        self, *, name: str, size: int, members: Sequence[Member], springs: Sequence[Spring] = ()
+        self,
+        *,
+        name: str,
+        members: Sequence[Member],
+        size: int | None = None,  # None: the unknowns of its only member
+        springs: Sequence[Spring] = (),
     ) -> None: ...
 
 class Side:
