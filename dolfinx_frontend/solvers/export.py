@@ -35,7 +35,7 @@ from dolfinx_frontend.results.writing import interface_tree
 from dolfinx_frontend.solvers import galerkin, sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
 
-__all__ = ["FORMAT", "VERSION", "export_problem"]
+__all__ = ["FORMAT", "VERSION", "export"]
 
 PETSc: Any = _PETSc  # its stubs know no members
 
@@ -83,7 +83,7 @@ class _Matrices:
         self.files.append(name)
 
 
-def export_problem(
+def export(
     problem: Problem,
     folder: str | Path,
     method: Method = "auto",

@@ -313,6 +313,7 @@ class Changes:
         collocations: Mapping[str, Collocation],
         plan: Plan,
     ) -> Changes:
+        """Those of the active interfaces on this rank; `collocations` of the nonlinear ones."""
         steps = plan.amplitudes.shape[1]
         parameters: dict[str, dict[str, Array]] = {}
         columns: dict[str, list[dict[str, Any]]] = {}

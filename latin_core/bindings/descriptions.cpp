@@ -174,7 +174,7 @@ void bind_descriptions(py::module_& m) {
       });
 
   py::class_<BodyDescription>(m, "Body", body_doc)
-      .def(py::init([](const std::string& name, py::handle size, py::handle members,
+      .def(py::init([](const std::string& name, py::handle members, py::handle size,
                        py::handle springs) {
              const std::string who = "body '" + name + "': ";
              auto all = to_values<Member>(members, who + "members", "Member");
