@@ -1,9 +1,9 @@
 """The kernel from plain dolfinx: own forms, own trace matrices, own PETSc matrices, no frontend.
 
-Two elastic blocks touch. The lower one is clamped; the upper one rests on soft ground springs and is pressed at
-one side, so that the other side of the joint opens. The joint is unilateral: elastic with the stiffness kappa
-where it is closed, free where it is open. The same system is solved directly, by trying which points are closed.
-docs/kernel.md goes through this script line by line.
+Two elastic blocks touch. The lower one is clamped; the upper one rests on soft ground springs and is pressed
+at one side, so that the other side of the joint opens. The joint is unilateral: elastic with the stiffness
+kappa where it is closed, free where it is open. The same system is solved directly, by trying which points are
+closed. docs/kernel.md goes through this script line by line.
 """
 
 import basix.ufl

@@ -218,8 +218,9 @@ def _group_tree(group: Mapping[str, Any]) -> Tree:
     given = group["parameters"].items()
     parameters = [{"name": name, "values": _block(values)} for name, values in given]
     tree: Tree = {"begin": group["begin"], "end": group["end"], "parameters": _numbered(parameters)}
-    if len(group["forward"]):
-        tree["forward"], tree["backward"] = np.stack(group["forward"]), np.stack(group["backward"])
+    for way in ("forward", "backward"):
+        if len(group.get(way, ())):
+            tree[way] = np.stack(group[way])
     return tree
 
 

@@ -280,8 +280,7 @@ def _groups(
             else:
                 parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
         parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
-        backward = tuple(np.asfortranarray(v.T) for v in forward)
-        groups.append(ColumnGroup(begin, end, tuple(forward), backward, parameters))
+        groups.append(ColumnGroup(begin, end, tuple(forward), None, parameters))
     return groups
 
 

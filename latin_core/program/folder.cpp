@@ -285,7 +285,10 @@ std::vector<substructure::LawColumns> Folder::columns(const Node& node) const {
     group.end = each.integer("end");
     if (each.has("forward")) {
       std::vector<Matrix> forward = each.matrices("forward");
-      std::vector<Matrix> backward = each.matrices("backward");
+      std::vector<Matrix> backward(forward.size());
+      if (each.has("backward")) {
+        backward = each.matrices("backward");
+      }
       if (forward.size() != backward.size()) {
         each.fail("one backward matrix for each forward one is wanted");
       }

@@ -21,8 +21,8 @@
   stress on the joint against those of the chaos, by a 60 x 60 rule, relative to the deviation;
 * ``monte_carlo``: warm-started samples; ``half_width`` of the 95 % interval of P(traction) reached;
 * ``end_to_end``: seconds that a person waits for: ``import_s`` (of the package), ``mesh_s``, ``assemble_s``,
-  ``solve_s`` (the chaos, with the factorisation) and ``probability_s`` (of 100 000 samples of the largest normal
-  stress);
+  ``solve_s`` (the chaos, with the factorisation) and ``probability_s`` (of 100 000 samples of the largest
+  normal stress);
 * ``p_traction``: probability of a positive largest stress by method, with its 95 % interval.
 """
 
