@@ -39,6 +39,7 @@ from latin_core._core import (
     available_backends,
     bound_threads,
     compiled_law,
+    find_roots,
     python_law,
     snake_order,
 )
@@ -88,6 +89,7 @@ __all__ = [
     "available_backends",
     "bound_threads",
     "compiled_law",
+    "find_roots",
     "get_include",
     "python_law",
     "snake_order",

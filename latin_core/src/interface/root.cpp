@@ -65,9 +65,8 @@ class Ellipsoid {
       return;
     }
     if (!normal.allFinite()) {  // an infinite force has a direction, and nothing else
-      normal = normal.unaryExpr([](double each) {
-        return std::isinf(each) ? std::copysign(1.0, each) : 0.0;
-      });
+      normal = normal.unaryExpr(
+          [](double each) { return std::isinf(each) ? std::copysign(1.0, each) : 0.0; });
     }
     normal /= std::max(normal.cwiseAbs().maxCoeff(), smallest_radius);
     const auto count = static_cast<double>(y.size());
@@ -164,9 +163,9 @@ class Search {
       for (Index block = 0; block < blocks; ++block) {
         State<Region>& state = states[static_cast<std::size_t>(block)];
         const Small y = part(at.y, block);
-        const Small next = advance(state, y, part(free_, block),
-                                   newton_step(slope_of(slopes, block, count), part(left, block),
-                                               part(root_, block)));
+        const Small next = advance(
+            state, y, part(free_, block),
+            newton_step(slope_of(slopes, block, count), part(left, block), part(root_, block)));
         Eigen::Map<Small>(at.y.data() + block * count, count) = next;
       }
       at.force = force_at(at.y, ForceFunction::Far::infinite);

@@ -32,9 +32,15 @@ struct Roots {
 
 /// The forces f = R(j) with j = j0 - c f of a continuous, monotone law: what Law::resolve() is asked.
 ///
-/// Newton's method for y + sqrt(c) R(sqrt(c) y) = j0 / sqrt(c), kept inside of regions that enclose the root (by
-/// monotonicity every residual cuts off a half space, and what is left is bounded): intervals where the components do
-/// not depend on each other, else ellipsoids.
+/// With y = j / sqrt(c) that is
+///
+///     G(y) = y + sqrt(c) R(sqrt(c) y) - j0 / sqrt(c) = 0,      G(y) . (y - z) >= |y - z|^2 at the root z
+///
+/// if R is monotone. So every value of G cuts off a half-space, and the first one leaves a ball for the root.
+/// Newton's method is tried from the last point; where it leaves the ellipsoid that encloses what is left, or
+/// does not halve |G|, the next point is the ellipsoid's centre. The ellipsoid shrinks whatever R is; see Bland,
+/// Goldfarb and Todd, Operations Research 29 (1981) 1039-1091. Where the components of a law do not depend on
+/// each other, each is a problem of its own, and the centre of its interval is bisection.
 /// @param free_jump j0 (q, n)  @param flexibility c (q, n) > 0
 Roots find_roots(const ForceFunction& law, const PointRows& free_jump,
                  const PointRows& flexibility);
