@@ -2,8 +2,8 @@
 
 Two elastic blocks touch. The lower one is clamped; the upper one rests on soft ground springs and is pressed
 at one side, so that the other side of the joint opens. The joint is unilateral: elastic with the stiffness
-kappa where it is closed, free where it is open. The same system is solved directly, by trying which points are
-closed. docs/kernel.md goes through this script line by line.
+kappa where it is closed, free where it is open. The same system is solved directly, by trying which points
+are closed. docs/kernel.md goes through this script line by line.
 """
 
 import basix.ufl

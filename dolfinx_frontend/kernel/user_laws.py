@@ -7,7 +7,7 @@ The kernel asks for f = R(j0 - c f) with the flexibility c; of a law that is giv
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -110,8 +110,8 @@ class _Asked:
 
         def force_at(rows: Array, allowed: int) -> Array:
             given = np.ascontiguousarray(shaped(rows))
-            differences = dict.fromkeys(("divide", "invalid"), "ignore") if allowed == ANYTHING else {}
-            with np.errstate(**differences):
+            quiet: Literal["ignore"] | None = "ignore" if allowed == ANYTHING else None
+            with np.errstate(divide=quiet, invalid=quiet):
                 answer = self.call("force", self.law.force, jump.shape, (given,), values)
             if allowed != ANYTHING:  # infinite values far from the answer are no mistake
                 good = np.isfinite(answer) if allowed == FINITE else ~np.isnan(answer)

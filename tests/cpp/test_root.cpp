@@ -71,8 +71,9 @@ TEST(Roots, OfACoupledLawWithAKink) {
 
 TEST(Roots, SayWhereThereIsNone) {
   // a step of the force at j = 0: with j = 0.5 - f neither of its values holds
-  const ForceFunction law = each_row(
-      [](const Vector& jump) -> Vector { return Vector::Constant(1, jump(0) > 0.0 ? 1.0 : -1.0); });
+  const ForceFunction law = each_row([](const Vector& jump) -> Vector {
+    return jump.unaryExpr([](double each) { return each > 0.0 ? 1.0 : -1.0; });
+  });
   const PointRows jump = (PointRows(2, 1) << 0.5, 9.0).finished();
   const Roots found = find_roots(law, jump, PointRows::Ones(2, 1));
   EXPECT_TRUE(found.bad[0]);

@@ -300,7 +300,8 @@ def galerkin_matrix(
 class Coupling:
     """The product with a random scalar a, projected on the modes: v_k = sum_j A_kj u_j at every point.
 
-    The Galerkin matrices A of all points share one pattern; what vanishes by degree or symmetry is not stored.
+    The Galerkin matrices A of all points share one pattern; what vanishes by degree or symmetry is not
+    stored.
 
     Parameters
     ----------
@@ -326,8 +327,8 @@ class Coupling:
     @property
     def entries(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]:
         """Modes j and k of the entries, sorted by k, and their values (points, entries)."""
-        first, second = (np.array(each, dtype=np.int64) for each in (self._native.first, self._native.second))
-        return first, second, self._native.values.T
+        first = np.array(self._native.first, dtype=np.int64)
+        return first, np.array(self._native.second, dtype=np.int64), self._native.values.T
 
     def matrix(self, point: int) -> Array:
         """A (P + 1, P + 1) at one point."""
@@ -359,7 +360,7 @@ class GalerkinOperator:
     fixed
         K (n, n), scipy.sparse, symmetric, force / length.
     terms
-        Of each random stiffness: B (m * components, n) from unknowns to jumps, areas W (m,), and its coupling.
+        Of each random stiffness: B (m * components, n) from unknowns to jumps, areas W (m,), its coupling.
     modes
         P + 1.
     """
@@ -367,7 +368,7 @@ class GalerkinOperator:
     def __init__(
         self, fixed: Sparse, terms: Sequence[tuple[Sparse, npt.ArrayLike, Coupling]], modes: int
     ) -> None:
-        given = [(jump.tocsr(), _vector(weights), coupling._native) for jump, weights, coupling in terms]
+        given = [(jump.tocsr(), _vector(weights), each._native) for jump, weights, each in terms]
         self._native = _native.GalerkinOperator(fixed.tocsr(), given, modes)
 
     def apply(self, block: npt.ArrayLike) -> Array:
