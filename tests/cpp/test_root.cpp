@@ -69,17 +69,32 @@ TEST(Roots, OfACoupledLawWithAKink) {
   EXPECT_LT(worst(law, jump, flexibility, found), 1e-12);
 }
 
-TEST(Roots, SayWhereThereIsNone) {
-  // a step of the force at j = 0: with j = 0.5 - f neither of its values holds
+TEST(Roots, OfAStepLieOnItsVerticalPart) {
+  // with j = 0.5 - f neither value of the step holds, with j = 9 - f the upper one does
   const ForceFunction law = each_row([](const Vector& jump) -> Vector {
     return jump.unaryExpr([](double each) { return each > 0.0 ? 1.0 : -1.0; });
   });
   const PointRows jump = (PointRows(2, 1) << 0.5, 9.0).finished();
   const Roots found = find_roots(law, jump, PointRows::Ones(2, 1));
-  EXPECT_TRUE(found.bad[0]);
-  EXPECT_FALSE(found.bad[1]);
+  EXPECT_EQ(std::ranges::count(found.bad, true), 0);
+  EXPECT_NEAR(found.force(0, 0), 0.5, 1e-12);
   EXPECT_NEAR(found.force(1, 0), 1.0, 1e-12);
-  EXPECT_GT(std::abs(found.off(0, 0)), 0.4);
+}
+
+TEST(Roots, SayWhereThereIsNone) {
+  // a force that turns by a right angle at every step of the search, as no monotone law does
+  Index calls = 0;
+  ForceFunction law;
+  law.force = [&calls](const PointRows& jump, ForceFunction::Far /*allowed*/) {
+    const double sign = ++calls % 2 == 0 ? 1.0 : -1.0;
+    PointRows force = jump;
+    force.col(0) = 10.0 * sign * (jump.col(1).array() + 3.0);
+    force.col(1) = -10.0 * sign * (jump.col(0).array() - 3.0);
+    return force;
+  };
+  const Roots found = find_roots(law, PointRows::Ones(1, 2), PointRows::Ones(1, 2));
+  EXPECT_TRUE(found.bad[0]);
+  EXPECT_GT(found.off.norm(), 1e-3);
 }
 
 }  // namespace latin::interface

@@ -150,7 +150,9 @@ class Search {
       for (Index block = 0; block < blocks; ++block) {
         State<Region>& state = states[static_cast<std::size_t>(block)];
         state.size = part(terms, block).norm();
-        state.done = state.done || state.norm <= settled * state.size;
+        // far away both may be infinite
+        const bool settles = std::isfinite(state.norm) && state.norm <= settled * state.size;
+        state.done = state.done || settles;
         all = all && state.done;
       }
       if (all) {
@@ -184,7 +186,8 @@ class Search {
     std::vector<bool> bad(static_cast<std::size_t>(at.y.rows()), false);
     for (Index block = 0; block < blocks; ++block) {
       const State<Region>& state = states[static_cast<std::size_t>(block)];
-      if (!state.done && !(state.norm <= good_enough * state.size)) {
+      const bool close = std::isfinite(state.norm) && state.norm <= good_enough * state.size;
+      if (!state.done && !close) {
         bad[static_cast<std::size_t>(block * count / at.y.cols())] = true;
       }
     }
