@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 namespace latin::interface {
 namespace {
@@ -299,15 +300,16 @@ Roots find_roots(const ForceFunction& law, const PointRows& free_jump,
     start.force = search.force_at(start.y, ForceFunction::Far::nothing);
   }
   Trial at = start;
-  std::optional<std::vector<bool>> bad = search.run<Interval>(at, 1);
-  if (!bad) {
+  std::optional<std::vector<bool>> found = search.run<Interval>(at, 1);
+  if (!found) {
     at = start;
-    bad = search.run<Ellipsoid>(at, free.cols());
+    found = search.run<Ellipsoid>(at, free.cols());
   }
+  std::vector<bool> bad = std::move(found).value_or(std::vector<bool>());
   // of the two ways to the force, the one that does not cancel
   const PointRows moved = (free - at.y).cwiseQuotient(root);
   const auto by_jump = (free - at.y).array().abs() >= at.y.array().abs();
-  return {by_jump.select(moved, at.force), *bad, root.cwiseProduct(search.residual(at))};
+  return {by_jump.select(moved, at.force), std::move(bad), root.cwiseProduct(search.residual(at))};
 }
 
 }  // namespace latin::interface
