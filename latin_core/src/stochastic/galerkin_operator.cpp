@@ -55,12 +55,12 @@ PetscErrorCode destroy(Mat matrix) {
   return PETSC_SUCCESS;
 }
 
-using Untyped = void (*)(void);
+using Untyped = void (*)();
 
 }  // namespace
 
-GalerkinOperator::GalerkinOperator(SparseRows fixed, std::vector<Term> terms, Index modes)
-    : fixed_(std::move(fixed)), terms_(std::move(terms)), modes_(modes) {
+GalerkinOperator::GalerkinOperator(const SparseRows& fixed, std::vector<Term> terms, Index modes)
+    : fixed_(fixed), terms_(std::move(terms)), modes_(modes) {
   const auto demand = [](bool holds, const std::string& text) {
     if (!holds) {
       throw InputError("Galerkin operator: " + text);
@@ -107,11 +107,12 @@ algebra::MatHandle shell_matrix(std::shared_ptr<const GalerkinOperator> applied)
   const auto size = static_cast<PetscInt>(applied->size() * applied->modes());
   auto owner = std::make_unique<Owner>(std::move(applied));
   algebra::MatHandle matrix;
-  check(MatCreateShell(PETSC_COMM_SELF, size, size, size, size, owner.get(), matrix.out()),
+  check(MatCreateShell(PETSC_COMM_SELF, size, size, size, size, nullptr, matrix.out()),
         "create a shell matrix");
   check(MatShellSetOperation(matrix.get(), MATOP_DESTROY, reinterpret_cast<Untyped>(&destroy)),
         "set up a shell matrix");
-  static_cast<void>(owner.release());  // the matrix ends it
+  // the matrix ends it
+  check(MatShellSetContext(matrix.get(), owner.release()), "set up a shell matrix");
   check(MatShellSetOperation(matrix.get(), MATOP_MULT, reinterpret_cast<Untyped>(&multiply)),
         "set up a shell matrix");
   check(MatSetOption(matrix.get(), MAT_SYMMETRIC, PETSC_TRUE), "set up a shell matrix");

@@ -26,7 +26,7 @@ class GalerkinOperator {
   /// @param fixed K (n, n), symmetric, force / length
   /// @param modes c
   /// @throws InputError on shapes that disagree
-  GalerkinOperator(SparseRows fixed, std::vector<Term> terms, Index modes);
+  GalerkinOperator(const SparseRows& fixed, std::vector<Term> terms, Index modes);
 
   /// Unknowns n of one mode.
   [[nodiscard]] Index size() const { return fixed_.rows(); }
