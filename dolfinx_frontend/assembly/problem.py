@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike
@@ -28,6 +29,10 @@ __all__ = ["Problem", "check_is_problem"]
 T = TypeVar("T")
 
 
+def _not_exported(problem: Problem, folder: str | Path, *args: Any, **settings: Any) -> Path:
+    raise SceneError("export: import dolfinx_frontend, which has what writes a folder")
+
+
 @dataclass(frozen=True)
 class Problem(OneProcess):
     """An assembled scene.
@@ -42,6 +47,13 @@ class Problem(OneProcess):
 
     def __post_init__(self) -> None:
         locked(self)
+
+    exporter: ClassVar[Callable[..., Path]] = _not_exported
+    """What :meth:`export` calls: it plans the problem, which is above this layer."""
+
+    def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
+        """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
+        return type(self).exporter(self, folder, *args, **settings)
 
     @property
     def _instead(self) -> str:

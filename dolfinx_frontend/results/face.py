@@ -107,6 +107,10 @@ class Face(ABC):
         """The samples from which moments of fields are made."""
         return self.blocks()
 
+    def many(self, samples: int | None, seed: int) -> Iterator[Block]:
+        """As `blocks`, for numbers of which each sample gives one: as many at a time as are quick."""
+        return self.blocks(samples, seed)
+
     def shown(self) -> Block:
         """The one sample that fields are of where there are no moments: of a sweep its last point."""
         return next(self.blocks())
@@ -390,7 +394,7 @@ class Face(ABC):
         wanted = "give a function of the fields of n samples that returns (n,) values"
         checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
-        blocks = self.blocks(self.draws if samples is None else samples, seed)
+        blocks = self.many(self.draws if samples is None else samples, seed)
         found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
         weights = [w for _, w in found if w is not None]
         return Quantity(

@@ -27,6 +27,7 @@ from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.readings import Measures, Readings, read
+from dolfinx_frontend.results.runs import RUN_FORMAT, RUN_VERSION, from_run
 from dolfinx_frontend.results.writing import FORMAT, NO_FIELDS, VERSION, ResultFileError, write
 from dolfinx_frontend.uncertainty.quantities import Kind
 
@@ -240,6 +241,7 @@ class SavedResult(Face):
         self.seconds = ReadOnlyDict()
         self._tree = tree
         missing = {str(k): str(v) for k, v in json.loads(tree["missing"]).items()}
+        self._measured = bool(measured)  # latin_run writes fields only
         self._readings = Readings(
             dict(measured), self.statistics, plan.times, self.weights, self.coordinates, missing
         )
@@ -399,7 +401,8 @@ class SavedResult(Face):
                     f"{self.path}: {samples or 'no'} samples are not in the file, it has "
                     f"{0 if germs is None else len(germs)}: save the chaos with samples=..."
                 )
-            return map(self.at, (germs[: samples or len(germs)][part] for part in self._in_parts(len(germs))))
+            chosen = germs[: samples or len(germs)]
+            return map(self.at, (chosen[part] for part in self._in_parts(len(chosen))))
         if self.kind in ("samples", "sweep"):
             return map(self._block, self._in_parts(int(np.prod(self.shape))))
         return iter([self._block(slice(0, 1))])
@@ -491,7 +494,7 @@ class SavedResult(Face):
     ) -> Readings:
         """The numbers of the file; of a chaos those of the first `samples` samples."""
         other = samples is not None and self.germs is not None and samples != len(self.germs)
-        if self.kind == "chaos" and other:
+        if not self._measured or (self.kind == "chaos" and other):
             return read(self, interfaces, samples, seed)
         return self._readings.select(interfaces)
 
@@ -523,7 +526,7 @@ def _without_fields(tree: Tree) -> Tree:
 
 # --- reading ---------------------------------------------------------------------------------------
 def load(path: str | Path) -> SavedResult:
-    """Read a result that ``result.save(path)`` wrote, in any process.
+    """Read a result that ``result.save(path)`` or the program ``latin_run`` wrote, in any process.
 
     Raises
     ------
@@ -540,20 +543,24 @@ def load(path: str | Path) -> SavedResult:
         raise ResultFileError(f"{source} cannot be read ({error})") from error
     if first == chaos_file.FORMAT.encode():
         raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
+    of_run = first.startswith(RUN_FORMAT.encode())
+    form, oldest, newest = (RUN_FORMAT, RUN_VERSION, RUN_VERSION) if of_run else (FORMAT, OLDEST, VERSION)
     try:
-        tree = hdf5.read_tree(source, FORMAT)
+        tree = hdf5.read_tree(source, form)
         version = int(tree.pop("version"))
     except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
         ) from error
-    if not OLDEST <= version <= VERSION:
+    if not oldest <= version <= newest:
         raise ResultFileError(
-            f"{source} is a saved result of version {version}; this software reads versions {OLDEST} to "
-            f"{VERSION}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and "
+            f"{source} is a saved result of version {version}; this software reads versions {oldest} to "
+            f"{newest}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and "
             "save again"
         )
     try:
+        if of_run:
+            return _read(source, from_run(tree))
         return _read(source, _from_first(tree) if version == 1 else tree)
     except hdf5.DAMAGE as error:
         raise ResultFileError(

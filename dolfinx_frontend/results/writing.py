@@ -15,9 +15,10 @@ from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
 from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
 from dolfinx_frontend.results.accuracy import largest_of
+from dolfinx_frontend.results.answer import Surface
 from dolfinx_frontend.results.readings import Readings
 
-__all__ = ["FORMAT", "VERSION", "ResultFileError", "save", "write"]
+__all__ = ["FORMAT", "VERSION", "ResultFileError", "interface_tree", "save", "write"]
 
 FORMAT = "latin-result"
 VERSION = 2
@@ -81,7 +82,9 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         "active": list(plan.active),
         "statistics": answer.statistics,
         "missing": json.dumps(readings.missing),
-        "interfaces": {name: _interface_tree(answer, name) for name in problem.interfaces},
+        "interfaces": {
+            name: interface_tree(problem, name, answer.surface(name)) for name in problem.interfaces
+        },
         "substructures": {name: {"nodes": s.dof_coordinates} for name, s in problem.substructures.items()},
     }
     for name, each in readings.interfaces.items():
@@ -107,10 +110,11 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
     return tree
 
 
-def _interface_tree(answer: Any, name: str) -> Tree:
-    interface, surface = answer.problem.interfaces[name], answer.surface(name)
+def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
+    """What a file has of an interface, whatever the answer."""
+    interface = problem.interfaces[name]
     side = interface.sides[0]
-    part = answer.problem.substructures[side.substructure].part
+    part = problem.substructures[side.substructure].part
     facets = np.sort(part.facet_tags.find(part.names[side.face]))[interface.facets]
     shape = side.shape.tocsr()
     return {
