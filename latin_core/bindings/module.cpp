@@ -15,6 +15,7 @@ void bind_descriptions(py::module_& m);
 void bind_results(py::module_& m);
 void bind_structure(py::module_& m);
 void bind_stochastic(py::module_& m);
+void bind_mortar(py::module_& m);
 
 PYBIND11_MODULE(_core, m) {
   m.doc() =
@@ -30,6 +31,7 @@ PYBIND11_MODULE(_core, m) {
   bind_results(m);
   bind_structure(m);
   bind_stochastic(m);
+  bind_mortar(m);
   m.def(
       "bound_threads",
       [](py::handle comm) { return latin::bound_threads(latin_bindings::to_communicator(comm)); },
