@@ -90,8 +90,11 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "assembly": (
         "elements",
         "facet_map",
+        "overlap",
         "averages",
         "interface",
+        "held_nodes",
+        "mortar",
         "pairing",
         "rigid",
         "ranks",

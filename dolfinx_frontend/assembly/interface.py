@@ -14,7 +14,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "PointFrames", "Side", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames", "nodal_normals"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,6 +57,25 @@ class Side:
 
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
+
+
+@dataclass(frozen=True, repr=False)
+class Vertices:
+    """Values of points as a field that is linear (bilinear) on facets and continuous.
+
+    Attributes
+    ----------
+    corners
+        (k, vertices of a facet), numbers of vertices, of the covered facets.
+    nodal
+        (vertices, m), values at the vertices from those at the points.
+    """
+
+    corners: Ints
+    nodal: sp.csr_matrix
+
+    def __post_init__(self) -> None:
+        locked(self)
 
 
 class PointFrames:
@@ -109,9 +128,18 @@ class Interface(PointFrames):
     tangent_axis
         Global axis whose projection is t1 (3D).
     space
-        ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1.
+        ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1;
+        ``"mortar"``: values at the vertices of the side that carries the multipliers.
+    why
+        Why it has this space, and this side carries it; empty if it was asked for.
+    carrier
+        Side whose facets the points are on, 0 or 1.
     facets
-        (m,), the facet of side 1 that a point is on, numbered as in its :class:`FacetMap`.
+        (k,), facets of that side that are covered, ascending, numbered as in its :class:`FacetMap`.
+    areas
+        (k, m), area of each facet that belongs to each point.
+    vertices
+        Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
 
     name: str
@@ -125,7 +153,11 @@ class Interface(PointFrames):
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    why: str = field(default="", repr=False)
+    carrier: int = 0
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+    areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
+    vertices: Vertices | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)

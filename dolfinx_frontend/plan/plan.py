@@ -403,7 +403,7 @@ def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str],
         law = interface.law
         glues = law.elimination is Elimination.GLUED
         unmatched = glues and interface.matching is None
-        if unmatched and interface.space != "facets":
+        if unmatched and interface.space == "points":
             raise SceneError(
                 f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
                 "these do not: give it space='facets', mesh both parts together, or use Elastic with a "

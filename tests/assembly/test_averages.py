@@ -12,11 +12,10 @@ from dolfinx import fem
 
 from dolfinx_frontend import geometry
 from dolfinx_frontend.assembly.assemble import assemble
-from dolfinx_frontend.assembly.averages import average, polygons
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.overlap import check_cover, common, constant
 from dolfinx_frontend.assembly.pairing import make_interface
-from dolfinx_frontend.common.clipping import clip
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.plan.plan import make_plan
 from dolfinx_frontend.plan.reduction import reduce
@@ -85,62 +84,6 @@ def pair(cell, degree, **options):
         "i", LAYER, (lower, upper), (("a", top), ("b", bottom)), V, space="facets"
     )
     return i, V, (lower, upper), (top, bottom)
-
-
-# ---------------------------------------------------------------------------------------------
-# Polygons
-# ---------------------------------------------------------------------------------------------
-def area_of(polygon):
-    x, y = polygon[..., 0], polygon[..., 1]
-    return 0.5 * np.sum(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1), axis=-1)
-
-
-def test_clip_against_known_areas():
-    window = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-    cases = [
-        (window, 1.0),
-        (window[::-1], -1.0),
-        (window + [0.25, 0.5], 0.375),
-        (window + [1.0, 0.0], 0.0),  # a common edge
-        (window + [3.0, 0.0], 0.0),
-        (5.0 * window - 2.0, 1.0),  # around it
-        (0.5 * window + 0.25, 0.25),  # within it
-        (np.array([[0.5, -0.5], [1.5, 0.5], [0.5, 1.5], [-0.5, 0.5]]), 1.0),  # through its corners
-        (np.array([[0.5, -0.25], [1.25, 0.5], [0.5, 1.25], [-0.25, 0.5]]), 0.875),
-    ]
-    out = clip(np.array([c for c, _ in cases]), np.tile(window, (len(cases), 1, 1)))
-    assert area_of(out) == pytest.approx(np.array([a for _, a in cases]), abs=1e-15)
-
-
-def test_clip_of_random_triangles():
-    """Areas of common parts against an independent count of random points; they are symmetric."""
-    rng = np.random.default_rng(1)
-    a, b = rng.random((2, 200, 3, 2))
-    for t in (a, b):
-        t[area_of(t) < 0.0] = t[area_of(t) < 0.0][:, ::-1]
-    one, two = area_of(clip(a, b)), area_of(clip(b, a))
-    assert one == pytest.approx(two, abs=1e-14)
-    points = rng.random((20_000, 2))
-
-    def within(t):
-        edges = np.roll(t, -1, axis=1) - t
-        arms = points[None, :, None, :] - t[:, None]
-        cross = edges[:, None, :, 0] * arms[..., 1] - edges[:, None, :, 1] * arms[..., 0]
-        return np.all(cross >= 0.0, axis=2)
-
-    count = np.mean(within(a[:20]) & within(b[:20]), axis=1)
-    deviation = np.sqrt(count * (1 - count) / len(points)) + 1 / len(points)
-    assert np.all(np.abs(count - one[:20]) < 4.5 * deviation)
-
-
-def test_polygons_of_curved_facets():
-    part = block("tetrahedron", [2, 2, 1], order=2)
-    facets = FacetMap(part, "z1", "test")
-    p = polygons(facets)
-    assert p.parts == 2
-    assert len(p.corners) == 4 * len(facets)
-    arms = p.corners[:, 1:] - p.corners[:, :1]
-    assert np.linalg.norm(np.cross(arms[:, 0], arms[:, 1]), axis=1).sum() / 2 == pytest.approx(1.0)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -410,8 +353,10 @@ def test_folded_side():
         setattr(twice, name, np.concatenate([value, value]))
     twice.nodes[len(twice) // 2 :, :, 2] += 0.05
     V = space(lower, 1), space(sheets, 1)
+    near = 0.25 * first.sizes, 0.25 * twice.sizes
+    found = common((first, twice), V, constant("quadrilateral"), near)
     with pytest.raises(SceneError, match="more than once"):
-        average(first, twice, V, "interface 'i'", ("a:z1", "b:z0"), 0.25)
+        check_cover("interface 'i'", ("a:z1", "b:z0"), (first, twice), found, "full")
 
 
 def test_scene_keywords():

@@ -350,6 +350,11 @@ class Law:
         return "force" if self.elimination is Elimination.LOAD else None
 
     @property
+    def rigid(self) -> bool:
+        """Whether it prescribes jumps, where it is closed: what it holds must not be held twice."""
+        return self.prescribes == "jump" or self.unilateral
+
+    @property
     def bolt(self) -> bool:
         """Whether it pulls its sides together, as bolts do: a preload or an imposed jump."""
         return False

@@ -1,0 +1,208 @@
+"""The interface space ``mortar``: one value at each vertex of the side that carries the multipliers.
+
+The force per area is f = sum_i f_i psi_i, with the linear (bilinear) functions psi_i of the vertices; the law
+holds for f_i and for the jump in the mean that psi_i weighs:
+
+    w_i = int psi_i dA,   w_i jump_i = int psi_i (u_2 - u_1) dA,   T_k = 1/w_i int psi_i N_k dA,
+
+over the part of the carrying side that the other one covers.  psi_i >= 0 and sum_i psi_i = 1: a pressure is
+>= 0 if its f_i are, a constant pressure goes through meshes that do not match without an error, and both
+traces have the same means of a linear field (the patch test).  The kernel's laws need no psi that is
+biorthogonal to the displacements: those (dual bases, whose T_1 is diagonal) contain no linear functions,
+and were measured to be less accurate with as many iterations.  Degree 2 of the displacements and 1 of the
+multipliers are a stable pair, equal degrees are too, as long as no displacement is taken away: where vertices
+are held by another interface, a multiplier of its own would hold them twice.  It is merged into those of its
+neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi, Maday, Patera 1994).  Vertices
+of which almost nothing is covered are merged in the same way.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import basix
+import numpy as np
+import scipy.sparse as sp
+from latin_core import mortar as kernel
+
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.held_nodes import Held, held_twice
+from dolfinx_frontend.assembly.overlap import closure_nodes
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.vectors import unit_rows
+from dolfinx_frontend.scene.laws import Law
+
+__all__ = ["Multipliers", "multipliers", "vertex_nodes"]
+
+_NOTHING = 1e-9
+"""A facet is not covered if a smaller fraction of it is."""
+
+_LITTLE = 0.1
+"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own."""
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """Interface points at vertices, with the traces of the sides, for one component.
+
+    Attributes
+    ----------
+    points, normals, weights
+        (m, d) and (m,): vertices, unit normals out of the carrying side, areas.
+    shapes
+        (m, nodes) of the carrying side, and of the other one.
+    offset
+        (m, d), mean of x_other - x_carrying, length.
+    facets
+        (k,), facets of the carrying side that are covered.
+    areas
+        (k, m), area of each facet that belongs to each point.
+    corners, nodal
+        (k, vertices of a facet), numbers of vertices, and (vertices, m): values at vertices from those of
+        the points.
+    """
+
+    points: Array
+    normals: Array
+    weights: Array
+    shapes: tuple[sp.csr_matrix, ...] = field(repr=False)
+    offset: Array
+    facets: Ints
+    areas: sp.csr_matrix = field(repr=False)
+    corners: Ints
+    nodal: sp.csr_matrix = field(repr=False)
+
+
+def vertex_nodes(facets: FacetMap, space: Any) -> Ints:
+    """(facets, vertices): nodes of a space at the vertices of each facet."""
+    element = space.element.basix_element
+    of_facet = np.array(basix.topology(facets.cell)[facets.dim - 1])
+    of_vertex = np.array([d[0] for d in element.entity_dofs[0]])
+    nodes = np.asarray(space.dofmap.list)[facets.cells]
+    return np.take_along_axis(nodes, of_vertex[of_facet[facets.local]], axis=1).astype(np.int64)
+
+
+def multipliers(
+    carrier: FacetMap,
+    other: FacetMap | None,
+    spaces: tuple[Any, ...],
+    found: kernel.Overlap,
+    law: Law,
+    held: Held | None = None,
+) -> Multipliers:
+    """Multipliers at the vertices of a face.
+
+    Parameters
+    ----------
+    carrier, other, spaces
+        The side that carries them, the other one, and their Lagrange spaces.
+    found
+        Integrals of the linear functions of the carrier's facets over what is common.
+    law
+        Whether it holds a vertex that is held already is what it says.
+    held
+        What else holds the nodes of the carrier.
+    """
+    d = carrier.dim
+    share = found.covered / found.whole
+    facets = np.flatnonzero(share > _NOTHING)
+    vertices, corners = np.unique(vertex_nodes(carrier, spaces[0])[facets], return_inverse=True)
+    corners = corners.reshape(len(facets), -1)
+    m = len(vertices)
+    x = np.asarray(spaces[0].tabulate_dof_coordinates())[vertices, :d]
+    row = np.full(len(carrier), -1)
+    row[facets] = np.arange(len(facets))
+    pairs = np.flatnonzero(row[found.first] >= 0)
+    here = corners[row[found.first[pairs]]]
+
+    weights = np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m)
+    whole = np.bincount(
+        corners.ravel(), np.repeat(found.whole[facets] / corners.shape[1], corners.shape[1]), minlength=m
+    )
+    normals = np.zeros((m, 3))
+    np.add.at(normals, corners, found.normal[facets])
+    alone = weights > _LITTLE * whole
+    if held is not None and law.rigid:
+        alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), 1 if other is None else 2)
+    if os.environ.get("MERGE") == "0":
+        alone[:] = True
+    merging = _merging(corners, alone)  # (points, vertices)
+
+    blocks = found.own[facets], found.other[pairs]
+    kind = os.environ.get("MORTAR", "primal")
+    offsets = found.offset[facets]
+    if kind == "dual":
+        A = found.mean[facets][:, :, None] * np.linalg.inv(found.mass[facets])
+        blocks = A @ blocks[0], A[row[found.first[pairs]]] @ blocks[1]
+        offsets = A @ offsets
+    at = corners, here
+    sums = [
+        _assembled(block, where, closure_nodes(face, v)[which], m, v.dofmap.index_map.size_local)
+        for block, where, face, v, which in zip(
+            blocks[: len(spaces)], at, (carrier, other), spaces, (facets, found.second[pairs]), strict=False
+        )
+    ]
+    offset = np.zeros((m, 3))
+    np.add.at(offset, corners, offsets)
+    areas = sp.csr_matrix(
+        (
+            found.mean[facets].ravel(),
+            (np.repeat(np.arange(len(facets)), corners.shape[1]), corners.ravel()),
+        ),
+        shape=(len(facets), m),
+    )
+    weights = merging @ weights
+    inverse = sp.diags(1.0 / weights) @ merging
+    keep = np.flatnonzero(alone) if alone.any() else np.zeros(1, dtype=np.int64)
+    return Multipliers(
+        points=x[keep],
+        normals=unit_rows((merging @ normals)[:, :d]),
+        weights=weights,
+        shapes=tuple((inverse @ each).tocsr() for each in sums),
+        offset=(inverse @ offset)[:, :d],
+        facets=facets,
+        areas=(areas @ merging.T).tocsr(),
+        corners=corners,
+        nodal=merging.T.tocsr(),
+    )
+
+
+def _assembled(blocks: Array, rows: Ints, columns: Ints, m: int, n: int) -> sp.csr_matrix:
+    """(m, n): the sum of blocks (b, r, c) at rows (b, r) and columns (b, c)."""
+    row = np.broadcast_to(rows[:, :, None], blocks.shape)
+    column = np.broadcast_to(columns[:, None, :], blocks.shape)
+    out = sp.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(m, n))
+    # integrals that are zero are rounding otherwise
+    out.data[np.abs(out.data) < 1e-15 * np.abs(out.data).max(initial=0.0)] = 0.0
+    out.eliminate_zeros()
+    return out
+
+
+def _merging(corners: Ints, alone: Flags) -> sp.csr_matrix:
+    """(points, vertices): what of each vertex function belongs to each multiplier; columns have the sum 1."""
+    m = len(alone)
+    if not alone.any():
+        return sp.csr_matrix(np.ones((1, m)))
+    member = sp.csr_matrix(
+        (np.ones(corners.size), (np.repeat(np.arange(len(corners)), corners.shape[1]), corners.ravel())),
+        shape=(len(corners), m),
+    )
+    beside = (member.T @ member).tocsr()
+    beside.data[:] = 1.0
+    share = sp.identity(m, format="csr")[:, np.flatnonzero(alone)]  # (vertices, points)
+    settled = alone.copy()
+    while not settled.all():
+        towards = sp.diags(~settled * 1.0) @ beside @ sp.diags(settled * 1.0)
+        count = np.asarray(towards.sum(axis=1)).ravel()
+        if not count.any():  # an island without a vertex of its own: to the nearest in number
+            towards = sp.csr_matrix(
+                (np.ones((~settled).sum()), (np.flatnonzero(~settled), np.full((~settled).sum(), np.argmax(alone)))),
+                shape=(m, m),
+            )
+            count = np.asarray(towards.sum(axis=1)).ravel()
+        fresh = count > 0
+        share = (share + sp.diags(np.where(fresh, 1.0 / np.maximum(count, 1.0), 0.0)) @ towards @ share).tocsr()
+        settled |= fresh
+    return share.T.tocsr()
