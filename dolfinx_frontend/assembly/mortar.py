@@ -1,24 +1,32 @@
 """The interface space ``mortar``: one value at each vertex of the side that carries the multipliers.
 
-The force per area is f = sum_i f_i psi_i, with the linear (bilinear) functions psi_i of the vertices; the law
-holds for f_i and for the jump in the mean that psi_i weighs:
+The force per area is f = sum_i f_i psi_i; the law holds for f_i and for the jump in the mean that psi_i weighs:
 
     w_i = int psi_i dA,   w_i jump_i = int psi_i (u_2 - u_1) dA,   T_k = 1/w_i int psi_i N_k dA,
 
-over the part of the carrying side that the other one covers.  psi_i >= 0 and sum_i psi_i = 1: a pressure is
->= 0 if its f_i are, a constant pressure goes through meshes that do not match without an error, and both
-traces have the same means of a linear field (the patch test).  The kernel's laws need no psi that is
-biorthogonal to the displacements: those (dual bases, whose T_1 is diagonal) contain no linear functions,
-and were measured to be less accurate with as many iterations.  Degree 2 of the displacements and 1 of the
-multipliers are a stable pair, equal degrees are too, as long as no displacement is taken away: where vertices
-are held by another interface, a multiplier of its own would hold them twice.  It is merged into those of its
-neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi, Maday, Patera 1994).  Vertices
-of which almost nothing is covered are merged in the same way.
+over the part of the carrying side that the other one covers.  sum_i psi_i = 1: a constant pressure goes
+through meshes that do not match without an error, and both traces have the same means of a linear field (the
+patch test).  With L_i, the linear (bilinear) functions of the vertices,
+
+degree 1
+    psi is biorthogonal to L: int psi_i L_j = delta_ij int L_i on every facet, over its covered part
+    (Wohlmuth 2000).  f_i is the mean of the pressure with the weight L_i, T_1 is diagonal.
+degree 2
+    psi_i = L_i.  They contain the linear functions, which biorthogonal ones do not, and pressures are >= 0
+    everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
+    jump_i only.  No change of the quadratic basis is needed for weights > 0.
+
+The weights are int L_i in either case.  Measured (docs/interfaces.md): both pass the patch test and need as
+many iterations; forces are the more accurate ones in each case.
+
+Where vertices are held by another interface, a multiplier of their own would hold linear displacements twice.
+It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,
+Maday, Patera 1994).  Quadratic displacements have nodes enough: linear multipliers at held vertices are
+stable, and more accurate.  Vertices of which almost nothing is covered are merged in the same way.
 """
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +48,8 @@ _NOTHING = 1e-9
 """A facet is not covered if a smaller fraction of it is."""
 
 _LITTLE = 0.1
-"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own."""
+"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own, and on a facet of which
+less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
 
 
 @dataclass(frozen=True)
@@ -123,20 +132,17 @@ def multipliers(
     )
     normals = np.zeros((m, 3))
     np.add.at(normals, corners, found.normal[facets])
+    linear = spaces[0].element.basix_element.degree == 1
     alone = weights > _LITTLE * whole
-    if held is not None and law.rigid:
+    if held is not None and linear and law.rigid:
         alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), 1 if other is None else 2)
-    if os.environ.get("MERGE") == "0":
-        alone[:] = True
     merging = _merging(corners, alone)  # (points, vertices)
 
-    blocks = found.own[facets], found.other[pairs]
-    kind = os.environ.get("MORTAR", "primal")
-    offsets = found.offset[facets]
-    if kind == "dual":
-        A = found.mean[facets][:, :, None] * np.linalg.inv(found.mass[facets])
-        blocks = A @ blocks[0], A[row[found.first[pairs]]] @ blocks[1]
-        offsets = A @ offsets
+    blocks, offsets = (found.own[facets], found.other[pairs]), found.offset[facets]
+    if linear:
+        dual = _dual(found.mean[facets], found.mass[facets], share[facets] > _LITTLE)
+        blocks = dual @ blocks[0], dual[row[found.first[pairs]]] @ blocks[1]
+        offsets = dual @ offsets
     at = corners, here
     sums = [
         _assembled(block, where, closure_nodes(face, v)[which], m, v.dofmap.index_map.size_local)
@@ -158,7 +164,9 @@ def multipliers(
     keep = np.flatnonzero(alone) if alone.any() else np.zeros(1, dtype=np.int64)
     return Multipliers(
         points=x[keep],
-        normals=unit_rows((merging @ normals)[:, :d]),
+        normals=_normals_at_vertices(carrier, facets, corners, found.mean[facets])[keep]
+        if law.prescribes == "jump"
+        else unit_rows((merging @ normals)[:, :d]),
         weights=weights,
         shapes=tuple((inverse @ each).tocsr() for each in sums),
         offset=(inverse @ offset)[:, :d],
@@ -167,6 +175,27 @@ def multipliers(
         corners=corners,
         nodal=merging.T.tocsr(),
     )
+
+
+def _dual(mean: Array, mass: Array, good: Flags) -> Array:
+    """(k, vertices, vertices): the biorthogonal functions of facets from the linear ones."""
+    out = np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1))
+    out[good] = mean[good][:, :, None] * np.linalg.inv(mass[good])
+    return out
+
+
+def _normals_at_vertices(face: FacetMap, facets: Ints, corners: Ints, weights: Array) -> Array:
+    """(vertices, d), unit: the means of those of the facets there.
+
+    For laws that hold all directions alike, whose forces are best told in the frame of the place. Laws that
+    tell the normal direction from the others take the mean over psi, along which rigid motions slide freely.
+    """
+    k, v = corners.shape
+    s = np.tile(np.asarray(basix.geometry(face.facet_cell)), (k, 1))
+    _, normal, _ = face.surface(np.repeat(facets, v), s)
+    out = np.zeros((corners.max() + 1, face.dim))
+    np.add.at(out, corners.ravel(), weights.reshape(-1, 1) * normal)
+    return unit_rows(out)
 
 
 def _assembled(blocks: Array, rows: Ints, columns: Ints, m: int, n: int) -> sp.csr_matrix:
