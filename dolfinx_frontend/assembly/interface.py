@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -29,7 +30,8 @@ class Side:
         T (d*m, n), petsc4py seqaij, no unit: w = T u in global components, row d*point + component,
         column d*node + component.
     shape
-        The same for one component, (m, nodes of the substructure), SciPy.
+        The same for one component, (m, nodes of the substructure), SciPy. Of contact in the space ``"mortar"``
+        on curved faces `trace` differs from it along the normal: it has the normals of the places.
     nodes
         Nodes (blocks of unknowns) on the face, sorted.
     node_normals
@@ -188,12 +190,9 @@ class Interface(PointFrames):
         """
         if side not in range(len(self.sides)):
             raise SceneError(f"interface {self.name!r}: side = {side!r} of {len(self.sides)}, from 0")
-        d = self.dim
-        shape = self.sides[side].shape.tocsr()
-        point = np.repeat(np.arange(shape.shape[0]), np.diff(shape.indptr))
-        blocks = shape.data[:, None, None] * self.frames[point]
-        size = (d * shape.shape[0], d * shape.shape[1])
-        return sp.bsr_matrix((blocks, shape.indices, shape.indptr), shape=size).tocsr()
+        d, m = self.dim, self.num_points
+        turned = sp.bsr_matrix((self.frames, np.arange(m), np.arange(m + 1)), shape=(d * m, d * m))
+        return (turned.tocsr() @ csr(self.sides[side].trace)).tocsr()
 
 
 def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:

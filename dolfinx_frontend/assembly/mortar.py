@@ -16,6 +16,10 @@ degree 2
     everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
     jump_i only.  No change of the quadratic basis is needed for weights > 0.
 
+Normal jumps of laws that tell the normal direction from the others are w_i jump_n = int psi_i (u_2 - u_1) . n dA
+with the normal of the place: a mean normal would let slip on a curved face open gaps of the order h^2, which
+differ from vertex to vertex and make pressures of the order h.
+
 The weights are int L_i in either case.  Measured (docs/interfaces.md): both pass the patch test and need as
 many iterations; forces are the more accurate ones in each case.
 
@@ -62,8 +66,10 @@ class Multipliers:
         (m, d) and (m,): vertices, unit normals out of the carrying side, areas.
     shapes
         (m, nodes) of the carrying side, and of the other one.
-    offset
-        (m, d), mean of x_other - x_carrying, length.
+    along
+        (m, d * nodes) for each side: the trace along the normal of the place; empty if the law does not need it.
+    gap
+        (m,), mean distance of the sides along the normal, length.
     facets
         (k,), facets of the carrying side that are covered.
     areas
@@ -77,7 +83,8 @@ class Multipliers:
     normals: Array
     weights: Array
     shapes: tuple[sp.csr_matrix, ...] = field(repr=False)
-    offset: Array
+    along: tuple[sp.csr_matrix, ...] = field(repr=False)
+    gap: Array
     facets: Ints
     areas: sp.csr_matrix = field(repr=False)
     corners: Ints
@@ -138,20 +145,24 @@ def multipliers(
         alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), 1 if other is None else 2)
     merging = _merging(corners, alone)  # (points, vertices)
 
-    blocks, offsets = (found.own[facets], found.other[pairs]), found.offset[facets]
-    if linear:
-        dual = _dual(found.mean[facets], found.mass[facets], share[facets] > _LITTLE)
-        blocks = dual @ blocks[0], dual[row[found.first[pairs]]] @ blocks[1]
-        offsets = dual @ offsets
-    at = corners, here
-    sums = [
-        _assembled(block, where, closure_nodes(face, v)[which], m, v.dofmap.index_map.size_local)
-        for block, where, face, v, which in zip(
-            blocks[: len(spaces)], at, (carrier, other), spaces, (facets, found.second[pairs]), strict=False
-        )
-    ]
-    offset = np.zeros((m, 3))
-    np.add.at(offset, corners, offsets)
+    dual = _dual(found.mean[facets], found.mass[facets], (share[facets] > _LITTLE) & linear)
+    of_pairs = dual[row[found.first[pairs]]]
+    gap = np.zeros(m)
+    np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
+    weights = merging @ weights
+    inverse = sp.diags(1.0 / weights) @ merging
+    shapes, along = [], []
+    for which, rows, face, v, few, several in (
+        (facets, corners, carrier, spaces[0], found.own[facets], found.own_normal[facets]),
+        (found.second[pairs], here, other, spaces[-1], found.other[pairs], found.other_normal[pairs]),
+    )[: len(spaces)]:
+        psi = dual if face is carrier else of_pairs
+        nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
+        shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
+        if law.prescribes is None and not law.springs:
+            several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
+            unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
+            along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
     areas = sp.csr_matrix(
         (
             found.mean[facets].ravel(),
@@ -159,8 +170,6 @@ def multipliers(
         ),
         shape=(len(facets), m),
     )
-    weights = merging @ weights
-    inverse = sp.diags(1.0 / weights) @ merging
     keep = np.flatnonzero(alone) if alone.any() else np.zeros(1, dtype=np.int64)
     return Multipliers(
         points=x[keep],
@@ -168,8 +177,9 @@ def multipliers(
         if law.prescribes == "jump"
         else unit_rows((merging @ normals)[:, :d]),
         weights=weights,
-        shapes=tuple((inverse @ each).tocsr() for each in sums),
-        offset=(inverse @ offset)[:, :d],
+        shapes=tuple(shapes),
+        along=tuple(along),
+        gap=inverse @ gap,
         facets=facets,
         areas=(areas @ merging.T).tocsr(),
         corners=corners,

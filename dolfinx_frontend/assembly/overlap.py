@@ -178,9 +178,10 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
     closure = np.array(element.entity_closure_dofs[d - 1])[facets.local[index]]
     shape = np.take_along_axis(tabulate(element, 0, facets.reference(index, s))[0], closure, axis=1)
 
+    x, normals = (np.pad(v, ((0, 0), (0, 3 - d))) for v in (x, normals))
+    along = shape[:, :, None] * normals[:, None, :]
+
     def over(fields: Array) -> Array:
-        if fields.shape[1] == d:
-            fields = np.pad(fields, ((0, 0), (0, 3 - d)))
         out: Array = np.einsum("fqc,fqk->fck", weighed, fields.reshape(n, -1, fields.shape[1]))
         return out
 
@@ -191,15 +192,18 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
         covered=areas,
         mean=weighed.sum(axis=1),
         mass=np.einsum("fqc,fqk->fck", weighed, values.reshape(n, -1, chis)),
-        own=np.einsum("fqc,fqk->fck", weighed, shape.reshape(n, -1, shape.shape[1])),
+        own=over(shape),
+        own_normal=over(along.reshape(len(w), -1)).reshape(n, values.shape[1], -1, 3),
         place=over(x),
         normal=over(normals),
         offset=np.zeros((n, chis, 3)),
+        gap=np.zeros((n, chis)),
         first=none,
         second=none,
         area=np.zeros(0),
         distance=np.zeros(0),
         other=np.zeros((0, chis, 0)),
+        other_normal=np.zeros((0, chis, 0, 3)),
         farthest=0.0,
     )
 

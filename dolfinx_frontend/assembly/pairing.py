@@ -8,7 +8,6 @@ case and not another path.
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,8 +48,10 @@ def _side(
     facets: FacetMap,
     shape: sp.csr_matrix,
     own: tuple[sp.csr_matrix, Array, Array] | None = None,
+    along: tuple[sp.csr_matrix, Array] | None = None,
 ) -> Side:
-    """A side with its trace; `own`: shape functions, weights, normals at points of its own."""
+    """A side with its trace; `own`: shape functions, weights, normals at points of its own; `along`: the trace
+    along the normals of the places, and the mean normals of the points."""
     nodes = facets.face_nodes(space)
     columns = space.dofmap.index_map.size_local
     if own is None:
@@ -66,7 +67,7 @@ def _side(
     return Side(
         substructure=label,
         face=face,
-        trace=petsc_matrix(sp.kron(shape, sp.identity(facets.dim), format="csr")),
+        trace=petsc_matrix(_trace(shape, facets.dim, along)),
         shape=shape,
         nodes=nodes,
         node_normals=nodal_normals(own_shape, weights, normals, nodes),
@@ -74,6 +75,19 @@ def _side(
         normal=unit(mean) if length > 1e-9 else np.zeros(facets.dim),
         area=total,
     )
+
+
+def _trace(shape: sp.csr_matrix, d: int, along: tuple[sp.csr_matrix, Array] | None) -> sp.csr_matrix:
+    """(d * m, d * nodes): the trace in global components."""
+    alike = sp.kron(shape, sp.identity(d), format="csr")
+    if along is None:
+        return alike
+    m = shape.shape[0]
+    normals = sp.csr_matrix((along[1].ravel(), np.arange(d * m), np.arange(0, d * m + 1, d)), shape=(m, d * m))
+    more = (along[0] - normals @ alike).tocsr()
+    more.data[np.abs(more.data) < 1e-14] = 0.0  # plane faces: there is none
+    more.eliminate_zeros()
+    return (alike + normals.T @ more).tocsr() if more.nnz else alike
 
 
 def _candidates(facets: FacetMap, points: Array) -> tuple[Ints, Ints]:
@@ -237,6 +251,7 @@ class _Samples:
     facets: Ints
     areas: sp.csr_matrix
     vertices: Vertices | None = None
+    along: tuple[sp.csr_matrix, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -330,10 +345,11 @@ def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     _check_cover(pair, found if carrier == 0 else None)
     other = seen.faces[1] if len(seen.faces) == 2 else None
     m = multipliers(seen.faces[0], other, seen.spaces, found, pair.law, seen.held[0])
-    gap = np.einsum("pi,pi->p", m.offset, m.normals)
-    normals, shapes = (m.normals, m.shapes) if carrier == 0 else (-m.normals, m.shapes[::-1])
+    normals, shapes, along = m.normals, m.shapes, m.along
+    if carrier == 1:
+        normals, shapes, along = -normals, shapes[::-1], tuple(-each for each in along[::-1])
     vertices = Vertices(m.corners, m.nodal)
-    return _Samples(m.points, normals, m.weights, shapes, gap, m.facets, m.areas, vertices)
+    return _Samples(m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along)
 
 
 def _near(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
@@ -469,10 +485,11 @@ def make_interface(
         sampled = _sample_points(pair, limit)
     local, axis = frames(sampled.normals)
     own = (sampled.shapes[0], sampled.weights, sampled.normals) if space == "points" else None
-    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], own)]
+    along = [(each, sampled.normals) for each in sampled.along] or [None] * len(faces)
+    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], own, along[0])]
     matching = None
     if two:
-        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1]))
+        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1], None, along[1]))
         if overlap == "full":
             _warn_of_areas(where, names, sides)
         if alike:
@@ -511,7 +528,7 @@ def _choice(pair: _Pair, alike: bool) -> tuple[Space, str]:
         return "points", "one side"
     if not alike or pair.overlap == "partial":
         return "mortar", "its meshes do not match"
-    if pair.law.unilateral and os.environ.get("AUTO", "mortar") == "mortar":
+    if pair.law.unilateral:
         return "mortar", "a law that opens and closes"
     return "points", "its meshes match"
 

@@ -32,6 +32,8 @@ py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index sha
   out["mean"] = array(std::move(o.mean), {n1, chi});
   out["mass"] = array(std::move(o.mass), {n1, chi, chi});
   out["own"] = array(std::move(o.own), {n1, chi, shapes1});
+  out["own_normal"] = array(std::move(o.own_normal), {n1, chi, shapes1, 3});
+  out["gap"] = array(std::move(o.gap), {n1, chi});
   out["place"] = array(std::move(o.place), {n1, chi, 3});
   out["normal"] = array(std::move(o.normal), {n1, chi, 3});
   out["offset"] = array(std::move(o.offset), {n1, chi, 3});
@@ -39,6 +41,7 @@ py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index sha
   out["second"] = array(std::move(o.second), {pairs});
   out["area"] = array(std::move(o.area), {pairs});
   out["other"] = array(std::move(o.other), {pairs, chi, shapes2});
+  out["other_normal"] = array(std::move(o.other_normal), {pairs, chi, shapes2, 3});
   out["distance"] = array(std::move(o.distance), {pairs});
   out["farthest"] = o.farthest;
   return out;

@@ -48,14 +48,18 @@ class Overlap(NamedTuple):
         (n1,), area of the flat polygons of each facet, and how much of it side 2 covers.
     mean, mass, own
         (n1, chi) int chi; (n1, chi, chi) int chi chi; (n1, chi, N_1) int chi N_1.
+    own_normal
+        (n1, chi, N_1, 3), int chi N_1 n_1, with the unit normal out of side 1.
     place, normal, offset
-        (n1, chi, 3): int chi x_1, int chi n_1 (unit, out of side 1), int chi (x_2 - x_1).
+        (n1, chi, 3): int chi x_1, int chi n_1, int chi (x_2 - x_1).
+    gap
+        (n1, chi), int chi (x_2 - x_1) . n_1.
     first, second
         (pairs,), facets that have a part in common; curved ones come several times.
     area, distance
         (pairs,), area of that part, and the largest distance within it.
-    other
-        (pairs, chi, N_2), int chi N_2.
+    other, other_normal
+        (pairs, chi, N_2) int chi N_2; (pairs, chi, N_2, 3) int chi N_2 n_1.
     farthest
         Largest distance of pairs that lie opposite but too far apart; 0: there are none.
     """
@@ -65,14 +69,17 @@ class Overlap(NamedTuple):
     mean: Array
     mass: Array
     own: Array
+    own_normal: Array
     place: Array
     normal: Array
     offset: Array
+    gap: Array
     first: Ints
     second: Ints
     area: Array
     distance: Array
     other: Array
+    other_normal: Array
     farthest: float
 
 

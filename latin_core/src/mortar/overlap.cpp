@@ -108,18 +108,18 @@ Point2 dropped(const Face& face, Index facet, const Plane& plane, const Vector3d
 
 /// The integrals of one pair of facets, until it is known whether the pair counts.
 struct Sums {
-  Matrix mass, own, other, place, normal, offset;
-  Vector mean;
+  Matrix mass, own, other, own_normal, other_normal, place, normal, offset, gap, mean;
   double distance = 0.0;
 
   Sums(Index chi, Index shapes1, Index shapes2)
-      : mass(chi, chi), own(chi, shapes1), other(chi, shapes2), place(chi, 3), normal(chi, 3),
-        offset(chi, 3), mean(chi) {}
+      : mass(chi, chi), own(chi, shapes1), other(chi, shapes2), own_normal(chi, 3 * shapes1),
+        other_normal(chi, 3 * shapes2), place(chi, 3), normal(chi, 3), offset(chi, 3),
+        gap(chi, 1), mean(chi, 1) {}
   void clear() {
-    for (Matrix* m : {&mass, &own, &other, &place, &normal, &offset}) {
+    for (Matrix* m : {&mass, &own, &other, &own_normal, &other_normal, &place, &normal, &offset,
+                      &gap, &mean}) {
       m->setZero();
     }
-    mean.setZero();
     distance = 0.0;
   }
 };
@@ -205,14 +205,26 @@ class Integrator {
     monomials_.values(s1, values);
     multipliers.noalias() = w * (chi_ * values);
     first_.shapes(one.facet, s1, shapes);
+    const Vector3d normal = area / size;
     sums_.own.noalias() += multipliers * shapes.transpose();
+    add_along(normal, multipliers, shapes, sums_.own_normal);
     second_.shapes(two.facet, s2, shapes);
     sums_.other.noalias() += multipliers * shapes.transpose();
+    add_along(normal, multipliers, shapes, sums_.other_normal);
     sums_.mass.noalias() += multipliers * multipliers.transpose() / w;
     sums_.mean += multipliers;
     sums_.place.noalias() += multipliers * place.x.transpose();
-    sums_.normal.noalias() += multipliers * (area / size).transpose();
+    sums_.normal.noalias() += multipliers * normal.transpose();
     sums_.offset.noalias() += multipliers * offset.transpose();
+    sums_.gap += offset.dot(normal) * multipliers;
+  }
+
+  /// chi_i N_k n at (i, 3 k + component).
+  static void add_along(const Vector3d& normal, const Values& multipliers, const Values& shapes,
+                        Matrix& sum) {
+    for (Index k = 0; k < shapes.size(); ++k) {
+      sum.middleCols<3>(3 * k).noalias() += multipliers * (shapes[k] * normal).transpose();
+    }
   }
 
   const Face& first_;
@@ -268,6 +280,8 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
   out.mean = sized(chi);
   out.mass = sized(chi * chi);
   out.own = sized(chi * first.functions());
+  out.own_normal = sized(chi * first.functions() * 3);
+  out.gap = sized(chi);
   out.place = sized(chi * 3);
   out.normal = sized(chi * 3);
   out.offset = sized(chi * 3);
@@ -316,6 +330,8 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
       add(out.mean, one.facet, sums.mean);
       add(out.mass, one.facet, sums.mass);
       add(out.own, one.facet, sums.own);
+      add(out.own_normal, one.facet, sums.own_normal);
+      add(out.gap, one.facet, sums.gap);
       add(out.place, one.facet, sums.place);
       add(out.normal, one.facet, sums.normal);
       add(out.offset, one.facet, sums.offset);
@@ -323,6 +339,7 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
       out.second.push_back(two.facet);
       out.area.push_back(area);
       append(out.other, sums.other);
+      append(out.other_normal, sums.other_normal);
       out.distance.push_back(sums.distance);
     }
   }
