@@ -70,6 +70,8 @@ class Multipliers:
         (m, d * nodes) for each side: the trace along the normal of the place; empty if the law does not need it.
     gap
         (m,), mean distance of the sides along the normal, length.
+    bulge
+        (m,), how far it may be below 0 for a distance >= 0 that is not linear, because psi is not >= 0.
     facets
         (k,), facets of the carrying side that are covered.
     areas
@@ -85,6 +87,7 @@ class Multipliers:
     shapes: tuple[sp.csr_matrix, ...] = field(repr=False)
     along: tuple[sp.csr_matrix, ...] = field(repr=False)
     gap: Array
+    bulge: Array
     facets: Ints
     areas: sp.csr_matrix = field(repr=False)
     corners: Ints
@@ -147,7 +150,8 @@ def multipliers(
 
     dual = _dual(found.mean[facets], found.mass[facets], (share[facets] > _LITTLE) & linear)
     of_pairs = dual[row[found.first[pairs]]]
-    gap = np.zeros(m)
+    distance, gap = np.zeros(m), np.zeros(m)
+    np.add.at(distance, corners, found.gap[facets])
     np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
     weights = merging @ weights
     inverse = sp.diags(1.0 / weights) @ merging
@@ -180,6 +184,7 @@ def multipliers(
         shapes=tuple(shapes),
         along=tuple(along),
         gap=inverse @ gap,
+        bulge=np.abs(inverse @ (gap - distance)),
         facets=facets,
         areas=(areas @ merging.T).tocsr(),
         corners=corners,

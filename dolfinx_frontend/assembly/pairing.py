@@ -252,6 +252,7 @@ class _Samples:
     areas: sp.csr_matrix
     vertices: Vertices | None = None
     along: tuple[sp.csr_matrix, ...] = ()
+    bulge: Array | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -349,7 +350,7 @@ def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     if carrier == 1:
         normals, shapes, along = -normals, shapes[::-1], tuple(-each for each in along[::-1])
     vertices = Vertices(m.corners, m.nodal)
-    return _Samples(m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along)
+    return _Samples(m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along, m.bulge)
 
 
 def _near(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
@@ -511,7 +512,7 @@ def make_interface(
         matching=matching,
         tangent_axis=axis,
         space=space,
-        sag=_sag(faces[0], faces[1] if two else None, sampled.points),
+        sag=np.maximum(_sag(faces[0], faces[1] if two else None, sampled.points), sampled.bulge),
         why=why,
         carrier=carrier,
         facets=sampled.facets,

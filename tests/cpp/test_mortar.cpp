@@ -261,7 +261,7 @@ TEST(Mortar, FarAndAvertedFacetsDoNotCount) {
   }
 }
 
-TEST(Mortar, CurvedIntervalsMeetToFourthOrder) {
+TEST(Mortar, CurvedIntervalsConverge) {
   // a quarter of a circle in n quadratic pieces, looking out of or into it
   const auto arc = [](int n, bool out) {
     Matrix nodes(3 * n, 2);
