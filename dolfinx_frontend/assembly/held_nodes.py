@@ -1,4 +1,4 @@
-"""What holds the nodes of a face besides the interface on it: supports, ties and contacts that meet it at edges.
+"""What holds the nodes of a face besides the interface on it: supports, ties, contacts that meet it at edges.
 
 A multiplier at a node that is held already would hold it twice: the traces of the other side would have to
 follow what nothing asks of them (locking near edges), and its force would have no meaning.

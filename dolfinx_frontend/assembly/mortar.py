@@ -1,6 +1,6 @@
 """The interface space ``mortar``: one value at each vertex of the side that carries the multipliers.
 
-The force per area is f = sum_i f_i psi_i; the law holds for f_i and for the jump in the mean that psi_i weighs:
+The force per area is f = sum_i f_i psi_i; the law holds for f_i and the jump in the mean that psi_i weighs:
 
     w_i = int psi_i dA,   w_i jump_i = int psi_i (u_2 - u_1) dA,   T_k = 1/w_i int psi_i N_k dA,
 
@@ -16,9 +16,9 @@ degree 2
     everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
     jump_i only.  No change of the quadratic basis is needed for weights > 0.
 
-Normal jumps of laws that tell the normal direction from the others are w_i jump_n = int psi_i (u_2 - u_1) . n dA
-with the normal of the place: a mean normal would let slip on a curved face open gaps of the order h^2, which
-differ from vertex to vertex and make pressures of the order h.
+Normal jumps of laws that tell the normal direction from the others are w_i jump_n = int psi_i (u_2 - u_1) . n
+with the normal n of the place: with a mean normal, slip on a curved face would open gaps of the order h^2,
+which differ from vertex to vertex and make pressures of the order h.
 
 The weights are int L_i in either case.  Measured (docs/interfaces.md): both pass the patch test and need as
 many iterations; forces are the more accurate ones in each case.
@@ -52,7 +52,7 @@ _NOTHING = 1e-9
 """A facet is not covered if a smaller fraction of it is."""
 
 _LITTLE = 0.1
-"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own, and on a facet of which
+"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own; on a facet of which
 less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
 
 
@@ -67,7 +67,8 @@ class Multipliers:
     shapes
         (m, nodes) of the carrying side, and of the other one.
     along
-        (m, d * nodes) for each side: the trace along the normal of the place; empty if the law does not need it.
+        (m, d * nodes) for each side: the trace along the normal of the place; empty if the law has no use
+        for it.
     gap
         (m,), mean distance of the sides along the normal, length.
     bulge
@@ -136,7 +137,7 @@ def multipliers(
     pairs = np.flatnonzero(row[found.first] >= 0)
     here = corners[row[found.first[pairs]]]
 
-    weights = np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m)
+    weights: Array = np.asarray(np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m), float)
     whole = np.bincount(
         corners.ravel(), np.repeat(found.whole[facets] / corners.shape[1], corners.shape[1]), minlength=m
     )
@@ -156,11 +157,12 @@ def multipliers(
     weights = merging @ weights
     inverse = sp.diags(1.0 / weights) @ merging
     shapes, along = [], []
-    for which, rows, face, v, few, several in (
-        (facets, corners, carrier, spaces[0], found.own[facets], found.own_normal[facets]),
-        (found.second[pairs], here, other, spaces[-1], found.other[pairs], found.other_normal[pairs]),
-    )[: len(spaces)]:
-        psi = dual if face is carrier else of_pairs
+    sides = [(carrier, dual, facets, corners, found.own[facets], found.own_normal[facets])]
+    if other is not None:
+        sides.append(
+            (other, of_pairs, found.second[pairs], here, found.other[pairs], found.other_normal[pairs])
+        )
+    for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
         shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
         if law.prescribes is None and not law.springs:
@@ -240,13 +242,13 @@ def _merging(corners: Ints, alone: Flags) -> sp.csr_matrix:
     while not settled.all():
         towards = sp.diags(~settled * 1.0) @ beside @ sp.diags(settled * 1.0)
         count = np.asarray(towards.sum(axis=1)).ravel()
-        if not count.any():  # an island without a vertex of its own: to the nearest in number
-            towards = sp.csr_matrix(
-                (np.ones((~settled).sum()), (np.flatnonzero(~settled), np.full((~settled).sum(), np.argmax(alone)))),
-                shape=(m, m),
-            )
+        if not count.any():  # an island without a vertex of its own: to any other
+            lost = np.flatnonzero(~settled)
+            any_other = np.full(len(lost), np.argmax(alone))
+            towards = sp.csr_matrix((np.ones(len(lost)), (lost, any_other)), (m, m))
             count = np.asarray(towards.sum(axis=1)).ravel()
         fresh = count > 0
-        share = (share + sp.diags(np.where(fresh, 1.0 / np.maximum(count, 1.0), 0.0)) @ towards @ share).tocsr()
+        mean = sp.diags(np.where(fresh, 1.0 / np.maximum(count, 1.0), 0.0)) @ towards
+        share = (share + mean @ share).tocsr()
         settled |= fresh
     return share.T.tocsr()

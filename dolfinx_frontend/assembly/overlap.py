@@ -23,7 +23,17 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import Overlap
 
-__all__ = ["OPPOSED", "UNCOVERED", "check_cover", "closure_nodes", "common", "constant", "hats", "of_one_side"]
+__all__ = [
+    "OPPOSED",
+    "UNCOVERED",
+    "check_cover",
+    "closure_nodes",
+    "common",
+    "constant",
+    "hats",
+    "of_one_side",
+    "shape_of",
+]
 
 
 UNCOVERED = 0.01
@@ -46,9 +56,14 @@ _CURVED = 2
 """Degrees added on curved facets: the error is that of the flat polygons."""
 
 
+def shape_of(facets: FacetMap) -> mortar.Shape:
+    """Of its reference facet."""
+    return cast(mortar.Shape, facets.facet_cell.name)
+
+
 def constant(shape: mortar.Shape) -> mortar.Functions:
     """The function 1."""
-    return mortar.Functions(0, np.ones((1, 1, len(mortar.monomials(shape, 0, np.zeros((1, 2)))[0]))))
+    return mortar.Functions(0, np.ones((1, 1, mortar.monomials(shape, 0, np.zeros((1, 2))).shape[1])))
 
 
 def hats(shape: mortar.Shape) -> mortar.Functions:
@@ -57,8 +72,10 @@ def hats(shape: mortar.Shape) -> mortar.Functions:
     return _functions(shape, 1, [element], [lambda s: s], [np.arange(element.dim)])
 
 
-def _functions(shape: Any, degree: int, elements: Any, places: Any, chosen: Any) -> mortar.Functions:
-    """Coefficients of nodal bases on facets: of an element at the places of facet coordinates, chosen ones."""
+def _functions(
+    shape: mortar.Shape, degree: int, elements: Any, places: Any, chosen: Any
+) -> mortar.Functions:
+    """Coefficients of nodal bases on facets: of elements at the places of facet coordinates, chosen ones."""
     s = np.asarray(
         basix.create_lattice(basix.CellType[shape], max(degree, 1), basix.LatticeType.gll, True)
     )
@@ -80,7 +97,7 @@ def _on_facets(facets: FacetMap, element: Any) -> mortar.Functions:
         return lambda s: facets.origin[number] + s @ facets.tangents[number].T
 
     return _functions(
-        facets.facet_cell.name,
+        shape_of(facets),
         int(element.degree),
         [element] * count,
         [places(k) for k in range(count)],
@@ -97,13 +114,14 @@ def _face(facets: FacetMap, space: Any) -> mortar.Face:
     s = np.tile(middle, (len(facets), 1))
     _, jacobian = facets.push_forward(index, s)
     tangents = jacobian @ facets.tangents[facets.local]
+    normal: Array
     if facets.dim == 2:
         normal = np.stack([-tangents[:, 1, 0], tangents[:, 0, 0]], axis=1)
     else:
-        normal = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+        normal = np.asarray(np.cross(tangents[:, :, 0], tangents[:, :, 1]), dtype=np.float64)
     _, outward, _ = facets.surface(index, s)
     return mortar.Face(
-        cast(mortar.Shape, facets.facet_cell.name),
+        shape_of(facets),
         facets.order,
         nodes,
         facets.local.astype(np.int64),
@@ -173,7 +191,7 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
     x, normals, area = facets.surface(index, s)
     n = len(facets)
     w = w * area
-    values = mortar.monomials(facets.facet_cell.name, chi.degree, s) @ chi.coefficients[0].T
+    values = mortar.monomials(shape_of(facets), chi.degree, s) @ chi.coefficients[0].T
     weighed = (w[:, None] * values).reshape(n, -1, values.shape[1])
     closure = np.array(element.entity_closure_dofs[d - 1])[facets.local[index]]
     shape = np.take_along_axis(tabulate(element, 0, facets.reference(index, s))[0], closure, axis=1)

@@ -21,10 +21,18 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.assembly.averages import average
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
-from dolfinx_frontend.assembly.held_nodes import Held, held_twice
+from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface, Side, Vertices, frames, nodal_normals
 from dolfinx_frontend.assembly.mortar import multipliers, vertex_nodes
-from dolfinx_frontend.assembly.overlap import OPPOSED, check_cover, common, constant, hats, of_one_side
+from dolfinx_frontend.assembly.overlap import (
+    OPPOSED,
+    check_cover,
+    common,
+    constant,
+    hats,
+    of_one_side,
+    shape_of,
+)
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.vectors import unit
@@ -50,8 +58,11 @@ def _side(
     own: tuple[sp.csr_matrix, Array, Array] | None = None,
     along: tuple[sp.csr_matrix, Array] | None = None,
 ) -> Side:
-    """A side with its trace; `own`: shape functions, weights, normals at points of its own; `along`: the trace
-    along the normals of the places, and the mean normals of the points."""
+    """A side with its trace.
+
+    `own`: shape functions, weights and normals at points of its own; `along`: the trace along the normals of
+    the places, and the normals of the points.
+    """
     nodes = facets.face_nodes(space)
     columns = space.dofmap.index_map.size_local
     if own is None:
@@ -83,7 +94,8 @@ def _trace(shape: sp.csr_matrix, d: int, along: tuple[sp.csr_matrix, Array] | No
     if along is None:
         return alike
     m = shape.shape[0]
-    normals = sp.csr_matrix((along[1].ravel(), np.arange(d * m), np.arange(0, d * m + 1, d)), shape=(m, d * m))
+    starts = np.arange(0, d * m + 1, d)
+    normals = sp.csr_matrix((along[1].ravel(), np.arange(d * m), starts), shape=(m, d * m))
     more = (along[0] - normals @ alike).tocsr()
     more.data[np.abs(more.data) < 1e-14] = 0.0  # plane faces: there is none
     more.eliminate_zeros()
@@ -308,7 +320,7 @@ def _sample_points(pair: _Pair, limit: float) -> _Samples:
 
 def _integrals(pair: _Pair, linear: bool) -> kernel.Overlap:
     """Of the functions of the vertices of side 1, or of the function 1, over what is common."""
-    cell = pair.faces[0].facet_cell.name
+    cell = shape_of(pair.faces[0])
     chi = hats(cell) if linear else constant(cell)
     if len(pair.faces) == 1:
         return of_one_side(pair.faces[0], pair.spaces[0], chi, pair.degree)
@@ -323,9 +335,8 @@ def _check_cover(pair: _Pair, found: kernel.Overlap | None = None) -> None:
     """Raise unless side 2 covers side 1 as it should."""
     if len(pair.faces) == 2:
         if found is None:
-            found = common(
-                _two(pair.faces), _two(pair.spaces), constant(pair.faces[0].facet_cell.name), _two(pair.near), 1
-            )
+            one = constant(shape_of(pair.faces[0]))
+            found = common(_two(pair.faces), _two(pair.spaces), one, _two(pair.near), 1)
         check_cover(pair.where, _two(pair.names), _two(pair.faces), found, pair.overlap)
 
 
@@ -444,7 +455,8 @@ def make_interface(
         ``"points"``, ``"facets"`` (:mod:`dolfinx_frontend.assembly.averages`), ``"mortar"``
         (:mod:`dolfinx_frontend.assembly.mortar`), or ``"auto"``: what is right for the meshes and the law.
     overlap
-        With ``"facets"`` or ``"mortar"``: whether side 2 covers all of side 1 (``"full"``) or may cover a part.
+        With ``"facets"`` or ``"mortar"``: whether side 2 covers all of side 1 (``"full"``) or may cover a
+        part (``"partial"``).
     held
         By side, what else holds its nodes; None: nothing does.
 
@@ -486,7 +498,8 @@ def make_interface(
         sampled = _sample_points(pair, limit)
     local, axis = frames(sampled.normals)
     own = (sampled.shapes[0], sampled.weights, sampled.normals) if space == "points" else None
-    along = [(each, sampled.normals) for each in sampled.along] or [None] * len(faces)
+    along: list[tuple[sp.csr_matrix, Array] | None] = [(each, sampled.normals) for each in sampled.along]
+    along = along or [None] * len(faces)
     sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], own, along[0])]
     matching = None
     if two:
@@ -500,7 +513,7 @@ def make_interface(
             size = float(min(face.sizes.min() for face in faces))
             matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
         if matching is None:
-            _check_space(where, names[0], space, law, len(sampled.weights), sides[0])
+            _check_space(pair, space, len(sampled.weights), (sides[0], sides[1]))
     return Interface(
         name=name,
         law=law,
@@ -534,7 +547,13 @@ def _choice(pair: _Pair, alike: bool) -> tuple[Space, str]:
     return "points", "its meshes match"
 
 
-def _check_space(where: str, face: str, space: Space, law: Law, points: int, side: Side) -> None:
+def _opposite(pair: _Pair, sides: tuple[Side, Side]) -> bool:
+    """Whether the meshes match but for a distance between them."""
+    x = [np.asarray(v.tabulate_dof_coordinates()) for v in pair.spaces]
+    return _match(np.inf, sides, (x[0], x[1])) is not None
+
+
+def _check_space(pair: _Pair, space: Space, points: int, sides: tuple[Side, Side]) -> None:
     """Refuse what locks, warn of what is wrong, on meshes that do not match.
 
     Raises
@@ -542,16 +561,16 @@ def _check_space(where: str, face: str, space: Space, law: Law, points: int, sid
     SceneError
         More facets than nodes with a law that prescribes jumps.
     """
-    nodes = len(side.nodes)
+    law, nodes = pair.law, len(sides[0].nodes)
     if space == "facets" and law.rigid and points >= nodes:
         raise SceneError(
-            f"{where}: {points} facets but {nodes} nodes on {face}: a law that prescribes the jump locks "
-            "there; use space='mortar', or give the substructures degree=2"
+            f"{pair.where}: {points} facets but {nodes} nodes on {pair.names[0]}: a law that prescribes the "
+            "jump locks there; use space='mortar', or give the substructures degree=2"
         )
-    if space == "points" and law.unilateral:
+    if space == "points" and law.unilateral and not _opposite(pair, sides):
         warnings.warn(
-            f"{where}: contact in the space 'points' on meshes that do not match: its pressures are wrong by "
-            "tens of percent and do not converge; use space='mortar'",
+            f"{pair.where}: contact in the space 'points' on meshes that do not match: its pressures are "
+            "wrong by tens of percent and do not converge; use space='mortar'",
             SceneWarning,
             stacklevel=5,
         )

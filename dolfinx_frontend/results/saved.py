@@ -17,7 +17,7 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_flag, checked_path
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.files import is_file
-from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.common.frozen import locked, locked_matrix, read_only
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
 from dolfinx_frontend.formats.hdf5 import Tree
@@ -130,7 +130,7 @@ class SavedInterface(PointFrames):
         order = np.argsort(rows)
         corners = self._surface.corners
         vertices = None if corners is None else Vertices(corners[order], self._surface.nodal)
-        return rows[order], self._surface.areas[order], vertices
+        return read_only(rows[order]), locked_matrix(self._surface.areas[order], own=True), vertices
 
     @property
     def facets(self) -> Ints:

@@ -74,7 +74,8 @@ def test_interference_of_round_faces_is_reported(
         solve(problem, options=ONE)
 
 
-@pytest.mark.parametrize("space", ["points", "facets"])
+@pytest.mark.filterwarnings("ignore:interface 'joint'. contact in the space 'points'")
+@pytest.mark.parametrize("space", ["points", "facets", "mortar"])
 @pytest.mark.parametrize("counts", [(2, 2), (4, 3)])
 @pytest.mark.parametrize("cell", CELLS)
 def test_interference_of_plane_faces(cell: str, counts: tuple[int, int], space: Space) -> None:

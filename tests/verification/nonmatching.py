@@ -166,8 +166,17 @@ def pressure_between() -> float:
     return u(MIDDLE, INNER, MIDDLE, BORE, 0.0) / compliance
 
 
-def rings(cell: str, space: Space, law: str, degree: int, n: int, order: int = 2) -> Errors:
-    """3 n and 2 n cells along the quarter of the interface; `order` of the geometry."""
+def rings(
+    cell: str,
+    space: Space,
+    law: str,
+    degree: int,
+    n: int,
+    order: int = 2,
+    along: tuple[int, int] = (3, 2),
+    height: tuple[int, int] = (3, 2),
+) -> Errors:
+    """along * n cells of the two rings along the quarter, height * n / 2 across it; `order` of the geometry."""
     d = DIMENSION[cell]
 
     def bend(x: Array) -> Array:
@@ -176,9 +185,9 @@ def rings(cell: str, space: Space, law: str, degree: int, n: int, order: int = 2
         return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), *x.T[2:]])
 
     scene = Scene()
-    for name, ends, along, height in (("a", (INNER, MIDDLE), 3, 3), ("b", (MIDDLE, OUTER), 2, 2)):
+    for k, (name, ends) in enumerate((("a", (INNER, MIDDLE)), ("b", (MIDDLE, OUTER)))):
         low, high = np.array([ends[0], 0.0, 0.0][:d]), np.array([ends[1], 1.0, 0.5][:d])
-        part = block(cell, [n, along * n, max(1, height * n // 2)][:d], low, high, bend, order)
+        part = block(cell, [n, along[k] * n, max(1, height[k] * n // 2)][:d], low, high, bend, order)
         scene.substructure(name, part, LinearElastic(E, NU), degree=degree)
         scene.symmetry([f"{name}:{face}" for face in ("y0", "y1", "z0", "z1")[: 2 * d - 2]])
     between = pressure_between()
@@ -237,8 +246,8 @@ def overlapping(degree: int, n: int, aligned: bool = False) -> float:
 
 
 def _mode_2(radius: float, poisson: float = NU, modulus: float = E) -> Array:
-    """(3, 4): radial stress, shear and radial displacement at a radius, of Airy's functions r^2, r^4, r^-2 and 1
-    times cos 2 theta (Michell); plane strain. The shear goes with sin 2 theta, the others with the cosine."""
+    """(3, 4): radial stress, shear and radial displacement at a radius, of Airy's functions r^2, r^4, r^-2, 1
+    times cos 2 theta (Michell); plane strain. Shears go with sin 2 theta, the others with cos 2 theta."""
     r, kappa = radius, 3.0 - 4.0 * poisson
     twice_mu = modulus / (1.0 + poisson)
     return np.array(
@@ -251,10 +260,10 @@ def _mode_2(radius: float, poisson: float = NU, modulus: float = E) -> Array:
 
 
 def uneven_pressure() -> tuple[float, float, float]:
-    """Pressures of two rings that touch without friction: the mean and the part with cos 2 theta at the middle
-    radius, and that in the bore that makes the latter half of the former."""
+    """Pressures of two rings that touch without friction: the mean and the part with cos 2 theta at the
+    middle radius, and that in the bore that makes the latter half of the former."""
     inside, middle, outside = (_mode_2(r) for r in (INNER, MIDDLE, OUTER))
-    # unknown: four coefficients of each ring; the pressure at the middle radius is 1, that in the bore follows
+    # unknown: four coefficients of each ring, and the pressure in the bore if that between them is 1
     system, right = np.zeros((9, 9)), np.zeros(9)
     system[0, :4], system[0, 8] = inside[0], 1.0  # radial stress in the bore: minus its pressure
     system[1, :4] = inside[1]
@@ -274,8 +283,8 @@ def uneven_pressure() -> tuple[float, float, float]:
 def uneven_rings(space: Space, n: int) -> tuple[float, float, int, Result]:
     """Errors of the contact pressure p(theta) in L2 and the largest one, relative to its mean, and unknowns.
 
-    Two rings under an uneven pressure in the bore, without friction; quadratic triangles, 3 n and 2 n along the
-    quarter.
+    Two rings under an uneven pressure in the bore, without friction; quadratic triangles, 3 n and 2 n along
+    the quarter.
     """
 
     def bend(x: Array) -> Array:
@@ -285,7 +294,8 @@ def uneven_rings(space: Space, n: int) -> tuple[float, float, int, Result]:
     mean, wave, in_bore = uneven_pressure()
     scene = Scene()
     for name, ends, along in (("a", (INNER, MIDDLE), 3), ("b", (MIDDLE, OUTER), 2)):
-        part = block("triangle", [n, along * n], np.array([ends[0], 0.0]), np.array([ends[1], 1.0]), bend, 2)
+        low, high = np.array([ends[0], 0.0]), np.array([ends[1], 1.0])
+        part = block("triangle", [n, along * n], low, high, bend, 2)
         scene.substructure(name, part, LinearElastic(E, NU), degree=2)
         scene.symmetry([f"{name}:y0", f"{name}:y1"])
     scene.interface("joint", "a:x1", "b:x0", Contact(gap=0.0), space=space)

@@ -270,6 +270,38 @@ def bound_threads(comm: Any) -> int: ...  # mpi4py communicator or its Fortran h
 def snake_order(shape: Sequence[int]) -> list[int]: ...
 def available_backends() -> str: ...
 
+class mortar:
+    """The submodule ``latin_core._core.mortar``."""
+
+    class Face:
+        def __init__(
+            self,
+            *,
+            shape: str,
+            parts: int,
+            nodes: Array,
+            variants: Sequence[int],
+            orientation: Sequence[float],
+            map_degree: int,
+            map: Sequence[Array],
+            shape_degree: int,
+            shapes: Sequence[Array],
+        ) -> None: ...
+
+    @staticmethod
+    def integrate(
+        first: mortar.Face,
+        second: mortar.Face,
+        *,
+        degree: int,
+        multipliers: Array,
+        points: Array,
+        weights: Array,
+        near_first: Array,
+        near_second: Array,
+        opposed: float,
+    ) -> dict[str, Any]: ...
+
 class stochastic:
     """The submodule ``latin_core._core.stochastic``."""
 

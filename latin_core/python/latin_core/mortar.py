@@ -1,9 +1,9 @@
 """Integrals over what is common to two faces whose facets do not match.
 
-Typed face of the kernel's layer ``latin::mortar``. Facets are images of a reference facet (the interval [0, 1],
-the triangle of the unit vectors, the unit square); every function on them is a polynomial, given by the
-coefficients of the monomials s_0^a s_1^b: a + b <= degree on triangles and a, b <= degree otherwise, the power
-of s_1 varying faster. Wrong input raises ``InputError``, a ``ValueError``.
+Typed face of the kernel's layer ``latin::mortar``. Facets are images of a reference facet (the interval
+[0, 1], the triangle of the unit vectors, the unit square); every function on them is a polynomial, given by
+the coefficients of the monomials s_0^a s_1^b: a + b <= degree on triangles and a, b <= degree otherwise, the
+power of s_1 varying faster. Wrong input raises ``InputError``, a ``ValueError``.
 """
 
 from __future__ import annotations
