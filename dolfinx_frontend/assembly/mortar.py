@@ -165,7 +165,7 @@ def multipliers(
     for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
         shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
-        if law.prescribes is None and not law.springs:
+        if law.prescribes is None:
             several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
             unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
             along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())

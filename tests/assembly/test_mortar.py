@@ -1,4 +1,4 @@
-"""The interface space ``mortar``, and the choice of a space: traces, patch tests, edges, overlap, order of sides."""
+"""The interface space ``mortar``, and the choice of a space: traces, patch tests, edges, overlap."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def joined(cell, degree, law=LAYER, swapped=False, **options):
 @pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize("cell", CELLS)
 def test_means_and_loads_are_exact(cell, degree, angle, law):
-    """Plane faces at any angle: both sides see the same mean of a linear field, and a constant pressure whole."""
+    """Plane faces at any angle: linear fields have the same means on both sides, constant pressures pass."""
     d = DIMENSION[cell]
     i, (parts, labels, V) = joined(cell, degree, LAWS[law], angle=angle, slope=0.2)
     assert i.space == "mortar"
@@ -67,7 +67,7 @@ def test_means_and_loads_are_exact(cell, degree, angle, law):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_the_order_of_the_sides_does_not_matter(cell, degree):
-    """The same points and forces, told from the other side: the sign of the normal and of forces is the user's."""
+    """The same points and traces, told from the other side: the sign of the normal is the user's."""
     i, (_, _, V) = joined(cell, degree, Contact(), angle=0.4)
     j, _ = joined(cell, degree, Contact(), swapped=True, angle=0.4)
     assert i.carrier == 1 - j.carrier
@@ -147,7 +147,7 @@ def test_points_on_meshes_that_do_not_match_are_warned_of():
         scene.interface("i", "a:y1", "b:y0", law, space="points")
         scene.fix(["a:y0", "b:y1"])
         if warned:
-            with pytest.warns(SceneWarning, match="contact in the space 'points' on meshes that do not match"):
+            with pytest.warns(SceneWarning, match="contact in the space 'points' on meshes that do not"):
                 assemble(scene)
         else:
             assemble(scene)
@@ -185,7 +185,7 @@ def test_patch(cell, seed, degree, law):
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", CELLS)
 def test_faces_that_overlap_partly(cell, degree, law):
-    """Only what is covered counts: means of a linear field agree, resultant and moment of a pressure are right."""
+    """Only what is covered counts: means of linear fields agree, and resultants of a pressure are right."""
     d, shift = DIMENSION[cell], 0.37
     low, high = np.zeros(d), np.ones(d)
     low[-1], high[-1] = 1.0, 2.0
@@ -256,7 +256,7 @@ def test_held_vertices_have_no_multiplier_of_their_own():
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
 def test_cross_point_of_four_parts(cell, degree):
-    """Four tied squares around a point, each with its own mesh: a linear field passes, forces are its tractions."""
+    """Four tied squares around a point, each with its own mesh: a linear field passes, and its tractions."""
     gradient = np.array([[0.01, 0.004], [-0.002, -0.02]])
     E, nu = 3.0, 0.3
     strain = 0.5 * (gradient + gradient.T)

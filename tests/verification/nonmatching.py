@@ -176,7 +176,7 @@ def rings(
     along: tuple[int, int] = (3, 2),
     height: tuple[int, int] = (3, 2),
 ) -> Errors:
-    """along * n cells of the two rings along the quarter, height * n / 2 across it; `order` of the geometry."""
+    """along * n cells of the rings along the quarter, height * n / 2 across it; `order` of the geometry."""
     d = DIMENSION[cell]
 
     def bend(x: Array) -> Array:
@@ -211,7 +211,7 @@ SHIFT = 0.37
 """How far the upper square of `overlapping` is shifted."""
 
 
-def overlapping(degree: int, n: int, aligned: bool = False) -> float:
+def overlapping(degree: int, n: int, aligned: bool = False, space: Space = "auto") -> float:
     """Energy of two squares, the upper one shifted sideways, pressed together without friction.
 
     Parameters
@@ -222,6 +222,8 @@ def overlapping(degree: int, n: int, aligned: bool = False) -> float:
         Even; the lower square has 3 n / 2 cells along an edge, to the next even number.
     aligned
         Whether nodes lie where the overlap begins and ends, as in a solution to compare with.
+    space
+        Of the interface.
     """
     scene = Scene()
     for name, count, start, middle in (("a", 3 * n // 2, 0.0, SHIFT), ("b", n, SHIFT, 1.0 - SHIFT)):
@@ -237,7 +239,7 @@ def overlapping(degree: int, n: int, aligned: bool = False) -> float:
         low = np.array([start, 1.0 if name == "b" else 0.0])
         part = block("triangle", [count, count], low, low + 1.0, graded if aligned else None)
         scene.substructure(name, part, LinearElastic(E, NU), degree=degree)
-    scene.interface("joint", "a:y1", "b:y0", Contact(gap=0.0), space="facets", overlap="partial")
+    scene.interface("joint", "a:y1", "b:y0", Contact(gap=0.0), space=space, overlap="partial")
     scene.fix("a:y0")
     scene.fix("b:y1", value=(0.0, -0.1))
     result = solve(assemble(scene), options=OPTIONS)
