@@ -140,6 +140,8 @@ class Interface(PointFrames):
         (k,), facets of that side that are covered, ascending, numbered as in its :class:`FacetMap`.
     areas
         (k, m), area of each facet that belongs to each point.
+    covered
+        Fraction of side 1 that side 2 covers.
     vertices
         Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
@@ -160,6 +162,7 @@ class Interface(PointFrames):
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
     areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
     vertices: Vertices | None = field(default=None, repr=False)
+    covered: float = 1.0
 
     def __post_init__(self) -> None:
         locked(self)

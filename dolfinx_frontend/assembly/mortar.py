@@ -143,6 +143,10 @@ def multipliers(
     )
     normals = np.zeros((m, 3))
     np.add.at(normals, corners, found.normal[facets])
+    # where sheets meet back to back, the mean has no direction: that of one of them
+    lost = np.linalg.norm(normals, axis=1) < 0.1 * weights
+    some = lost[corners]
+    normals[corners[some]] = found.normal[facets][some]
     linear = spaces[0].element.basix_element.degree == 1
     alone = weights > _LITTLE * whole
     if held is not None and linear and law.rigid:

@@ -265,6 +265,7 @@ class _Samples:
     vertices: Vertices | None = None
     along: tuple[sp.csr_matrix, ...] = ()
     bulge: Array | float = 0.0
+    covered: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -331,43 +332,48 @@ def _two(both: tuple[Any, ...]) -> tuple[Any, Any]:
     return both[0], both[1]
 
 
-def _check_cover(pair: _Pair, found: kernel.Overlap | None = None) -> None:
-    """Raise unless side 2 covers side 1 as it should."""
+def _check_cover(pair: _Pair, found: kernel.Overlap | None = None) -> float:
+    """The fraction of side 1 that side 2 covers; raises unless it covers it as it should."""
     if len(pair.faces) == 2:
         if found is None:
             one = constant(shape_of(pair.faces[0]))
             found = common(_two(pair.faces), _two(pair.spaces), one, _two(pair.near), 1)
-        check_cover(pair.where, _two(pair.names), _two(pair.faces), found, pair.overlap)
+        return check_cover(pair.where, _two(pair.names), _two(pair.faces), found, pair.overlap)
+    return 1.0
 
 
 def _sample_facets(pair: _Pair) -> _Samples:
     """The space ``facets``: means over those of side 1."""
     found = _integrals(pair, False)
-    _check_cover(pair, found)
+    covered = _check_cover(pair, found)
     means = average(pair.faces[0], pair.faces[1] if len(pair.faces) == 2 else None, pair.spaces, found)
     gap = np.einsum("pi,pi->p", means.offset, means.normals)
     areas = sp.diags(means.weights, format="csr")
-    return _Samples(means.points, means.normals, means.weights, means.shapes, gap, means.facets, areas)
+    return _Samples(
+        means.points, means.normals, means.weights, means.shapes, gap, means.facets, areas, covered=covered
+    )
 
 
 def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     """The space ``mortar``: multipliers at the vertices of the carrying side."""
     seen = pair.swapped() if carrier == 1 else pair
     found = _integrals(seen, True)
-    _check_cover(pair, found if carrier == 0 else None)
+    covered = _check_cover(pair, found if carrier == 0 else None)
     other = seen.faces[1] if len(seen.faces) == 2 else None
     m = multipliers(seen.faces[0], other, seen.spaces, found, pair.law, seen.held[0])
     normals, shapes, along = m.normals, m.shapes, m.along
     if carrier == 1:
         normals, shapes, along = -normals, shapes[::-1], tuple(-each for each in along[::-1])
     vertices = Vertices(m.corners, m.nodal)
-    return _Samples(m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along, m.bulge)
+    return _Samples(
+        m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along, m.bulge, covered
+    )
 
 
 def _near(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
     """Largest distance of the other side from every facet, length."""
     if max_distance is not None:
-        return tuple(max_distance * face.sizes for face in faces)
+        return tuple(np.full(len(face), max_distance * face.sizes.max()) for face in faces)
     extent = min(float(np.linalg.norm(np.ptp(f.samples.reshape(-1, f.dim), axis=0))) for f in faces)
     return tuple(np.maximum(MAX_DISTANCE * face.sizes, FAR * extent) for face in faces)
 
@@ -449,8 +455,9 @@ def make_interface(
         Degree of the facet rule; None: 2 degree + geometry order - 1, so that the mass matrix of a
         straight simplex is exact.
     max_distance
-        Largest distance of the sides, as a fraction of the facet size; None: 1/4 of that, or 1/20 of the
-        extent of the smaller face if that is more.
+        Largest distance of the sides, as a fraction of the facet size (except for ``"points"`` of the largest
+        facet, so that none is lost where a face is refined); None: 1/4 of that, or 1/20 of the extent of the
+        smaller face if that is more.
     space
         ``"points"``, ``"facets"`` (:mod:`dolfinx_frontend.assembly.averages`), ``"mortar"``
         (:mod:`dolfinx_frontend.assembly.mortar`), or ``"auto"``: what is right for the meshes and the law.
@@ -531,6 +538,7 @@ def make_interface(
         facets=sampled.facets,
         areas=sampled.areas,
         vertices=sampled.vertices,
+        covered=sampled.covered,
     )
 
 

@@ -165,7 +165,8 @@ class Scene:
         quadrature_degree
             Degree that the interface points integrate; None: mass matrices exactly.
         max_distance
-            Largest distance between the faces, as a fraction of the facet size; None: 1/4.
+            Largest distance between the faces, as a fraction of the largest facet's size; None: 1/4 of a
+            facet's size, or 1/20 of the extent of the smaller face if that is more.
         space
             ``"points"``: the law holds at quadrature points of the first face. ``"facets"``: it holds in
             the mean on every facet of it. ``"mortar"``: it holds in the mean about every vertex of one

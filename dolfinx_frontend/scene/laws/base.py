@@ -499,6 +499,15 @@ class Law:
         """Imposed jump (nodes, d) in the local frame of glued nodes, length."""
         return np.zeros_like(nodes)
 
+    def check_faces(self, points: Points, sag: Array) -> None:
+        """Raise or warn if the faces as meshed cannot tell what the law takes from them.
+
+        Parameters
+        ----------
+        sag
+            (m,), how far they may be from the smooth ones, length.
+        """
+
     # --- what it holds ----------------------------------------------------------------------------
     def holds(self, dim: int) -> tuple[bool, ...]:
         """Which local components (n, t1[, t2]) the law can hold against a rigid motion."""
