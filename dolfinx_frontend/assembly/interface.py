@@ -30,8 +30,8 @@ class Side:
         T (d*m, n), petsc4py seqaij, no unit: w = T u in global components, row d*point + component,
         column d*node + component.
     shape
-        The same for one component, (m, nodes of the substructure), SciPy. Of contact in the space
-        ``"mortar"`` on curved faces `trace` differs from it along the normal: it has that of the place.
+        The same for one component, (m, nodes of the substructure), SciPy. In the space ``"mortar"`` `trace`
+        differs from it on curved faces along the normal: it has that of the place.
     nodes
         Nodes (blocks of unknowns) on the face, sorted.
     node_normals

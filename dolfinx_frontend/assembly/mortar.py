@@ -16,9 +16,9 @@ degree 2
     everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
     jump_i only.  No change of the quadratic basis is needed for weights > 0.
 
-Normal jumps of laws that tell the normal direction from the others are w_i jump_n = int psi_i (u_2 - u_1) . n
-with the normal n of the place: with a mean normal, slip on a curved face would open gaps of the order h^2,
-which differ from vertex to vertex and make pressures of the order h.
+Normal jumps are w_i jump_n = int psi_i (u_2 - u_1) . n with the normal n of the place: with a mean normal, slip
+on a curved face would open gaps of the order h^2, which differ from vertex to vertex and make pressures of
+the order h; and forces would act along the wrong lines by h^2.
 
 The weights are int L_i in either case.  Measured (docs/interfaces.md): both pass the patch test and need as
 many iterations; forces are the more accurate ones in each case.
@@ -67,8 +67,7 @@ class Multipliers:
     shapes
         (m, nodes) of the carrying side, and of the other one.
     along
-        (m, d * nodes) for each side: the trace along the normal of the place; empty if the law has no use
-        for it.
+        (m, d * nodes) for each side: the trace along the normal of the place.
     gap
         (m,), mean distance of the sides along the normal, length.
     bulge
@@ -169,10 +168,9 @@ def multipliers(
     for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
         shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
-        if law.prescribes is None:
-            several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
-            unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
-            along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
+        several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
+        unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
+        along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
     areas = sp.csr_matrix(
         (
             found.mean[facets].ravel(),

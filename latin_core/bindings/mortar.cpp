@@ -53,8 +53,8 @@ void bind_mortar(py::module_& m) {
   py::module_ s = m.def_submodule("mortar", "Integrals over the overlap of two faces");
   py::class_<mortar::Face>(s, "Face", "Facets of one face, images of one reference facet")
       .def(py::init([](const std::string& shape, int parts, const latin::Matrix& nodes,
-                       std::vector<Index> variants, std::vector<double> orientation,
-                       int map_degree, std::vector<latin::Matrix> map, int shape_degree,
+                       std::vector<Index> variants, std::vector<double> orientation, int map_degree,
+                       std::vector<latin::Matrix> map, int shape_degree,
                        std::vector<latin::Matrix> shapes) {
              return mortar::Face(mortar::facet_shape(shape), parts, nodes, std::move(variants),
                                  std::move(orientation), {map_degree, std::move(map)},
@@ -76,8 +76,7 @@ void bind_mortar(py::module_& m) {
           const py::gil_scoped_release release;
           found = mortar::integrate(first, second, functions, rule, near);
         }
-        return arrays(std::move(found), first.facets(), chi, first.functions(),
-                      second.functions());
+        return arrays(std::move(found), first.facets(), chi, first.functions(), second.functions());
       },
       "first"_a, "second"_a, py::kw_only(), "degree"_a, "multipliers"_a, "points"_a, "weights"_a,
       "near_first"_a, "near_second"_a, "opposed"_a);

@@ -196,8 +196,8 @@ def report(record: dict[str, Any], markdown: bool) -> None:
         [r["degree"], r["space"], *(f"{e:.1e}" for e in r["energy"]), f"{r['rate']:.1f}"]
         for r in record["overlap"]
     ]
-    sizes = [f"n = {n}" for n in record["overlap"][0]["n"]]
-    _show("Partly overlapping faces: error of the energy", ["degree", "space", *sizes, "rate"], rows, markdown)
+    header = ["degree", "space", *(f"n = {n}" for n in record["overlap"][0]["n"]), "rate"]
+    _show("Partly overlapping faces: error of the energy", header, rows, markdown)
 
 
 def main() -> None:

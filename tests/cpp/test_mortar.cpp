@@ -74,7 +74,8 @@ Face sheet(int n, double height, bool up, double x0 = 0.0, double slope = 0.0) {
 
 /// Exact for quadratic functions: the middles of the edges.
 Rule on_middles() {
-  return {(Matrix(3, 2) << 0.5, 0.0, 0.0, 0.5, 0.5, 0.5).finished(), Vector::Constant(3, 1.0 / 6.0)};
+  return {(Matrix(3, 2) << 0.5, 0.0, 0.0, 0.5, 0.5, 0.5).finished(),
+          Vector::Constant(3, 1.0 / 6.0)};
 }
 
 /// Gauss's rule of three points on (0, 1).
@@ -191,7 +192,9 @@ TEST(Mortar, MonomialsHaveTheirDerivatives) {
   for (const FacetShape shape :
        {FacetShape::interval, FacetShape::triangle, FacetShape::quadrilateral}) {
     const Monomials m(shape, 3);
-    EXPECT_EQ(m.size(), shape == FacetShape::interval ? 4 : shape == FacetShape::triangle ? 10 : 16);
+    EXPECT_EQ(m.size(), shape == FacetShape::interval   ? 4
+                        : shape == FacetShape::triangle ? 10
+                                                        : 16);
     const Point2 s(0.3, 0.7);
     constexpr double h = 1e-6;
     Values up;
@@ -302,21 +305,21 @@ TEST(Mortar, WrongInputIsRefused) {
   const Face upper = sheet(3, 0.0, false);
   Rule rule = on_middles();
   rule.points = Matrix::Zero(3, 1);
+  EXPECT_THROW(
+      static_cast<void>(integrate(lower, upper, on_triangles(), rule, near(lower, upper, 1.0))),
+      InputError);
   EXPECT_THROW(static_cast<void>(
-                   integrate(lower, upper, on_triangles(), rule, near(lower, upper, 1.0))),
+                   integrate(lower, upper, on_intervals(), on_middles(), near(lower, upper, 1.0))),
                InputError);
-  EXPECT_THROW(static_cast<void>(integrate(lower, upper, on_intervals(), on_middles(),
-                                           near(lower, upper, 1.0))),
+  EXPECT_THROW(static_cast<void>(
+                   integrate(lower, upper, on_triangles(), on_middles(), near(upper, lower, 1.0))),
                InputError);
-  EXPECT_THROW(static_cast<void>(integrate(lower, upper, on_triangles(), on_middles(),
-                                           near(upper, lower, 1.0))),
-               InputError);
-  EXPECT_THROW(Face(FacetShape::triangle, 1, Matrix::Zero(3, 2), {0}, {1.0}, on_triangles(),
-                    on_triangles()),
-               InputError);
-  EXPECT_THROW(Face(FacetShape::triangle, 1, Matrix::Zero(3, 3), {2}, {1.0}, on_triangles(),
-                    on_triangles()),
-               InputError);
+  EXPECT_THROW(
+      Face(FacetShape::triangle, 1, Matrix::Zero(3, 2), {0}, {1.0}, on_triangles(), on_triangles()),
+      InputError);
+  EXPECT_THROW(
+      Face(FacetShape::triangle, 1, Matrix::Zero(3, 3), {2}, {1.0}, on_triangles(), on_triangles()),
+      InputError);
 }
 
 }  // namespace latin::mortar

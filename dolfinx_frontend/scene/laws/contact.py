@@ -130,8 +130,8 @@ class Contact(Law):
         if depth <= 0.0 or chords <= UNCERTAIN * depth:
             return
         what = (
-            f"interface {points.name!r}: the faces are meshed inside each other by up to {depth:.4g}, and the "
-            f"cells' facets are up to {chords:.4g} beside the round faces that they stand for"
+            f"interface {points.name!r}: the faces are meshed inside each other by up to {depth:.4g}, and "
+            f"the cells' facets are up to {chords:.4g} beside the round faces that they stand for"
         )
         remedy = "use curved (quadratic) cells, or smaller ones, or state the interference, gap=-..."
         if chords > USELESS * depth:

@@ -35,10 +35,9 @@ void BoxTree::build(Index begin, Index end) {
   Index axis = 0;
   centres.sizes().maxCoeff(&axis);
   const Index middle = (begin + end) / 2;
-  std::nth_element(members_.begin() + begin, members_.begin() + middle, members_.begin() + end,
-                   [&](Index a, Index b) {
-                     return boxes_[a].center()[axis] < boxes_[b].center()[axis];
-                   });
+  std::nth_element(
+      members_.begin() + begin, members_.begin() + middle, members_.begin() + end,
+      [&](Index a, Index b) { return boxes_[a].center()[axis] < boxes_[b].center()[axis]; });
   build(begin, middle);
   nodes_[number].second = static_cast<Index>(nodes_.size());
   build(middle, end);

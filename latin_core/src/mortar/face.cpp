@@ -54,8 +54,8 @@ std::vector<Polygon> lattice(FacetShape shape, int parts) {
         out.push_back(std::move(up));
       }
       if (i + j < parts - 1) {
-        out.push_back({corner + Point2(step, 0.0), corner + Point2(step, step),
-                       corner + Point2(0.0, step)});
+        out.push_back(
+            {corner + Point2(step, 0.0), corner + Point2(step, step), corner + Point2(0.0, step)});
       }
     }
   }
@@ -131,7 +131,8 @@ FacetShape facet_shape(const std::string& name) {
 
 Monomials::Monomials(FacetShape shape, int degree) : degree_(degree) {
   if (degree < 0 || degree > highest_degree) {
-    throw InputError("monomials of degree " + std::to_string(degree) + ": 0 to " + std::to_string(highest_degree) + " are possible");
+    throw InputError("monomials of degree " + std::to_string(degree) + ": 0 to " +
+                     std::to_string(highest_degree) + " are possible");
   }
   for (int a = 0; a <= degree; ++a) {
     const int most = shape == FacetShape::interval   ? 0
@@ -221,8 +222,8 @@ Face::Face(FacetShape shape, int parts, const Matrix& nodes, std::vector<Index> 
                      std::to_string(count * facets()) + ", " + std::to_string(d) +
                      ") are wanted, one orientation for each facet, and at least one part");
   }
-  const auto known = static_cast<Index>(
-      std::min(map.coefficients.size(), shapes_.coefficients.size()));
+  const auto known =
+      static_cast<Index>(std::min(map.coefficients.size(), shapes_.coefficients.size()));
   maps_.reserve(variants_.size());
   for (Index f = 0; f < facets(); ++f) {
     const Index variant = variants_[f];

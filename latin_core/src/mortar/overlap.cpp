@@ -112,12 +112,19 @@ struct Sums {
   double distance = 0.0;
 
   Sums(Index chi, Index shapes1, Index shapes2)
-      : mass(chi, chi), own(chi, shapes1), other(chi, shapes2), own_normal(chi, 3 * shapes1),
-        other_normal(chi, 3 * shapes2), place(chi, 3), normal(chi, 3), offset(chi, 3),
-        gap(chi, 1), mean(chi, 1) {}
+      : mass(chi, chi),
+        own(chi, shapes1),
+        other(chi, shapes2),
+        own_normal(chi, 3 * shapes1),
+        other_normal(chi, 3 * shapes2),
+        place(chi, 3),
+        normal(chi, 3),
+        offset(chi, 3),
+        gap(chi, 1),
+        mean(chi, 1) {}
   void clear() {
-    for (Matrix* m : {&mass, &own, &other, &own_normal, &other_normal, &place, &normal, &offset,
-                      &gap, &mean}) {
+    for (Matrix* m :
+         {&mass, &own, &other, &own_normal, &other_normal, &place, &normal, &offset, &gap, &mean}) {
       m->setZero();
     }
     distance = 0.0;

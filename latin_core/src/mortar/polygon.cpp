@@ -34,10 +34,10 @@ void clip(const Polygon& subject, const Polygon& window, Polygon& common, Polygo
 }
 
 void clip_intervals(const Polygon& subject, const Polygon& window, Polygon& common) {
-  const double low = std::max(std::min(subject[0].x(), subject[1].x()),
-                              std::min(window[0].x(), window[1].x()));
-  const double high = std::min(std::max(subject[0].x(), subject[1].x()),
-                               std::max(window[0].x(), window[1].x()));
+  const double low =
+      std::max(std::min(subject[0].x(), subject[1].x()), std::min(window[0].x(), window[1].x()));
+  const double high =
+      std::min(std::max(subject[0].x(), subject[1].x()), std::max(window[0].x(), window[1].x()));
   common.clear();
   if (high > low) {
     common.emplace_back(low, 0.0);

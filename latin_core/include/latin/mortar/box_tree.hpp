@@ -20,7 +20,7 @@ class BoxTree {
  private:
   struct Node {
     Box box;
-    Index begin;   ///< of its members
+    Index begin;  ///< of its members
     Index end;
     Index second;  ///< its second half, the first one follows it; 0: a leaf
   };

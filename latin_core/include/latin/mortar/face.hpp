@@ -18,7 +18,8 @@ enum class FacetShape { interval, triangle, quadrilateral };
 /// Largest degree of polynomials on facets.
 constexpr int highest_degree = 9;
 /// A value for each of a few functions; no memory is asked for.
-using Values = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, (highest_degree + 1) * (highest_degree + 1), 1>;
+using Values =
+    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, (highest_degree + 1) * (highest_degree + 1), 1>;
 
 /// Monomials s_0^a s_1^b of a reference facet: a + b <= degree on triangles, a, b <= degree otherwise;
 /// the power of s_1 varies faster.

@@ -15,8 +15,8 @@ struct Rule {
 
 /// Which facets count as opposite each other.
 struct Nearness {
-  Vector first;   ///< largest distance from each facet of side 1, length
-  Vector second;  ///< the same of side 2; of a pair the larger one holds
+  Vector first;    ///< largest distance from each facet of side 1, length
+  Vector second;   ///< the same of side 2; of a pair the larger one holds
   double opposed;  ///< the product of the unit normals is below this
 };
 
@@ -24,23 +24,25 @@ struct Nearness {
 ///
 /// chi: multiplier functions on the facets of side 1; N_1, N_2: shape functions. All arrays are row-major.
 struct Overlap {
-  std::vector<double> whole;    ///< (n1) area of the polygons of the facets
-  std::vector<double> covered;  ///< (n1) how much of it is covered
-  std::vector<double> mean;     ///< (n1, chi) int chi
-  std::vector<double> mass;     ///< (n1, chi, chi) int chi chi
-  std::vector<double> own;      ///< (n1, chi, N_1) int chi N_1
+  std::vector<double> whole;       ///< (n1) area of the polygons of the facets
+  std::vector<double> covered;     ///< (n1) how much of it is covered
+  std::vector<double> mean;        ///< (n1, chi) int chi
+  std::vector<double> mass;        ///< (n1, chi, chi) int chi chi
+  std::vector<double> own;         ///< (n1, chi, N_1) int chi N_1
   std::vector<double> own_normal;  ///< (n1, chi, N_1, 3) int chi N_1 n_1
-  std::vector<double> place;    ///< (n1, chi, 3) int chi x_1
-  std::vector<double> normal;   ///< (n1, chi, 3) int chi n_1
-  std::vector<double> offset;   ///< (n1, chi, 3) int chi (x_2 - x_1)
-  std::vector<double> gap;      ///< (n1, chi) int chi (x_2 - x_1) . n_1
-  std::vector<Index> first;     ///< (pairs) facets of side 1
-  std::vector<Index> second;    ///< (pairs) facets of side 2; a pair of curved facets comes several times
-  std::vector<double> area;     ///< (pairs) area of the polygons
-  std::vector<double> other;    ///< (pairs, chi, N_2) int chi N_2
+  std::vector<double> place;       ///< (n1, chi, 3) int chi x_1
+  std::vector<double> normal;      ///< (n1, chi, 3) int chi n_1
+  std::vector<double> offset;      ///< (n1, chi, 3) int chi (x_2 - x_1)
+  std::vector<double> gap;         ///< (n1, chi) int chi (x_2 - x_1) . n_1
+  std::vector<Index> first;        ///< (pairs) facets of side 1
+  std::vector<Index>
+      second;  ///< (pairs) facets of side 2; a pair of curved facets comes several times
+  std::vector<double> area;          ///< (pairs) area of the polygons
+  std::vector<double> other;         ///< (pairs, chi, N_2) int chi N_2
   std::vector<double> other_normal;  ///< (pairs, chi, N_2, 3) int chi N_2 n_1
-  std::vector<double> distance; ///< (pairs) largest |x_2 - x_1|
-  double farthest = 0.0;        ///< largest distance of pairs that were left out for it; 0: there are none
+  std::vector<double> distance;      ///< (pairs) largest |x_2 - x_1|
+  double farthest =
+      0.0;  ///< largest distance of pairs that were left out for it; 0: there are none
 };
 
 /// Integrate over the intersections of two faces.
