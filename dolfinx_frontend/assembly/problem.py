@@ -26,6 +26,9 @@ from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["Problem", "check_is_problem"]
 
+_COVERED = 0.99
+"""Fraction of a face from which on it counts as covered: the rims of round faces are chords."""
+
 T = TypeVar("T")
 
 
@@ -287,7 +290,9 @@ class Problem(OneProcess):
         for i in self.interfaces.values():
             sides = " | ".join(f"{s.substructure}:{s.face}" for s in i.sides)
             if len(i.sides) == 2:
-                sides += " (matching)" if i.matching is not None else " (non-matching)"
+                meshes = "matching" if i.matching is not None else "non-matching"
+                share = "" if i.covered > _COVERED else f", {100 * i.covered:.3g} % of the first covered"
+                sides += f" ({meshes}{share})"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
         return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
 

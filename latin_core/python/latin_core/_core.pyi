@@ -282,6 +282,38 @@ def find_roots(
 def default_options() -> dict[str, Any]: ...
 def available_backends() -> str: ...
 
+class mortar:
+    """The submodule ``latin_core._core.mortar``."""
+
+    class Face:
+        def __init__(
+            self,
+            *,
+            shape: str,
+            parts: int,
+            nodes: Array,
+            variants: Sequence[int],
+            orientation: Sequence[float],
+            map_degree: int,
+            map: Sequence[Array],
+            shape_degree: int,
+            shapes: Sequence[Array],
+        ) -> None: ...
+
+    @staticmethod
+    def integrate(
+        first: mortar.Face,
+        second: mortar.Face,
+        *,
+        degree: int,
+        multipliers: Array,
+        points: Array,
+        weights: Array,
+        near_first: Array,
+        near_second: Array,
+        opposed: float,
+    ) -> dict[str, Any]: ...
+
 class stochastic:
     """The submodule ``latin_core._core.stochastic``."""
 
