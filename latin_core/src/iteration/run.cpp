@@ -191,7 +191,7 @@ Measured Run::rescue(Measured measured) {
     error_.restart();
     measured = stages_.measure(at(), history_, stop_);
   }
-  const State found = verification_->settled() ? state_ : State{};
+  const State found = verification_->settled().has_value() ? state_ : State{};
   for (Index i = 0; verifies() && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
     const double before = summary_.error;
     measured = verify(std::move(measured), false);
@@ -199,11 +199,12 @@ Measured Run::rescue(Measured measured) {
       break;
     }
   }
-  if (!(summary_.error <= options_.rtol) && verification_->settled()) {
+  const std::optional<Matrix>& settled = verification_->settled();
+  if (!(summary_.error <= options_.rtol) && settled.has_value()) {
     // a check takes all steps of a history at once, which may lead away from an answer
     state_ = found;
     stages_.local(state_.data, state_.traces, residual_);
-    errors_ = *verification_->settled();
+    errors_ = *settled;
     summary_.error = error_.largest(errors_);
     history_.clear();
     measured = stages_.measure(at(), history_, stop_);
