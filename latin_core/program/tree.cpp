@@ -43,10 +43,11 @@ class Borrowed {
   Borrowed& operator=(const Borrowed&) = delete;
   Borrowed(Borrowed&&) = delete;
   Borrowed& operator=(Borrowed&&) = delete;
-  ~Borrowed() { H5Dvlen_reclaim(type_, space_.get(), H5P_DEFAULT, texts_.data()); }
-  [[nodiscard]] char** data() { return texts_.data(); }
+  ~Borrowed() { H5Dvlen_reclaim(type_, space_.get(), H5P_DEFAULT, data()); }
+  [[nodiscard]] void* data() { return static_cast<void*>(texts_.data()); }
   [[nodiscard]] std::vector<std::string> copy() const {
     std::vector<std::string> copied;
+    copied.reserve(texts_.size());
     for (const char* each : texts_) {
       copied.emplace_back(each != nullptr ? each : "");
     }
@@ -385,7 +386,9 @@ bool write_dataset(hid_t group, const std::string& name, const std::vector<Index
 void Writer::text(const std::string& where, const std::string& name, const std::string& value) {
   const Identifier type = text_type();
   const char* data = value.c_str();
-  check(write_attribute(at(where).get(), name, type.get(), type.get(), &data), name);
+  check(write_attribute(at(where).get(), name, type.get(), type.get(),
+                        static_cast<const void*>(&data)),
+        name);
 }
 
 void Writer::integer(const std::string& where, const std::string& name, Index value) {
@@ -424,11 +427,12 @@ void Writer::texts(const std::string& where, const std::string& name,
                    const std::vector<std::string>& values) {
   const Identifier type = text_type();
   std::vector<const char*> data;
+  data.reserve(values.size());
   for (const std::string& each : values) {
     data.push_back(each.c_str());
   }
   check(write_dataset(at(where).get(), name, {static_cast<Index>(data.size())}, type.get(),
-                      type.get(), data.data()),
+                      type.get(), static_cast<const void*>(data.data())),
         name);
 }
 
