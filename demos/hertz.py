@@ -42,7 +42,8 @@ The two interface spaces
     piecewise constants do. ``points`` imposes the law at quadrature points. On meshes that do not match it is
     not stable: the pressures at single points oscillate and do not converge, but their integrals do. With the
     default of three points per facet there are more conditions than nodes, and more iterations are needed;
-    here quadrature_degree = 3 gives two points. For contact on non-matching meshes, use facets, or the default, mortar.
+    here quadrature_degree = 3 gives two points. For contact on non-matching meshes, use
+    facets, or the default, mortar.
 
 Friction
     Both parts have E = 210 000 MPa (Dundurs' beta = 0: pressure causes no slip, and friction does not change

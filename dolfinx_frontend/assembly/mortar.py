@@ -16,7 +16,7 @@ degree 2
     everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
     jump_i only.  No change of the quadratic basis is needed for weights > 0.
 
-Normal jumps are w_i jump_n = int psi_i (u_2 - u_1) . n with the normal n of the place: with a mean normal, slip
+Normal jumps are w_i jump_n = int psi_i (u_2 - u_1) . n with the normal n of the place: with a mean one, slip
 on a curved face would open gaps of the order h^2, which differ from vertex to vertex and make pressures of
 the order h; and forces would act along the wrong lines by h^2.
 
@@ -51,6 +51,9 @@ __all__ = ["Multipliers", "multipliers", "vertex_nodes"]
 _NOTHING = 1e-9
 """A facet is not covered if a smaller fraction of it is."""
 
+_PLANE = 1e-12
+"""Normals of a face that differ by less are the same."""
+
 _LITTLE = 0.1
 """A vertex of whose facets a smaller fraction is covered has no multiplier of its own; on a facet of which
 less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
@@ -67,7 +70,7 @@ class Multipliers:
     shapes
         (m, nodes) of the carrying side, and of the other one.
     along
-        (m, d * nodes) for each side: the trace along the normal of the place.
+        (m, d * nodes) for each side: the trace along the normal of the place; empty if all are the same.
     gap
         (m,), mean distance of the sides along the normal, length.
     bulge
@@ -159,6 +162,8 @@ def multipliers(
     np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
     weights = merging @ weights
     inverse = sp.diags(1.0 / weights) @ merging
+    mean = found.mean[facets][:, :, None]
+    plane = float(np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max()) < _PLANE
     shapes, along = [], []
     sides = [(carrier, dual, facets, corners, found.own[facets], found.own_normal[facets])]
     if other is not None:
@@ -168,6 +173,8 @@ def multipliers(
     for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
         shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
+        if plane:
+            continue
         several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
         unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
         along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())

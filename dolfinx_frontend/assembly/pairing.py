@@ -55,7 +55,7 @@ def _side(
     space: Any,
     facets: FacetMap,
     shape: sp.csr_matrix,
-    own: tuple[sp.csr_matrix, Array, Array] | None = None,
+    own: tuple[sp.csr_matrix, Array, Array],
     along: tuple[sp.csr_matrix, Array] | None = None,
 ) -> Side:
     """A side with its trace.
@@ -64,12 +64,6 @@ def _side(
     the places, and the normals of the points.
     """
     nodes = facets.face_nodes(space)
-    columns = space.dofmap.index_map.size_local
-    if own is None:
-        degree = 2 * space.element.basix_element.degree
-        own_index, own_s, w = facets.quadrature(degree)
-        _, normals, area = facets.surface(own_index, own_s)
-        own = (facets.trace(space, own_index, own_s, columns), w * area, normals)
     own_shape, weights, normals = own
     total = float(weights.sum())
     mean = (weights[:, None] * normals).sum(axis=0) / total
@@ -279,6 +273,7 @@ class _Pair:
     law: Law
     held: tuple[Held | None, ...]
     near: tuple[Array, ...]
+    areas: tuple[Array, ...]
     degree: int | None
     overlap: Overlap
 
@@ -288,7 +283,7 @@ class _Pair:
 
     def swapped(self) -> _Pair:
         """The same seen from side 2."""
-        both = {k: getattr(self, k)[::-1] for k in ("names", "faces", "spaces", "held", "near")}
+        both = {k: getattr(self, k)[::-1] for k in ("names", "faces", "spaces", "held", "near", "areas")}
         return replace(self, **both)
 
 
@@ -396,13 +391,11 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
         side = 0 if free[0] else 1
         return side, f"at the vertices of {pair.names[side]}: the other side is held altogether"
     sizes = []
-    for face, other in (_two(pair.faces), _two(pair.faces)[::-1]):
+    for face, other, area in zip(pair.faces, pair.faces[::-1], pair.areas, strict=True):
         x = other.samples.reshape(-1, pair.dim)
         margin = max(float(near.max()) for near in pair.near)
         middle = face.samples.mean(axis=1)
         close = np.all((middle >= x.min(axis=0) - margin) & (middle <= x.max(axis=0) + margin), axis=1)
-        index, s, w = face.quadrature(2)
-        area = np.bincount(index, w * face.surface(index, s)[2])
         close = close if close.any() else np.ones(len(face), dtype=bool)
         sizes.append(float(area[close].mean() ** (1.0 / (pair.dim - 1))))
     if abs(sizes[0] - sizes[1]) > 0.05 * max(sizes):
@@ -482,12 +475,15 @@ def make_interface(
     names = tuple(":".join(label) for label in labels)
     limit = MAX_DISTANCE if max_distance is None else max_distance
     faces = tuple(FacetMap(p, face, where) for p, (_, face) in zip(parts, labels, strict=True))
+    ruled, areas = [], []
     for face, v, each in zip(faces, spaces, names, strict=True):
         index, s, w = face.quadrature(2 * v.element.basix_element.degree)
-        face.areas(w * face.surface(index, s)[2], index, where, each)
+        _, normals, area = face.surface(index, s)
+        areas.append(face.areas(w * area, index, where, each))
+        ruled.append((face.trace(v, index, s, v.dofmap.index_map.size_local), w * area, normals))
     pair = _Pair(
         where, names, faces, spaces, law, held or (None,) * len(faces), _near(faces, max_distance),
-        quadrature_degree, overlap,
+        tuple(areas), quadrature_degree, overlap,
     )
     two = len(faces) == 2
     alike = _coincide(pair)
@@ -504,13 +500,14 @@ def make_interface(
     else:
         sampled = _sample_points(pair, limit)
     local, axis = frames(sampled.normals)
-    own = (sampled.shapes[0], sampled.weights, sampled.normals) if space == "points" else None
+    if space == "points":
+        ruled[0] = (sampled.shapes[0], sampled.weights, sampled.normals)
     along: list[tuple[sp.csr_matrix, Array] | None] = [(each, sampled.normals) for each in sampled.along]
     along = along or [None] * len(faces)
-    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], own, along[0])]
+    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], ruled[0], along[0])]
     matching = None
     if two:
-        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1], None, along[1]))
+        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1], ruled[1], along[1]))
         if overlap == "full":
             _warn_of_areas(where, names, sides)
         if alike:

@@ -56,14 +56,38 @@ struct Plane {
   }
 };
 
-Box box_of(const std::vector<Vector3d>& corners, double reach) {
+Box box_of(const std::vector<Vector3d>& corners) {
   Box box;
   for (const Vector3d& x : corners) {
     box.extend(x);
   }
-  box.min().array() -= reach;
-  box.max().array() += reach;
   return box;
+}
+
+/// A box around corners moved by so much along a direction, either way; a little wider than that.
+Box swept(const std::vector<Vector3d>& corners, const Vector3d& along) {
+  Box box;
+  for (const Vector3d& x : corners) {
+    box.extend(x + along);
+    box.extend(x - along);
+  }
+  const double rounding = 1e-9 * box.diagonal().norm();
+  box.min().array() -= rounding;
+  box.max().array() += rounding;
+  return box;
+}
+
+/// Whether the bounding boxes of two polygons have no point in common.
+bool apart(const Polygon& a, const Polygon& b) {
+  Eigen::AlignedBox2d first;
+  Eigen::AlignedBox2d second;
+  for (const Point2& p : a) {
+    first.extend(p);
+  }
+  for (const Point2& p : b) {
+    second.extend(p);
+  }
+  return !first.intersects(second);
 }
 
 /// How far apart two boxes are along the axis along which they are farthest apart.
@@ -122,13 +146,6 @@ struct Sums {
         offset(chi, 3),
         gap(chi, 1),
         mean(chi, 1) {}
-  void clear() {
-    for (Matrix* m :
-         {&mass, &own, &other, &own_normal, &other_normal, &place, &normal, &offset, &gap, &mean}) {
-      m->setZero();
-    }
-    distance = 0.0;
-  }
 };
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -145,6 +162,8 @@ void append(std::vector<double>& to, const Matrix& block) {
 }
 
 /// Integration over one pair of pieces after the other.
+///
+/// What is known at the points of an intersection is gathered in columns; the integrals are products of these.
 class Integrator {
  public:
   Integrator(const Face& first, const Face& second, const Functions& multipliers, const Rule& rule)
@@ -164,73 +183,97 @@ class Integrator {
   /// Sums over one intersection.
   const Sums& over(const Polygon& common, const Face::Piece& one, const Face::Piece& two,
                    const Plane& plane, const Polygon& window, const Polygon& subject) {
-    sums_.clear();
-    const std::size_t corners = common.size();
-    if (corners == 2) {
-      for (Index q = 0; q < rule_.weights.size(); ++q) {
+    const auto each = rule_.weights.size();
+    const auto parts = static_cast<Index>(std::max<std::size_t>(common.size(), 3) - 2);
+    resize(parts * each);
+    Index point = 0;
+    if (common.size() == 2) {
+      const double length = area_of(common) / measure_;
+      for (Index q = 0; q < each; ++q) {
         const Point2 y = common[0] + rule_.points(q, 0) * (common[1] - common[0]);
-        add_point(y, rule_.weights[q] / measure_ * area_of(common), one, two, plane, window,
-                  subject);
+        look_at(point++, y, rule_.weights[q] * length, one, two, plane, window, subject);
       }
-      return sums_;
     }
-    for (std::size_t k = 2; k < corners; ++k) {
+    for (std::size_t k = 2; k < common.size(); ++k) {
       const Point2 a = common[k - 1] - common[0];
       const Point2 b = common[k] - common[0];
-      const double area = 0.5 * std::abs(a.x() * b.y() - a.y() * b.x());
+      const double area = 0.5 * std::abs(a.x() * b.y() - a.y() * b.x()) / measure_;
       if (area == 0.0) {
         continue;
       }
-      for (Index q = 0; q < rule_.weights.size(); ++q) {
+      for (Index q = 0; q < each; ++q) {
         const Point2 y = common[0] + rule_.points(q, 0) * a + rule_.points(q, 1) * b;
-        add_point(y, rule_.weights[q] / measure_ * area, one, two, plane, window, subject);
+        look_at(point++, y, rule_.weights[q] * area, one, two, plane, window, subject);
       }
     }
+    add_up(point);
     return sums_;
   }
 
  private:
-  void add_point(const Point2& y, double weight, const Face::Piece& one, const Face::Piece& two,
-                 const Plane& plane, const Polygon& window, const Polygon& subject) {
+  void resize(Index points) {
+    if (points <= weights_.size()) {
+      return;
+    }
+    weights_.resize(points);
+    multipliers_.resize(chi_.rows(), points);
+    shapes1_.resize(first_.functions(), points);
+    shapes2_.resize(second_.functions(), points);
+    places_.resize(3, points);
+    normals_.resize(3, points);
+    offsets_.resize(3, points);
+  }
+
+  void look_at(Index point, const Point2& y, double weight, const Face::Piece& one,
+               const Face::Piece& two, const Plane& plane, const Polygon& window,
+               const Polygon& subject) {
     const Point2 sigma = inverted(window, y);
     const Point2 s1 = mapped(one.reference, sigma);
     const Face::Place place = first_.at(one.facet, s1);
     const Vector3d area = first_.area_vector(one.facet, place);
     const double size = area.norm();
-    const double w = weight * size * stretch(one.reference, sigma) / stretch(window, sigma);
-
+    weights_[point] = weight * size * stretch(one.reference, sigma) / stretch(window, sigma);
     Point2 s2 = mapped(two.reference, inverted(subject, y));
     if (second_.curved()) {
       s2 = dropped(second_, two.facet, plane, place.x, s2);
     }
-    const Vector3d offset = second_.at(two.facet, s2).x - place.x;
-    sums_.distance = std::max(sums_.distance, offset.norm());
-
+    places_.col(point) = place.x;
+    normals_.col(point) = area / size;
+    offsets_.col(point) = second_.at(two.facet, s2).x - place.x;
     Values values;
-    Values multipliers;
-    Values shapes;
     monomials_.values(s1, values);
-    multipliers.noalias() = w * (chi_ * values);
-    first_.shapes(one.facet, s1, shapes);
-    const Vector3d normal = area / size;
-    sums_.own.noalias() += multipliers * shapes.transpose();
-    add_along(normal, multipliers, shapes, sums_.own_normal);
-    second_.shapes(two.facet, s2, shapes);
-    sums_.other.noalias() += multipliers * shapes.transpose();
-    add_along(normal, multipliers, shapes, sums_.other_normal);
-    sums_.mass.noalias() += multipliers * multipliers.transpose() / w;
-    sums_.mean += multipliers;
-    sums_.place.noalias() += multipliers * place.x.transpose();
-    sums_.normal.noalias() += multipliers * normal.transpose();
-    sums_.offset.noalias() += multipliers * offset.transpose();
-    sums_.gap += offset.dot(normal) * multipliers;
+    multipliers_.col(point).noalias() = chi_ * values;
+    first_.shapes(one.facet, s1, values);
+    shapes1_.col(point) = values;
+    second_.shapes(two.facet, s2, values);
+    shapes2_.col(point) = values;
   }
 
-  /// chi_i N_k n at (i, 3 k + component).
-  static void add_along(const Vector3d& normal, const Values& multipliers, const Values& shapes,
-                        Matrix& sum) {
-    for (Index k = 0; k < shapes.size(); ++k) {
-      sum.middleCols<3>(3 * k).noalias() += multipliers * (shapes[k] * normal).transpose();
+  void add_up(Index points) {
+    const auto chi = multipliers_.leftCols(points);
+    weighted_ = chi * weights_.head(points).asDiagonal();
+    const auto shapes1 = shapes1_.leftCols(points);
+    const auto shapes2 = shapes2_.leftCols(points);
+    const auto normals = normals_.leftCols(points);
+    const auto offsets = offsets_.leftCols(points);
+    sums_.mass = weighted_.lazyProduct(chi.transpose());
+    sums_.own = weighted_.lazyProduct(shapes1.transpose());
+    sums_.other = weighted_.lazyProduct(shapes2.transpose());
+    sums_.place = weighted_.lazyProduct(places_.leftCols(points).transpose());
+    sums_.normal = weighted_.lazyProduct(normals.transpose());
+    sums_.offset = weighted_.lazyProduct(offsets.transpose());
+    sums_.gap = weighted_.lazyProduct(normals.cwiseProduct(offsets).colwise().sum().transpose());
+    sums_.mean = weighted_.rowwise().sum();
+    sums_.distance = points > 0 ? offsets.colwise().norm().maxCoeff() : 0.0;
+    for (Index c = 0; c < 3; ++c) {
+      // chi_i N_k n_c at (i, 3 k + c)
+      along_ = weighted_ * normals.row(c).asDiagonal();
+      for (Index k = 0; k < shapes1.rows(); ++k) {
+        sums_.own_normal.col(3 * k + c) = along_.lazyProduct(shapes1.row(k).transpose());
+      }
+      for (Index k = 0; k < shapes2.rows(); ++k) {
+        sums_.other_normal.col(3 * k + c) = along_.lazyProduct(shapes2.row(k).transpose());
+      }
     }
   }
 
@@ -241,6 +284,15 @@ class Integrator {
   const Rule& rule_;
   double measure_;
   Sums sums_;
+  Vector weights_;  // of the points; below: (what, points)
+  Matrix multipliers_;
+  Matrix weighted_;
+  Matrix along_;
+  Matrix shapes1_;
+  Matrix shapes2_;
+  Matrix places_;
+  Matrix normals_;
+  Matrix offsets_;
 };
 
 void check(const Face& first, const Face& second, const Functions& multipliers, const Rule& rule,
@@ -272,9 +324,10 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
   std::vector<Box> boxes;
   boxes.reserve(second.pieces().size());
   for (const Face::Piece& piece : second.pieces()) {
-    boxes.push_back(box_of(piece.corners, near.second[piece.facet]));
+    boxes.push_back(box_of(piece.corners));
   }
   const BoxTree tree(std::move(boxes));
+  const double farthest_second = near.second.size() > 0 ? near.second.maxCoeff() : 0.0;
 
   Integrator integrator(first, second, multipliers, rule);
   const Index chi = multipliers.coefficients.front().rows();
@@ -303,19 +356,22 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
     plane.flatten(one.corners, window);
     const double whole = std::abs(area_of(window));
     out.whole[one.facet] += whole;
-    const Box own_box = box_of(one.corners, 0.0);
+    const Box own_box = box_of(one.corners);
     const double reach1 = near.first[one.facet];
-    tree.touching(box_of(one.corners, reach1), found);
+    tree.touching(swept(one.corners, std::max(reach1, farthest_second) * plane.normal), found);
     for (const Index number : found) {
       const Face::Piece& two = second.pieces()[number];
       if (one.normal.dot(two.normal) >= near.opposed) {
         continue;
       }
       const double reach = std::max(reach1, near.second[two.facet]);
-      if (gap_between(own_box, box_of(two.corners, 0.0)) > reach) {
+      if (gap_between(own_box, box_of(two.corners)) > reach) {
         continue;
       }
       plane.flatten(two.corners, subject);
+      if (apart(window, subject)) {
+        continue;
+      }
       if (first.flat()) {
         clip_intervals(subject, window, common);
       } else {
