@@ -132,9 +132,7 @@ def build_scene(
     for each in joint.interfaces:
         if each.kind == "contact":
             law = Contact(gap=0.0, friction=friction)
-            scene.interface(
-                each.name, each.face1, each.face2, law, space="facets", overlap="partial"
-            )
+            scene.interface(each.name, each.face1, each.face2, law, overlap="partial")
         elif each.kind == "elastic":
             scene.interface(each.name, each.face1, each.face2, cut, space="facets")
         elif each.kind == "perfect":
