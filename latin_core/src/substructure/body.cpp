@@ -523,7 +523,9 @@ void Body::keep_loads(const Loads& loads, const std::vector<BodySide>& sides) {
   }
   const Vector robin = weights_.cwiseProduct(direction_);
   load_ = loads.load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
+  active_patterns_ = loads.load.bottomRows(active_);
   if (loads.of_offset.size() > 0) {
+    active_patterns_ += loads.of_offset.bottomRows(active_);
     work_ = loads.load + 2.0 * loads.of_offset;
   }
   offset_energy_ = loads.offset_energy;
@@ -644,6 +646,10 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   factor.triangularView<Eigen::Lower>().transpose().solveInPlace(single);
   unknowns = scale * single.cast<double>();
   multiply_sparse(active_traces_, unknowns, traces);
+}
+
+void Body::gather(ConstMatrixRef forces, MatrixRef on_unknowns) const {
+  multiply_sparse(active_loads_, forces, on_unknowns);
 }
 
 double Body::rounding() const {

@@ -151,6 +151,12 @@ class Body {
                                 ConstMatrixRef amplitudes, const LoadResponse& loads,
                                 BodyWork& work) const;
 
+  /// Forces of the sides on the active unknowns: Z^T T^T W f, (active, c). Those of sides that lie on each other
+  /// are added up.
+  void gather(ConstMatrixRef forces, MatrixRef on_unknowns) const;
+  /// Forces of the load patterns and of jumps that springs impose on the active unknowns, (active, l).
+  [[nodiscard]] const Matrix& active_patterns() const { return active_patterns_; }
+
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
@@ -196,6 +202,7 @@ class Body {
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
   Matrix load_;           ///< right-hand side of the load patterns, with offsets
+  Matrix active_patterns_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
   Matrix offset_energy_;  ///< u0^T K u0
   Matrix offset_traces_;  ///< T u0
