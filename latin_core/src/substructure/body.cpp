@@ -390,6 +390,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     }
     glued_.jumps = std::move(jumps);
   }
+  active_stiffness_ = stiffness_of_active(description.members);
   for (Member& member : description.members) {
     member.stiffness.reset();  // before the factorisation takes its memory
     offsets_.push_back(std::move(member.offset));
@@ -504,6 +505,26 @@ SparseColumns Body::assemble_operator(const BodyDescription& description,
   }
   sum.add(view_of(diagonals.emplace_back(diagonal(weights_.cwiseProduct(direction_)))), traces_);
   return sum.build();
+}
+
+/// The diagonal of Z^T K Z, as far as it comes from that of K.
+Vector Body::stiffness_of_active(const std::vector<Member>& members) const {
+  Vector sum = Vector::Zero(size_);
+  for (std::size_t e = 0; e < members.size(); ++e) {
+    const SparseView& matrix = *members[e].stiffness;
+    Vector diagonal = Vector::Zero(matrix.rows());
+    for (int row = 0; row < matrix.outerSize(); ++row) {
+      for (SparseView::InnerIterator it(matrix, row); it; ++it) {
+        diagonal(row) += it.col() == row ? it.value() : 0.0;
+      }
+    }
+    for (int row = 0; row < prolongations_[e].outerSize(); ++row) {
+      for (SparseRows::InnerIterator it(prolongations_[e], row); it; ++it) {
+        sum(it.col()) += it.value() * it.value() * diagonal(row);
+      }
+    }
+  }
+  return sum.tail(active_);
 }
 
 bool Body::wants_condensation(const OperatorOptions& options) const {

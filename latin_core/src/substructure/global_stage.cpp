@@ -36,13 +36,13 @@ Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces)
   return structure.macro().correct(forces, data, traces);
 }
 
-/// sum of F^2 / metric, (c), with the forces F on the nodes of the sides: a bolt that presses its own joint together
-/// holds nothing. Loads are counted only where they take forces away.
+/// sum of F^2 / K, (c), with the forces F on the nodes of the sides and their own stiffness: a bolt that presses its
+/// own joint together holds nothing. Loads are counted only where they take forces away.
 Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
                                      ConstMatrixRef amplitudes) {
   const Body& body = laws_.structure().bodies()[b];
-  const Vector& metric = laws_.structure().active_metric(b);
-  const Vector compliance = (metric.array() > 0.0).select(metric.cwiseInverse(), 0.0);
+  const Vector& stiffness = body.active_stiffness();
+  const Vector compliance = (stiffness.array() > 0.0).select(stiffness.cwiseInverse(), 0.0);
   Eigen::Map<Matrix> net = work_.unknowns.shaped(body.active(), forces.cols());
   body.gather(forces, net);
   Vector energies = compliance.transpose() * net.cwiseAbs2();

@@ -206,8 +206,6 @@ void Structure::stack_metrics(const std::vector<std::vector<double>>& scales) {
   for (std::size_t b = 0; b < bodies_.size(); ++b) {
     weights_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].weights();
     directions_.segment(body_rows_[b], bodies_[b].rows()) = bodies_[b].directions();
-    active_metrics_.emplace_back(bodies_[b].active_traces().cwiseAbs().transpose() *
-                                 trace_metric_.segment(body_rows_[b], bodies_[b].rows()));
   }
   inverse_directions_ = directions_.cwiseInverse();
 }

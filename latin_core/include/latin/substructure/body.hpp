@@ -161,6 +161,8 @@ class Body {
   void gather(ConstMatrixRef forces, MatrixRef on_unknowns) const;
   /// Forces of the load patterns and of jumps that springs impose on the active unknowns, (active, l).
   [[nodiscard]] const Matrix& active_patterns() const { return active_patterns_; }
+  /// Stiffness of each of these alone, in the members and without springs, (active), force / length.
+  [[nodiscard]] const Vector& active_stiffness() const { return active_stiffness_; }
 
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }
@@ -179,6 +181,7 @@ class Body {
                                      const std::vector<SparseRows>& jumps) const;
   [[nodiscard]] SparseColumns assemble_operator(const BodyDescription& description,
                                                 const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
   void factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
@@ -220,6 +223,7 @@ class Body {
   Lazy<Matrix> schur_;
   Matrix load_;           ///< right-hand side of the load patterns, with offsets
   Matrix active_patterns_;
+  Vector active_stiffness_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
   Matrix offset_energy_;  ///< u0^T K u0
   Matrix offset_traces_;  ///< T u0

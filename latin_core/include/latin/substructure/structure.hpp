@@ -107,10 +107,6 @@ class Structure {
   [[nodiscard]] const Vector& inverse_directions() const { return inverse_directions_; }
   /// scale * W: what displacements of the sides are measured with.
   [[nodiscard]] const Vector& trace_metric() const { return trace_metric_; }
-  /// The same for the active unknowns of a body: sum of |T|^T scale * W, (active).
-  [[nodiscard]] const Vector& active_metric(std::size_t body) const {
-    return active_metrics_[body];
-  }
 
   /// Number of coarse unknowns; 0: the global stage is not followed by a coarse problem.
   [[nodiscard]] Index macro_size() const;
@@ -156,7 +152,6 @@ class Structure {
   Vector directions_;
   Vector inverse_directions_;
   Vector trace_metric_;
-  std::vector<Vector> active_metrics_;
   Index rows_ = 0;
   Index total_rows_ = 0;
   Work work_;
