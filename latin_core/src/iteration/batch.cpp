@@ -170,7 +170,8 @@ class Borrowing {
     if (rounding.rows() == errors.rows() && rounding.cols() == errors.cols()) {
       errors = errors.cwiseMax(rounding.cwiseMin(rtol_));
     }
-    return errors;
+    return laws_.linear_everywhere() ? errors
+                                     : errors.cwiseMax(Verification::resolution(rtol_));
   }
 
   const Linearisation& linear_;

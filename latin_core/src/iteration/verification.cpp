@@ -31,9 +31,6 @@ constexpr double borrowed_fall = 0.3;
 constexpr double well_fallen = 0.1;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
-/// And errors of nonlinear laws below this one are not known.
-constexpr double unresolved = 2e-4;
-constexpr double most_unresolved = 2e-9;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
@@ -75,6 +72,10 @@ bool Verification::searches(const substructure::Laws& laws) {
 
 bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
+}
+
+double Verification::resolution(double rtol) {
+  return std::min(2e-4 * rtol, 2e-9);
 }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
@@ -255,7 +256,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         }
         if (!stages_.laws().linear_everywhere()) {
           // steps that end far below the tolerance do not say how far
-          least_error = least_error.cwiseMax(std::min(unresolved * rtol, most_unresolved));
+          least_error = least_error.cwiseMax(resolution(rtol));
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
