@@ -776,13 +776,28 @@ Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRe
   return left.cast<double>();
 }
 
+Matrix Body::residuals(const Matrix& unknowns, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                       const LoadResponse& loads) const {
+  Matrix left(size_, data.cols());
+  for (Index column = 0; column < data.cols(); ++column) {
+    left.col(column) =
+        residual(unknowns.col(column), data.col(column), amplitudes.col(column), loads);
+  }
+  return left;
+}
+
+Body::Correction Body::correction(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                  const LoadResponse& loads) const {
+  const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
+  const Matrix left = residuals(unknowns, data, amplitudes, loads);
+  const Matrix change = factor_->solve(left);
+  return {change.cwiseProduct(left).colwise().sum().cwiseAbs(), traces_ * change};
+}
+
 Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
                     const LoadResponse& loads) const {
   const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
-  Matrix left(size_, data.cols());
-  for (Index column = 0; column < data.cols(); ++column) {
-    left.col(column) = residual(unknowns.col(column), data.col(column), amplitudes.col(column), loads);
-  }
+  const Matrix left = residuals(unknowns, data, amplitudes, loads);
   // the stage moves them a little otherwise than the solution that is corrected here
   Matrix of_loads = load_;
   if (loads.extra.size() > 0) {

@@ -143,7 +143,8 @@ def errors(
                         if norm == "energy":
                             continue
                         whole = sizes[name, k, 0][i] if g else reach * np.sqrt(faces)
-                        if whole <= floor[i]:
+                        if whole <= floor[i]:  # nothing is known of it
+                            out.append(Error(name, ", ".join(place), norm, 0.0, 0.0, 1.0, said))
                             continue
                     raw, rounding = away[i] / whole, floor[i] / whole
                     of_mean = LEAST * sizes[name, k, 0][i] if g else 0.0

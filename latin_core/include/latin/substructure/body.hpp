@@ -119,6 +119,13 @@ class Body {
   /// precision over members and springs apart.
   [[nodiscard]] Matrix defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
                               const LoadResponse& loads) const;
+  /// A correction of the displacements of a glued body, measured in the same way.
+  struct Correction {
+    Vector strain;  ///< (c) twice its energy, with the search directions
+    Matrix traces;  ///< (rows, c)
+  };
+  [[nodiscard]] Correction correction(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                      const LoadResponse& loads) const;
   /// Relative error that rounding may leave in its displacements.
   [[nodiscard]] double rounding() const;
 
@@ -191,6 +198,9 @@ class Body {
   /// Right-hand side of the global stage, (n_body, c).
   [[nodiscard]] Matrix forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                  const LoadResponse& loads) const;
+  /// What the solution of every column leaves of its equations, (n_body, c).
+  [[nodiscard]] Matrix residuals(const Matrix& unknowns, ConstMatrixRef data,
+                                 ConstMatrixRef amplitudes, const LoadResponse& loads) const;
   /// What the solution of one column leaves of its equations, in sums of higher precision.
   [[nodiscard]] Vector residual(const Vector& unknowns, ConstVectorRef data,
                                 ConstVectorRef amplitudes, const LoadResponse& loads) const;
