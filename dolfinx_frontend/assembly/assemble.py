@@ -28,8 +28,10 @@ from dolfinx_frontend.assembly.ranks import (
     bound_threads,
     check_alike,
     end_all_on_errors,
+    one_call,
     own_communicator,
     place,
+    share,
     swap,
 )
 from dolfinx_frontend.assembly.rigid import check_resistances
@@ -82,10 +84,19 @@ def assemble(
         Everything that is wrong with meshes, materials, faces, laws, and parts that can move
         without resistance. If one rank fails, all raise.
     """
+    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
+    if comm == MPI.COMM_NULL:
+        raise SceneError("assemble: comm is MPI.COMM_NULL, or has been freed; give one that is alive, or None")
+    comm = None if comm is None or (comm.size == 1 and MPI.COMM_WORLD.size == 1) else comm
+    spread = own_communicator(comm) if comm is not None and comm.size > 1 else None
+    with one_call(spread, "assemble"):
+        return _checked_assembly(scene, progress, comm)
+
+
+def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm: Any) -> Problem:
     check_kind("assemble", "scene", scene, Scene, "give a Scene, which describes the parts and interfaces")
     if progress is not None:
         checked_callable("assemble", "progress", progress, "give a function of a line, or None")
-    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     began = perf_counter()
@@ -123,8 +134,8 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is not None:
         comm = own_communicator(comm)
         end_all_on_errors(comm)
-        bound_threads(comm.py2f())
         check_alike(comm, "assemble", _described(scene))
+        bound_threads(comm.py2f())
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
@@ -139,7 +150,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is not None:
         bare = {name: _bare(interfaces[name]) for name in resistances}
         for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
-            for each in comm.allgather(its):
+            for each in share(comm, its):
                 known.update({n: value for n, value in each.items() if n not in known})
         interfaces = {
             name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -35,18 +35,40 @@ __all__ = [
     "checked_seed",
     "checked_whole",
     "checked_word",
+    "is_masked",
     "is_real",
     "is_whole",
+    "refuse_masked",
+    "told_call",
 ]
 
+T = TypeVar("T")
 W = TypeVar("W", bound=str)
 
 _NOT_IN_NAMES = ("Cc", "Cs", "Zl", "Zp")
 """Control characters, halves of surrogate pairs, separators of lines and paragraphs."""
 
 
+def is_masked(value: object) -> bool:
+    """Whether a value is a masked array, masked or not, or has one in it: its numbers would be read as valid."""
+    if isinstance(value, (list, tuple)):
+        return any(map(is_masked, value))
+    return isinstance(value, np.ma.MaskedArray)
+
+
+def refuse_masked(where: str, value: object) -> None:
+    """Refuse masked arrays: NumPy forgets the mask where they are converted."""
+    if is_masked(value):
+        raise SceneError(
+            f"{where} = {short(value)} is a masked array, whose mask would be ignored: give plain numbers, "
+            "e.g. values.compressed() or values.filled(...)"
+        )
+
+
 def is_real(value: object) -> bool:
     """Whether a value is a single real number: no truth value, no text, not complex."""
+    if is_masked(value):
+        return False
     if isinstance(value, np.ndarray):
         return value.ndim == 0 and value.dtype.kind in "iuf"
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
@@ -72,6 +94,7 @@ def checked_number(
     most: float = math.inf,
 ) -> float:
     """A finite number within bounds: > `above`, >= `least`, < `below`, <= `most`."""
+    refuse_masked(f"{where}: {what}", value)
     if not is_real(value):
         raise _refuse(where, what, value, " is not a number")
     try:
@@ -118,6 +141,7 @@ def checked_numbers(where: str, what: str, values: Any, wanted: str, dimensions:
 
 def checked_reals(where: str, what: str, values: Any, wanted: str) -> Array:
     """As :func:`checked_numbers`, finite or not, of any shape."""
+    refuse_masked(f"{where}: {what}", values)
     if _all_real(values):
         try:
             return np.array(values, dtype=np.float64)
@@ -196,6 +220,20 @@ def checked_callable(where: str, what: str, value: Any, wanted: str) -> Any:
     if not callable(value):
         raise _refuse(where, what, value, f" cannot be called; {wanted}")
     return value
+
+
+def told_call(where: str, function: Callable[..., T], *given: Any) -> T:
+    """What a user's function returns; what it raises becomes a :class:`SceneError` that says where.
+
+    Errors of this project pass as they are: they are clear already.
+    """
+    try:
+        return function(*given)
+    except SceneError:
+        raise
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise SceneError(f"{where}: the function raised {reason}") from error
 
 
 def checked_path(where: str, value: Any, what: str = "path") -> Path:

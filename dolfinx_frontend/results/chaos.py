@@ -13,6 +13,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_kind, check_known, checked_whole
 from dolfinx_frontend.common.describe import shown_error
@@ -240,6 +241,7 @@ class ChaosResult(Result, StochasticResult):
         """None: the modes are no state of `mean_laws`."""
         return None
 
+    @together("mean_std")
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; collective."""
         check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
@@ -468,6 +470,7 @@ class ChaosResult(Result, StochasticResult):
         count = SAMPLES if samples is None else samples
         yield from map(self.at, self._in_parts(self.space.sample(count, seed)))
 
+    @together("readings")
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
@@ -543,6 +546,7 @@ class ChaosResult(Result, StochasticResult):
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return to_openturns(self.space, self.basis, block, inputs=inputs)
 
+    @together("sample")
     def sample(
         self,
         germs: npt.ArrayLike,
@@ -560,6 +564,7 @@ class ChaosResult(Result, StochasticResult):
             self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol
         )
 
+    @together("monte_carlo")
     def monte_carlo(
         self,
         samples: int,
@@ -573,6 +578,7 @@ class ChaosResult(Result, StochasticResult):
         germs = self.space.sample(samples, seed)
         return self.sample(germs, keep_states=keep_states, progress=progress, rtol=rtol)
 
+    @together("quasi_monte_carlo")
     def quasi_monte_carlo(
         self,
         samples: int,
@@ -586,6 +592,7 @@ class ChaosResult(Result, StochasticResult):
         germs = self.space.sample_sobol(samples, seed)
         return self.sample(germs, kind="qmc", keep_states=keep_states, progress=progress, rtol=rtol)
 
+    @together("truncation")
     def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
         """Estimate the error of the truncation in the force of an interface; collective.
 
@@ -596,8 +603,8 @@ class ChaosResult(Result, StochasticResult):
         points
             Deterministic solves at independent points of the germs; 0: only the decay.
         """
-        self.problem.check_alike("truncation", interface=interface, points=points, seed=seed)
         checked_whole("truncation", "points", points, 0)
+        self.problem.check_alike("truncation", interface=interface, points=points, seed=seed)
         # before the solves: on all ranks it is an interface with a chaos, or on none
         decay, deviation = self.everywhere(interface, lambda: self._decay(interface))
         if points == 0:

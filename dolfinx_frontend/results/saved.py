@@ -155,6 +155,13 @@ class SavedProblem:
     def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
 
+    def check_sources(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    @property
+    def comm(self) -> None:
+        """None: all is on one rank."""
+
     def __repr__(self) -> str:
         return self.text
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -24,6 +25,7 @@ from dolfinx_frontend.common.checks import (
     checked_numbers,
     checked_path,
     checked_reals,
+    told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -94,6 +96,7 @@ def _swept(
     return parameters
 
 
+@together("sweep")
 def sweep(
     problem: Problem,
     grid: Mapping[Key, Sequence[float]],
@@ -156,10 +159,14 @@ def sweep(
     file = checkpoint_path("sweep", problem, checkpoint)
     axes = _axes(grid)
     targets = _targets(problem, axes)
+    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
+    kept = {"keep_states": keep_states, "keep_fields": keep_fields}
+    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
     if plan is None:
         swept = {interface for interface, _ in targets.values()}
         plan = make_plan(problem, method, vary=swept, **settings)
-    parameters = _swept(problem, plan, axes, targets)
+    with agreement(problem.comm):
+        parameters = _swept(problem, plan, axes, targets)
 
     began = perf_counter()
     solver = Solver(problem, plan)
@@ -224,8 +231,6 @@ def _check_request(
     for name, function in outputs.items() if isinstance(outputs, Mapping) else ():
         checked_name("sweep: outputs", name, colon=False)
         checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
-    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
-    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **settings)
 
 
 def _header(
@@ -256,19 +261,25 @@ def _reading(
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
         # what a function does to its arrays is no business of the sweep's, nor of the next function's
         shown = {n: (read_only(force), read_only(jump)) for n, (force, jump) in fields.items()}
-        found = function(point_block(problem, plan, shown))
-        values = np.asarray(found) if isinstance(found, np.ndarray) else None
-        if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
-            values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
-        if values.ndim == 0 or len(values) != 1:
-            raise SceneError(
-                f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "
-                "a sample, with the samples in front"
-            )
-        first: Array = values[0]
-        return first
+        with agreement(problem.comm):
+            return _read_point(point_block(problem, plan, shown), name, function)
 
     return read
+
+
+def _read_point(fields: Block, name: str, function: Callable[[Block], npt.ArrayLike]) -> Array:
+    """What a user's function reads at a point."""
+    found = told_call(f"sweep: outputs[{name!r}]", function, fields)
+    values = found if type(found) is np.ndarray else None
+    if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
+        values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
+    if values.ndim == 0 or len(values) != 1:
+        raise SceneError(
+            f"sweep: outputs[{name!r}]: the function returned shape {values.shape} for 1 sample; return one number or array "
+            "a sample, with the samples in front"
+        )
+    first: Array = values[0]
+    return first
 
 
 def _through_time(
