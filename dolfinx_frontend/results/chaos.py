@@ -49,6 +49,9 @@ SAMPLES_OF_MOMENTS = 2**12
 CHUNK = 512
 """Samples of a field that are evaluated at once."""
 
+POINTS_OF_MISFIT = 2**8
+"""Sobol points at which a linear law is compared with its chaos."""
+
 NOISE = 100.0
 """A standard deviation below this many times the tolerance, relative to the mean, is noise."""
 
@@ -194,6 +197,9 @@ class ChaosResult(Result, StochasticResult):
         Active interface -> its truncation, measured at the end of the run if a law is nonlinear.
     checked
         The deterministic solves of that measurement.
+    misfits
+        If all laws are linear: interface with a random law -> estimated relative error of mean and standard
+        deviation of its force, see :meth:`misfit`; None: not estimated.
     sampler
         Solves deterministically at points of the germs, see :meth:`sample`.
     """
@@ -205,9 +211,10 @@ class ChaosResult(Result, StochasticResult):
     collocations: Mapping[str, Collocation] = field(kw_only=True, default_factory=dict)
     checks: Mapping[str, TruncationError] = field(kw_only=True, default_factory=dict)
     checked: tuple[SampleResult, ...] = field(kw_only=True, default=())
+    misfits: Mapping[str, float] | None = field(kw_only=True, default=None)
     sampler: Sampler = field(kw_only=True)
 
-    _notes = Result._notes | {"checks", "checked"}
+    _notes = Result._notes | {"checks", "checked", "misfits"}
 
     @property
     def space(self) -> RandomSpace:
@@ -220,13 +227,19 @@ class ChaosResult(Result, StochasticResult):
         return len(self.basis)
 
     @property
-    def trusted(self) -> bool:
-        """Whether the iteration converged and, if a law is nonlinear, every force passed the check.
+    def trusted(self) -> bool | None:
+        """Whether the iteration converged and the truncation of every force is within ``chaos.tolerance``.
 
-        A linear scene is not checked by itself: ask :meth:`truncation`.
+        If a law is nonlinear, by deterministic solves. Where all are linear, by :attr:`misfits`, an estimate
+        without any solve: :meth:`truncation` measures it. None: it converged, and nothing is known of its
+        truncation.
         """
-        if not self.converged or not self.collocations:
-            return self.converged
+        if not self.converged:
+            return False
+        if not self.collocations:
+            if self.misfits is None:
+                return None
+            return all(each <= self.chaos.tolerance for each in self.misfits.values())
         if not self.checked or not all(part.converged for part in self.checked):
             return False
         return all(each.error <= self.chaos.tolerance for each in self.checks.values())
@@ -627,6 +640,43 @@ class ChaosResult(Result, StochasticResult):
             decay = by_degree[-1] * ratio / np.sqrt(1.0 - ratio**2) / deviation
         return float(decay), deviation
 
+    def misfit(self, interface: str) -> float:
+        """How far the chaos is from the linear law of an interface with something random.
+
+        Equilibrium holds for every mode, the law for as many as there are: at points of the germs it fails by
+        what the truncation left out. One local stage there gives the force that the law wants; the result is
+        the larger relative change of mean and standard deviation, which is that of the force if the parts
+        answer as their search directions say. What the chaos cannot represent is orthogonal to it, and adds
+        its square to the variance.
+        """
+        germs = self.space.sample_sobol(POINTS_OF_MISFIT, 1)
+        weights = self.problem.interfaces[interface].weights[:, None, None, None]
+        fields = bridge.active_fields(self.problem.interfaces[interface], self.plan)
+        flexible = self._flexibility(interface)[..., None, None]
+        chunk = max(1, CHUNK // self.steps)
+        own, better, square = [], [], 0.0
+        for i in range(0, len(germs), chunk):
+            points = germs[i : i + chunk]
+            psi = self.basis.evaluate(points)
+            force, jump = (_at_points(block, psi) for block in self._columns_of(interface))
+            parameters = sampled_parameters(self.random, interface, points, fields, self.steps)
+            free = np.asfortranarray((jump + flexible * force).reshape(force.shape[0] * force.shape[1], -1))
+            found = self.solver.resolve_samples(self.laws, interface, free, parameters)[0]
+            wanted = found.reshape(force.shape)
+            square += float(np.sum(weights * (wanted - force) ** 2)) / len(germs)
+            own.append(force)
+            better.append(wanted)
+        whole, exact = np.concatenate(own, axis=2), np.concatenate(better, axis=2)
+        scale = weights[..., 0]
+        of_mean = _relative(whole.mean(axis=2) - exact.mean(axis=2), exact.mean(axis=2), scale)
+        deviation = exact.std(axis=2)
+        spread = float(np.sum(scale * deviation**2))
+        size = float(np.sum(scale * exact.mean(axis=2) ** 2))
+        if spread <= (NOISE * self.plan.options.rtol) ** 2 * size:  # noise, as in a check
+            return of_mean
+        of_std = _relative(whole.std(axis=2) - deviation, deviation, scale)
+        return max(of_mean, of_std, square / spread)
+
     def compared(self, interface: str, truth: Sequence[SampleResult]) -> TruncationError:
         """The chaos against deterministic solves."""
         decay, deviation = self._decay(interface)
@@ -679,6 +729,12 @@ class ChaosResult(Result, StochasticResult):
             measured = "".join(f"\n  {c}" for c in self.checks.values()) or " not checked"
             solves = sum(len(part.germs) for part in self.checked)
             text += f";\n  truncation {verdict} by {solves} deterministic solves:{measured}"
+        elif self.misfits and not self.trusted:
+            worst = max(self.misfits, key=lambda name: self.misfits[name] if self.misfits else 0.0)
+            text += (
+                f";\n  truncation NOT TRUSTED to {percent(self.chaos.tolerance)}: about "
+                f"{percent(self.misfits[worst])} in {worst}"
+            )
         return text + ")"
 
 

@@ -27,6 +27,7 @@ import numpy.typing as npt
 from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_word
 from dolfinx_frontend.common.errors import SceneError
@@ -498,6 +499,8 @@ def _checked(result: ChaosResult) -> ChaosResult:
     they differ.
     """
     count, tolerance = result.chaos.check_points, result.chaos.tolerance
+    if not result.collocations and result.converged:
+        return result.with_notes(misfits=_misfits(result))
     if not result.collocations or count == 0 or not result.converged:
         return result
     problem = result.problem
@@ -517,6 +520,16 @@ def _checked(result: ChaosResult) -> ChaosResult:
     if not result.trusted and problem.rank == 0:
         _warn_of_truncation(result)
     return result
+
+
+def _misfits(result: ChaosResult) -> dict[str, float] | None:
+    """Misfits of all interfaces with something random; None: one of them was eliminated, or has patterns."""
+    problem, names = result.problem, result.random.interfaces
+    if result.plan.history == "patterns" or not set(names) <= set(result.plan.active):
+        return None
+    with agreement(problem.comm):
+        own = {name: result.misfit(name) for name in names if problem.speaks_for(name)}
+    return problem.gather(own)
 
 
 def _warn_of_truncation(result: ChaosResult) -> None:
