@@ -125,6 +125,14 @@ class Problem(OneProcess):
         for interface in self.interfaces.values():
             interface.check_unchanged()
 
+    def check_here(self, part: str) -> None:
+        """Raise SceneError if a part of the scene is on another rank, and say on which."""
+        if self.distribution is not None and self.distribution.owner.get(part, self.rank) != self.rank:
+            raise SceneError(
+                f"substructure {part!r} is on rank {self.distribution.owner[part]}, this is rank {self.rank}: "
+                "ask there"
+            )
+
     def check_sources(self, part: str | None = None) -> None:
         """Raise SceneError if the mesh or the material of a part (None: of any of this rank) was changed, see
         :meth:`Substructure.check_sources`."""

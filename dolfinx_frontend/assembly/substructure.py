@@ -33,7 +33,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.common.frozen import locked, locked_matrix, read_only
+from dolfinx_frontend.common.frozen import OneProcess, locked, locked_matrix, read_only
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
@@ -94,7 +94,7 @@ def _checksum(values: Array) -> int:
 
 
 @dataclass(frozen=True, repr=False)
-class Substructure:
+class Substructure(OneProcess):
     """A part, discretised; n = d * nodes unknowns, unknown d*node + component.
 
     Attributes
@@ -144,6 +144,10 @@ class Substructure:
     def __post_init__(self) -> None:
         locked(self)
         noted(self.stiffness)
+
+    @property
+    def _instead(self) -> str:
+        return "its mesh and matrices live in this process; assemble its scene where it is needed"
 
     def check_sources(self) -> None:
         """Raise SceneError if the mesh or what the material depends on is not as it was when it was assembled.

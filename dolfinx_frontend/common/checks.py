@@ -49,6 +49,10 @@ _NOT_IN_NAMES = ("Cc", "Cs", "Zl", "Zp")
 """Control characters, halves of surrogate pairs, separators of lines and paragraphs."""
 
 
+_LONGEST = 255
+"""Bytes of the name of a file or folder."""
+
+
 def is_masked(value: object) -> bool:
     """Whether a value is a masked array, masked or not, or has one in it: its numbers would be read as valid."""
     if isinstance(value, (list, tuple)):
@@ -239,6 +243,16 @@ def told_call(where: str, function: Callable[..., T], *given: Any) -> T:
 def checked_path(where: str, value: Any, what: str = "path") -> Path:
     """The path of a file or folder."""
     given = os.fspath(value) if isinstance(value, os.PathLike) else value
-    if isinstance(given, str) and given and "\0" not in given:
-        return Path(given)
-    raise _refuse(where, what, value, "; give the name of a file")
+    if not isinstance(given, str) or not given or "\0" in given:
+        raise _refuse(where, what, value, "; give the name of a file")
+    try:
+        longest = max((len(os.fsencode(part)) for part in Path(given).parts), default=0)
+    except UnicodeEncodeError as error:
+        shown = ascii(given)
+        raise SceneError(f"{where}: {what} = {shown} has characters that no file name can have") from error
+    if longest > _LONGEST:
+        raise SceneError(
+            f"{where}: {what} = {short(given[:40])}... has a name of {longest} bytes; file systems allow "
+            f"{_LONGEST}: give a shorter one"
+        )
+    return Path(given)

@@ -16,7 +16,7 @@ from latin_core import Laws, State, stochastic
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_kind, check_known, checked_whole
-from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
@@ -438,6 +438,13 @@ class ChaosResult(Result, StochasticResult):
         """Fields at points (N, L) of the germs."""
         points = self.space.checked_points(germs, "at")
         psi = self.basis.evaluate(points)
+        # the products with modes that follow are to be finite as well
+        far = np.flatnonzero(~(np.abs(psi).max(axis=1) < 1e150))
+        if far.size:
+            raise SceneError(
+                f"at: the chaos has no numbers at the germs {short(points[far[0]].tolist())}: germs are of order 1 "
+                "(standard normal, or within [-1, 1])"
+            )
 
         def displacement(part: str, unknowns: Ints | None) -> Array:
             block = self.coefficients(part)

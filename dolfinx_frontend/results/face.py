@@ -201,6 +201,8 @@ class Face(ABC):
         check_known("interface", name, self.problem.interfaces, "result")
 
     def _check_part(self, name: str) -> None:
+        if isinstance(name, str):
+            self.problem.check_here(name)
         check_known("substructure", name, self.problem.substructures, "result")
         if self.without_displacements is not None:
             raise SceneError(f"displacements of {name!r} are not known: {self.without_displacements}")

@@ -155,6 +155,9 @@ class SavedProblem:
     def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
 
+    def check_here(self, part: str) -> None:
+        """All is on one rank."""
+
     def check_sources(self, part: str | None = None) -> None:
         """Nobody has its meshes."""
 

@@ -50,6 +50,8 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
     axes = {}
     for key, values in grid.items():
         names = (key,) if isinstance(key, str) else tuple(checked_names("sweep", "axis", key))
+        if not names:
+            raise SceneError("sweep: axis = (): give one name at least, e.g. 'interface.parameter'")
         where, wanted = f"sweep over {', '.join(names)}", "give a list of finite numbers"
         data = checked_numbers(where, "values", values, wanted, dimensions=1)
         if not data.size:
