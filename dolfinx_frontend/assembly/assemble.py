@@ -86,7 +86,7 @@ def assemble(
     """
     check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if comm == MPI.COMM_NULL:
-        raise SceneError("assemble: comm is MPI.COMM_NULL, or has been freed; give one that is alive, or None")
+        raise SceneError("assemble: comm is MPI.COMM_NULL, or was freed; give another, or None")
     comm = None if comm is None or (comm.size == 1 and MPI.COMM_WORLD.size == 1) else comm
     spread = own_communicator(comm) if comm is not None and comm.size > 1 else None
     with one_call(spread, "assemble"):

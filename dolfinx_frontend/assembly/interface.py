@@ -63,8 +63,8 @@ class Side:
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         if self.trace is not None:
             raise TypeError(
-                f"the side {self.substructure}:{self.face} of an interface cannot be pickled: its matrices live in "
-                "this process; assemble its scene where it is needed"
+                f"the side {self.substructure}:{self.face} of an interface cannot be pickled: its matrices "
+                "live in this process; assemble its scene where it is needed"
             )
         return super().__reduce_ex__(protocol)
 

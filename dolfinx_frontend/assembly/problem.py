@@ -129,8 +129,8 @@ class Problem(OneProcess):
         """Raise SceneError if a part of the scene is on another rank, and say on which."""
         if self.distribution is not None and self.distribution.owner.get(part, self.rank) != self.rank:
             raise SceneError(
-                f"substructure {part!r} is on rank {self.distribution.owner[part]}, this is rank {self.rank}: "
-                "ask there"
+                f"substructure {part!r} is on rank {self.distribution.owner[part]}, this is rank "
+                f"{self.rank}: ask there"
             )
 
     def check_sources(self, part: str | None = None) -> None:

@@ -86,11 +86,12 @@ class Sources:
                 )
         for function, known in self.functions:
             if _checksum(function.x.array) != known:
-                raise SceneError(f"{where}: the Function {function.name!r} of its material was changed {remedy}")
+                what = f"the Function {function.name!r} of its material"
+                raise SceneError(f"{where}: {what} was changed {remedy}")
 
 
 def _checksum(values: Array) -> int:
-    return zlib.crc32(memoryview(np.ascontiguousarray(values)).cast("B")) if values.size else 0
+    return zlib.crc32(np.ascontiguousarray(values).view(np.uint8).data) if values.size else 0
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,7 +151,7 @@ class Substructure(OneProcess):
         return "its mesh and matrices live in this process; assemble its scene where it is needed"
 
     def check_sources(self) -> None:
-        """Raise SceneError if the mesh or what the material depends on is not as it was when it was assembled.
+        """Raise SceneError if the mesh or what the material depends on was changed since it was assembled.
 
         For what reads them again, stresses and files for example; a solution needs the matrices only.
         """

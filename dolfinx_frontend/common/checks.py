@@ -54,7 +54,7 @@ _LONGEST = 255
 
 
 def is_masked(value: object) -> bool:
-    """Whether a value is a masked array, masked or not, or has one in it: its numbers would be read as valid."""
+    """Whether a value is a masked array or has one in it: all its numbers would be read as valid."""
     if isinstance(value, (list, tuple)):
         return any(map(is_masked, value))
     return isinstance(value, np.ma.MaskedArray)
@@ -233,15 +233,15 @@ def told_call(where: str, function: Callable[..., T], *given: Any) -> T:
     """
     try:
         return function(*given)
-    except SceneError:
-        raise
     except Exception as error:
+        if type(error).__module__.partition(".")[0] in ("dolfinx_frontend", "latin_core"):
+            raise
         reason = f"{type(error).__name__}: {error}".rstrip(": ")
         raise SceneError(f"{where}: the function raised {reason}") from error
 
 
-def checked_path(where: str, value: Any, what: str = "path") -> Path:
-    """The path of a file or folder."""
+def checked_path(where: str, value: Any, what: str = "path", new: bool = False) -> Path:
+    """The path of a file or folder; `new`: it may be made, so that its name has to fit a file system."""
     given = os.fspath(value) if isinstance(value, os.PathLike) else value
     if not isinstance(given, str) or not given or "\0" in given:
         raise _refuse(where, what, value, "; give the name of a file")
@@ -250,7 +250,7 @@ def checked_path(where: str, value: Any, what: str = "path") -> Path:
     except UnicodeEncodeError as error:
         shown = ascii(given)
         raise SceneError(f"{where}: {what} = {shown} has characters that no file name can have") from error
-    if longest > _LONGEST:
+    if new and longest > _LONGEST:
         raise SceneError(
             f"{where}: {what} = {short(given[:40])}... has a name of {longest} bytes; file systems allow "
             f"{_LONGEST}: give a shorter one"

@@ -65,12 +65,13 @@ def box(
     lost = [i for i in range(dim) if steps[i] < DIGITS * max(abs(low[i]), abs(high[i]), np.finfo(float).tiny)]
     if lost or not np.all(np.isfinite(high)):
         raise SceneError(
-            f"box: origin = {short(low)}: coordinates there are rounded to more than the cells, which are "
-            f"{short(steps)} long; choose an origin nearer to 0"
+            f"box: origin = {short(origin)}: coordinates there are rounded to more than the cells, which are "
+            f"{short(steps.tolist())} long; choose an origin nearer to 0"
         )
     if math.prod(numbers) > MOST_CELLS:
         raise SceneError(
-            f"box: divisions = {short(divisions)} make {math.prod(numbers):.1e} cells; {MOST_CELLS:.1e} at most"
+            f"box: divisions = {short(divisions)} make {math.prod(numbers):.1e} cells; "
+            f"{MOST_CELLS:.1e} at most"
         )
     kind = cell_type(("quadrilateral", "hexahedron")[dim - 2] if cell is None else cell, dim)
     build = dmesh.create_rectangle if dim == 2 else dmesh.create_box

@@ -64,7 +64,7 @@ def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tupl
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
     check_answer("write", "result", result)
-    where = checked_path("write", folder, "folder")
+    where = checked_path("write", folder, "folder", new=True)
     result.problem.check_alike("write", folder=str(where), modes=modes)
     ending = "vtm" if result.times is None else "pvd"
     parts = write_fields(result, where / f"parts.{ending}", modes=modes)

@@ -379,9 +379,9 @@ def _check_forces(problem: Problem, bodies: Iterable[Body]) -> None:
             force = moved * (part.modulus * part.length ** (part.dim - 2))
             if not max(moved, load, force) < LARGEST:
                 raise SceneError(
-                    f"substructure {name!r}: a load of {load:.0e} and a displacement of {moved:.0e} make forces "
-                    f"above {LARGEST:.0e}, the largest that can be summed up: scale the loads, or choose units "
-                    "that fit them"
+                    f"substructure {name!r}: a load of {load:.0e} and a displacement of {moved:.0e} make "
+                    f"forces above {LARGEST:.0e}, the largest that can be summed up: scale the loads, or "
+                    "choose units that fit them"
                 )
 
 

@@ -442,8 +442,8 @@ class ChaosResult(Result, StochasticResult):
         far = np.flatnonzero(~(np.abs(psi).max(axis=1) < 1e150))
         if far.size:
             raise SceneError(
-                f"at: the chaos has no numbers at the germs {short(points[far[0]].tolist())}: germs are of order 1 "
-                "(standard normal, or within [-1, 1])"
+                f"at: the chaos has no numbers at the germs {short(points[far[0]].tolist())}: germs are of "
+                "order 1 (standard normal, or within [-1, 1])"
             )
 
         def displacement(part: str, unknowns: Ints | None) -> Array:

@@ -13,7 +13,13 @@ from dolfinx import fem
 
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_callable, checked_flag, checked_name, told_call
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_callable,
+    checked_flag,
+    checked_name,
+    told_call,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
@@ -398,7 +404,9 @@ class Face(ABC):
         checked_name("quantity", name)
         where = f"quantity {name!r}"
         blocks = self.blocks(self.draws if samples is None else samples, seed)
-        found = [(one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks]
+        found = [
+            (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks
+        ]
         weights = [w for _, w in found if w is not None]
         return Quantity(
             name=name,

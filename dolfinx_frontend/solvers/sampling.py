@@ -116,7 +116,7 @@ def sample(
     estimator: Estimator = not_measured,
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
-    settings = {"active": active, "direction": direction, "options": options, "times": times}
+    settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     check_problem("sampling", problem, plan)
     check_settings("sampling", plan, method, **settings)
     check_running("sampling", callback, progress, keep_states=keep_states)

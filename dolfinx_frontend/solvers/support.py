@@ -209,7 +209,9 @@ def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[
         at = motions.at(name, problem.substructures[name].dof_coordinates[loaded])
         work += np.einsum("nd,ndq->q", f[loaded], at)
     if problem.distribution is not None:
-        work, size = (sum(share(problem.distribution.comm, each)) for each in (work, size))
+        every = share(problem.distribution.comm, (work, size))
+        work = np.sum([each for each, _ in every], axis=0)
+        size = sum(each for _, each in every)
     return work, size
 
 

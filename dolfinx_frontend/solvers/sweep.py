@@ -216,7 +216,7 @@ def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None)
     if checkpoint is None:
         return None
     problem.on_one_rank("a checkpoint")
-    return checked_path(where, checkpoint, "checkpoint")
+    return checked_path(where, checkpoint, "checkpoint", new=True)
 
 
 def _check_request(
@@ -277,8 +277,8 @@ def _read_point(fields: Block, name: str, function: Callable[[Block], npt.ArrayL
         values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
     if values.ndim == 0 or len(values) != 1:
         raise SceneError(
-            f"sweep: outputs[{name!r}]: the function returned shape {values.shape} for 1 sample; return one number or array "
-            "a sample, with the samples in front"
+            f"sweep: outputs[{name!r}]: the function returned shape {values.shape} for 1 "
+            "sample; return one number or array a sample, with the samples in front"
         )
     first: Array = values[0]
     return first

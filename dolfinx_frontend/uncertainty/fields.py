@@ -17,7 +17,13 @@ from scipy import linalg, optimize, special
 from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers, checked_whole, told_call
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_number,
+    checked_numbers,
+    checked_whole,
+    told_call,
+)
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.checks import deviation, named
@@ -139,7 +145,8 @@ def karhunen_loeve(
     if not np.all(np.isfinite(values)) or not values[0] > 0.0:
         raise NoModesError(
             f"there are no modes at its {m} points: its covariance gives no positive finite numbers "
-            "there, or its correlation length is far below their distances; choose a larger length or a finer mesh"
+            "there, or its correlation length is far below their distances; choose a larger length or a "
+            "finer mesh"
         )
     usable = int(np.count_nonzero(values > 1e-14 * values[0]))
     if modes is None:

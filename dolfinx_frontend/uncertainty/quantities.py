@@ -218,16 +218,14 @@ class Quantity:
         if self.kind == "value":  # nothing is random
             return Estimate(0.0, 0.0, 0.0, level)
         n = len(self)
-        if n < 2:
-            raise SceneError(f"quantity {self.name!r}: one sample has no variance; take two at least")
-        if self.weights is not None:
+        if self.weights is not None or n < 2:
             variance = self._moment(2)
             if variance < 0.0:
                 raise SceneError(
                     f"quantity {self.name!r}: the variance by quadrature is {variance:.3g}: the "
                     "rule is too coarse for this quantity; raise its level"
                 )
-            return Estimate(variance, math.nan, math.nan, level)
+            return Estimate(variance if n > 1 else math.nan, math.nan, math.nan, level)
         variance = float(np.var(self.values, ddof=1))
         z = float(stats.norm.isf(0.5 * (1.0 - level)))
         if n < 5 or n <= z:
@@ -375,8 +373,6 @@ class Quantity:
                 yield "value", Estimate(float(value), math.nan, math.nan, math.nan)
             return
         yield "mean", self.mean()
-        if len(self) < 2:
-            return
         yield "std", self.std()
         yield "skewness", self.skewness()
         if self.weights is None:

@@ -373,8 +373,8 @@ class RandomSpace:
         if not np.all(np.isfinite(found)):
             bad = np.flatnonzero(~np.isfinite(found).all(axis=0) if found.ndim > 1 else ~np.isfinite(found))
             raise SceneError(
-                f"{source!r} has no finite value at the germs {short(xi[bad[0]].tolist())}: germs are of order 1 "
-                "(standard normal, or within [-1, 1])"
+                f"{source!r} has no finite value at the germs {short(xi[bad[0]].tolist())}: germs are of "
+                "order 1 (standard normal, or within [-1, 1])"
             )
         return found
 

@@ -11,7 +11,16 @@ import pytest
 import ufl
 from dolfinx import fem
 
-from dolfinx_frontend import LinearElastic, Scene, SceneError, assemble, discretisation_error, geometry, io, solve
+from dolfinx_frontend import (
+    LinearElastic,
+    Scene,
+    SceneError,
+    assemble,
+    discretisation_error,
+    geometry,
+    io,
+    solve,
+)
 
 
 def pulled(material: Callable[[Any], Any]) -> tuple[Any, Any]:
@@ -47,7 +56,7 @@ def test_a_constant_of_a_material_that_was_changed_is_refused_where_it_is_read(t
     before = result.stress("strip").x.array.copy()
     held[0].value = 1.0
     for read in readers(result, tmp_path):
-        with pytest.raises(SceneError, match="'strip': a Constant of its material was changed from 1000.* to 1"):
+        with pytest.raises(SceneError, match="'strip': a Constant of its material .* 1000 to 1"):
             read()
     assert solve(result.problem).converged, "needs the matrices only"
     held[0].value = 1e3
@@ -74,7 +83,7 @@ def test_a_mesh_that_was_moved_is_refused_where_it_is_read(tmp_path: Path) -> No
     table = result.table().to_csv()
     mesh.geometry.x[:] *= 2.0
     for read in readers(result, tmp_path):
-        with pytest.raises(SceneError, match="'strip': the nodes of its mesh were moved after it was assembled"):
+        with pytest.raises(SceneError, match="'strip': the nodes of its mesh were moved"):
             read()
     assert result.table().to_csv() == table
 

@@ -116,7 +116,8 @@ def refused() -> None:
     raises(lambda: sweep(problem, one(7, grid)), "grid = 7")
     raises(lambda: sweep(problem, grid, callback=one(3)), "callback = 3")
     raises(lambda: sweep(problem, grid, checkpoint=one("c.sqlite")), "checkpoint works on one rank only")
-    raises(lambda: sweep(problem, grid, outputs={"q": lambda f: [1 / (1 - RANK)]}), "'q'", "ZeroDivisionError")
+    outputs = {"q": lambda f: [1 / (1 - RANK)]}
+    raises(lambda: sweep(problem, grid, outputs=outputs), "'q'", "ZeroDivisionError")
     raises(lambda: solve(problem, meshes=one(5, True)), "meshes = 5")
     raises(lambda: solve(problem, progress=one(5, True)), "progress = 5")
     raises(lambda: solve(problem, start=one(5)), "start = 5")
@@ -140,7 +141,17 @@ def refused() -> None:
     raises(lambda: io.write_fields(run, "never.vtm", step=one(4, -1)), "4")
     raises(lambda: io.write_interfaces(run, "never.vtm", interfaces=one("j9")), "interfaces differs", "'j9'")
     assert solve(problem).converged and run.tightened(1e-7).converged
-    raises(lambda: solve(problem, options=Options(rtol=one(1e-4, 1e-5))), "options differs", "rtol = 0.0001 on rank 1")
+    loose = Options(rtol=one(1e-4, 1e-5))
+    raises(lambda: solve(problem, options=loose), "options differs", "rtol = 0.0001 on rank 1")
+
+    elsewhere = next(n for n in problem.parts if n not in problem.substructures)
+    for read in (run.displacement, run.stress, run.std):
+        try:
+            read(elsewhere)
+        except SceneError as error:
+            assert f"is on rank {1 - RANK}, this is rank {RANK}" in str(error), error
+        else:
+            raise AssertionError(elsewhere)
 
     own = WORLD.Dup()
     mine = chain(Contact(), comm=own)

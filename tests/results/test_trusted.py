@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dolfinx_frontend import Elastic, LinearElastic, LogNormal, Scene, assemble, geometry, solve, tensor_quadrature
+from dolfinx_frontend import (
+    Elastic,
+    LinearElastic,
+    LogNormal,
+    Scene,
+    assemble,
+    geometry,
+    solve,
+    tensor_quadrature,
+)
 
 
 def joined(cov: float, stiffness: float) -> Any:

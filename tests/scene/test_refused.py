@@ -1,4 +1,4 @@
-"""What hostile scripts gave: one error that names it, instead of a traceback of a library or a wrong number."""
+"""What hostile scripts gave: one error that names it, no traceback of a library, no wrong number."""
 
 from __future__ import annotations
 
@@ -77,15 +77,17 @@ def test_functions_that_raise_are_named() -> None:
     refused(lambda: joined(Elastic(normal=fails, tangential=1.0)), *told)
     problem = joined()
     grid = {"joint.normal": [1.0]}
-    refused(lambda: sweep(problem, grid, outputs={"q": fails}, progress=False), "outputs['q']", "ZeroDivisionError")
+    refused(lambda: sweep(problem, grid, outputs={"q": fails}, progress=False), "outputs['q']", told[2])
     refused(lambda: solve(problem).quantity(fails, "pull"), "quantity 'pull'", "ZeroDivisionError")
     field = RandomField("k", 100.0, cov=0.1, modes=2, covariance=lambda x, y: x)
-    refused(lambda: solve(joined(Elastic(normal=field, tangential=1.0)), chaos=1), "'k'", "covariance", "TypeError")
+    random = joined(Elastic(normal=field, tangential=1.0))
+    refused(lambda: solve(random, chaos=1), "'k'", "covariance", "TypeError")
 
 
 def test_a_field_whose_length_is_below_its_points_is_refused() -> None:
     field = RandomField("k", 100.0, cov=0.1, modes=2, length=1e-9)
-    refused(lambda: solve(joined(Elastic(normal=field, tangential=1.0)), chaos=1), "'k'", "correlation length")
+    random = joined(Elastic(normal=field, tangential=1.0))
+    refused(lambda: solve(random, chaos=1), "'k'", "correlation length")
 
 
 def test_numbers_out_of_range_are_refused() -> None:
@@ -94,7 +96,8 @@ def test_numbers_out_of_range_are_refused() -> None:
     refused(lambda: geometry.box((1.0, 1.0), (10**10, 10**10)), "divisions", "1.0e+20 cells")
     refused(lambda: solve(joined(push=1e308)), "'b1'", "1e+308")
     refused(lambda: sweep(joined(), {(): [1.0]}, progress=False), "axis = ()")
-    refused(lambda: sweep(joined(), {"joint.normal": np.array(["2020-01-01"], "M8")}, progress=False), "joint.normal")
+    dates = {"joint.normal": np.array(["2020-01-01"], "M8")}
+    refused(lambda: sweep(joined(), dates, progress=False), "joint.normal")
 
 
 def test_germs_out_of_reach_are_refused() -> None:
@@ -103,8 +106,7 @@ def test_germs_out_of_reach_are_refused() -> None:
     refused(lambda: sample(problem, [[1e5]], progress=False), "no finite value", "100000")
     refused(lambda: result.at([[1e300]]), "at: ", "1e+300")
     one = result.quantity(lambda f: f.force("joint")[..., 0].max(axis=-1), samples=1)
-    refused(one.std, "one sample has no variance")
-    assert "mean" in str(one)
+    assert np.isnan(one.std().value) and "mean" in str(one)
     many = result.quantity(lambda f: f.force("joint")[..., 0].max(axis=-1), samples=16)
     refused(lambda: many.histogram(10**9), "bins", "1..1000000")
 
