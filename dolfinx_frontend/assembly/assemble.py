@@ -28,10 +28,10 @@ from dolfinx_frontend.assembly.ranks import (
     bound_threads,
     check_alike,
     end_all_on_errors,
+    exchanged,
     one_call,
     own_communicator,
     place,
-    share,
     swap,
 )
 from dolfinx_frontend.assembly.rigid import check_resistances
@@ -150,7 +150,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is not None:
         bare = {name: _bare(interfaces[name]) for name in resistances}
         for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
-            for each in share(comm, its):
+            for each in exchanged(comm, its):
                 known.update({n: value for n, value in each.items() if n not in known})
         interfaces = {
             name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()

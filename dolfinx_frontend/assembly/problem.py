@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, share
+from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -84,7 +84,7 @@ class Problem(OneProcess):
         """What the ranks know of interfaces, put together, in the scene's order; collective."""
         known = dict(own)
         if self.comm is not None:
-            known = {n: each for found in share(self.comm, known) for n, each in found.items()}
+            known = {n: each for found in exchanged(self.comm, known) for n, each in found.items()}
         return {name: known[name] for name in self.interfaces if name in known}
 
     def everywhere(self, name: str, read: Callable[[], T]) -> T:

@@ -37,10 +37,10 @@ __all__ = [
     "bound_threads",
     "check_alike",
     "end_all_on_errors",
+    "exchanged",
     "one_call",
     "own_communicator",
     "place",
-    "share",
     "swap",
     "together",
 ]
@@ -197,7 +197,7 @@ def _reason(error: Exception) -> str:
     return str(error) if isinstance(error, SceneError) else f"{type(error).__name__}: {error}"
 
 
-def share(comm: Any, content: T) -> list[T]:
+def exchanged(comm: Any, content: T) -> list[T]:
     """What every rank says, in their order; collective. If a rank has failed before, the others raise.
 
     Raises
@@ -289,7 +289,7 @@ def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
     for rank, (_, digests) in enumerate(every):
         for name in dict.fromkeys([*first, *digests]):
             if first.get(name) != digests.get(name):
-                said = share(comm, _described(given[name]) if name in given else {"": "not there"})
+                said = exchanged(comm, _described(given[name]) if name in given else {"": "not there"})
                 one, other_one = said[0], said[rank]
                 field = next((f for f in one if f and f in other_one and one[f] != other_one[f]), "")
                 which = f"{field} = " if field else ""

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.ranks import agreement, share, together
+from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -97,7 +97,7 @@ def _over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | N
     comm = result.problem.comm
     if comm is None:
         return value
-    every = share(comm, value)
+    every = exchanged(comm, value)
     return reduce(add, every) if join is None else join(every)
 
 

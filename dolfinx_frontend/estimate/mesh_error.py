@@ -22,7 +22,7 @@ from latin_core import Laws, State
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement, share, together
+from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
@@ -160,7 +160,7 @@ def discretisation_error(
             for name, part in problem.own.substructures.items()
         }
     if problem.comm is not None:
-        found = {n: each for some in share(problem.comm, found) for n, each in some.items()}
+        found = {n: each for some in exchanged(problem.comm, found) for n, each in some.items()}
     found = {name: found[name] for name in problem.parts}
     whole = float(np.sqrt(sum(each.norm for each in found.values())))
     parts = {n: float(np.sqrt(each.error)) / whole if whole else 0.0 for n, each in found.items()}
@@ -341,7 +341,7 @@ class _Dual:
                 loads = _pull(problem, quantity, law)
         size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
         if problem.comm is not None:
-            size = max(share(problem.comm, size))
+            size = max(exchanged(problem.comm, size))
         parts = [problem.parts[side.substructure] for side in problem.interfaces[name].sides]
         unit_ = size or min(part.length for part in parts)
         if quantity.of == "jump":  # of forces, whose sum is 1

@@ -17,7 +17,7 @@ from latin_core import Laws, NumericalError, Structure, _core
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement, share
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -288,7 +288,7 @@ def build(problem: Problem, plan: Plan) -> Built:
             direction = _direction(problem, plan, interface, fields, len(bodies))
             interfaces.append(_interface(own, plan, interface, fields, direction, scale))
     loading = _loading(own, [body for patterns in reduced for body in patterns.values()], found)
-    _check_range(loading if comm is None else max(share(comm, loading)))
+    _check_range(loading if comm is None else max(exchanged(comm, loading)))
     options = plan.options
     began = perf_counter()
     core = Structure(

@@ -40,7 +40,7 @@ from scipy.optimize import lsq_linear
 from dolfinx_frontend.assembly.held import held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement, share
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
@@ -179,7 +179,7 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
             shares[name, k] = np.einsum("pij,pjq->piq", interface.frames, share)
     if problem.distribution is not None:
         cuts = {key: share for key, share in shares.items() if key[0] in problem.cuts}
-        for found in share(problem.distribution.comm, cuts):
+        for found in exchanged(problem.distribution.comm, cuts):
             shares.update(found)
     return {
         name: sum(
@@ -209,7 +209,7 @@ def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[
         at = motions.at(name, problem.substructures[name].dof_coordinates[loaded])
         work += np.einsum("nd,ndq->q", f[loaded], at)
     if problem.distribution is not None:
-        every = share(problem.distribution.comm, (work, size))
+        every = exchanged(problem.distribution.comm, (work, size))
         work = np.sum([each for each, _ in every], axis=0)
         size = sum(each for _, each in every)
     return work, size

@@ -6,12 +6,14 @@ import functools
 import math
 import types
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dolfinx_frontend import SceneError
+from dolfinx_frontend.common import codes
 from dolfinx_frontend.common.codes import code_digest
 
 NAMES = """
