@@ -49,7 +49,6 @@ from dolfinx import fem
 from dolfinx.mesh import entities_to_geometry
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from scipy.spatial import cKDTree
 
 from dolfinx_frontend import (
     Amplitude,
@@ -132,9 +131,7 @@ def build_scene(
     for each in joint.interfaces:
         if each.kind == "contact":
             law = Contact(gap=0.0, friction=friction)
-            scene.interface(
-                each.name, each.face1, each.face2, law, space="facets", overlap="partial"
-            )
+            scene.interface(each.name, each.face1, each.face2, law, overlap="partial")
         elif each.kind == "elastic":
             scene.interface(each.name, each.face1, each.face2, cut, space="facets")
         elif each.kind == "perfect":
@@ -323,41 +320,41 @@ def loop_figure(loop: Loop, path: Path) -> Path:
     return path
 
 
-def facets_of(part: Part, face: str, points: Array) -> Array:
-    """Corners (m, 3, 2), in the plane, of the facets whose midpoints are given."""
+def corners_of(part: Part, numbers: npt.NDArray[np.int64]) -> Array:
+    """Corners (k, 3, 2), in the plane, of facets."""
     mesh = part.mesh
     mesh.topology.create_connectivity(2, 3)
-    corners = entities_to_geometry(mesh, 2, part.facets(face))[:, :3]
-    x = mesh.geometry.x[corners]
-    _, nearest = cKDTree(x.mean(axis=1)).query(points)
-    found: Array = x[nearest, :, :2]
+    corners = entities_to_geometry(mesh, 2, numbers.astype(np.int32))[:, :3]
+    found: Array = mesh.geometry.x[corners][:, :, :2]
     return found
 
 
 def contact_figure(joint: LapJoint, loop: Loop, path: Path) -> Path:
     """Pressure between the plates and the utilisation of friction, tightened and pulled."""
     interface = loop.result.problem.interfaces["plates"]
-    triangles = facets_of(joint.parts["lower"], "lap", interface.points)
-    triangles = np.concatenate([triangles, triangles * [1.0, -1.0]])  # both halves
-    force = loop.result.force("plates")
-    pressure = -force[:, :, 0]
-    bound = FRICTION * np.maximum(pressure, 1e-6 * pressure.max())
-    used = np.where(pressure > 0.0, np.linalg.norm(force[:, :, 1:], axis=2) / bound, np.nan)
+    part = joint.parts[interface.sides[interface.carrier].substructure]
     # slip begins within the first quarter
     begins = int(np.argmax(loop.plates > 0.6 * loop.plates.max()))
     steps = (0, begins, loop.first)
-    highest = float(pressure[list(steps)].max())
+    found = [io.facet_fields(loop.result, "plates", step) for step in steps]
+    triangles = corners_of(part, found[0][0])
+    triangles = np.concatenate([triangles, triangles * [1.0, -1.0]])  # both halves
+    pressures = [fields["pressure"] for _, fields in found]
+    highest = float(np.max(pressures))
+    closed = [np.where(p > 1e-6 * highest, p, np.nan) for p in pressures]
+    used = [
+        np.linalg.norm(fields["shear"], axis=1) / (FRICTION * p)
+        for (_, fields), p in zip(found, closed, strict=True)
+    ]
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharex=True, sharey=True)
     rows = (
-        (np.where(pressure > 0.0, pressure, np.nan), "pressure (MPa)", "viridis", highest),
+        (closed, "pressure (MPa)", "viridis", highest),
         (used, "friction in use (-)", "plasma", 1.0),
     )
     for axes, (values, label, colours, top) in zip(grid, rows, strict=True):
-        for axis, step in zip(axes, steps, strict=True):
-            shown = PolyCollection(
-                triangles, array=np.tile(values[step], 2), cmap=colours, clim=(0.0, top)
-            )
+        for axis, now in zip(axes, values, strict=True):
+            shown = PolyCollection(triangles, array=np.tile(now, 2), cmap=colours, clim=(0.0, top))
             shown.set_edgecolor("face")
             axis.add_collection(shown)
             axis.set_facecolor("#dddddd")

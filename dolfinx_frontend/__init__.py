@@ -47,6 +47,7 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solving import (
     errors,
+    export,
     monte_carlo,
     quasi_monte_carlo,
     sample,
@@ -130,6 +131,7 @@ __all__ = [
     "assemble",
     "discretisation_error",
     "errors",
+    "export",
     "figures",
     "geometry",
     "io",
@@ -146,3 +148,5 @@ __all__ = [
     "sweep",
     "tensor_quadrature",
 ]
+
+Problem.exporter = staticmethod(export)

@@ -30,6 +30,7 @@ from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers import sampling
 from dolfinx_frontend.solvers.deterministic import solve_once, start_states
+from dolfinx_frontend.solvers.export import export
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -38,6 +39,7 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 __all__ = [
     "SampleSettings",
     "errors",
+    "export",
     "monte_carlo",
     "quasi_monte_carlo",
     "sample",

@@ -3,7 +3,7 @@
 
 C++ kernel: every layer may use those left of it and itself, all may use ``common``::
 
-    algebra | interface | stochastic | substructure | iteration
+    algebra | interface | stochastic | mortar | substructure | iteration
 
 the bindings may use all, and nothing in the kernel names dolfinx. Python: ``latin_core`` imports
 neither dolfinx nor the frontend. In ``dolfinx_frontend`` every module stands in the table `FRONTEND` and
@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-LAYERS = ("algebra", "interface", "stochastic", "substructure", "iteration")
+LAYERS = ("algebra", "interface", "stochastic", "mortar", "substructure", "iteration")
 COMMON = "common"
 FRONTEND: dict[str, tuple[str, ...]] = {
     "common": (
@@ -90,8 +90,11 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "assembly": (
         "elements",
         "facet_map",
+        "overlap",
         "averages",
         "interface",
+        "held_nodes",
+        "mortar",
         "pairing",
         "rigid",
         "ranks",
@@ -126,9 +129,19 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "sweep",
         "samples",
         "chaos",
+        "runs",
         "saved",
     ),
-    "solvers": ("support", "refinement", "collocation", "deterministic", "sweep", "sampling", "galerkin"),
+    "solvers": (
+        "support",
+        "refinement",
+        "collocation",
+        "deterministic",
+        "sweep",
+        "sampling",
+        "galerkin",
+        "export",
+    ),
     "estimate": ("recovery", "mesh_error", "errors", "adaptive"),
     "solving": (),
     "io": ("facets", "paraview"),

@@ -34,6 +34,8 @@ class FaceCopy:
         Degree and variant of the displacements.
     dofs, coordinates
         (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
+    held
+        Some of the nodes, and projectors (d, d) onto the directions in which other interfaces hold them.
     """
 
     cell: str
@@ -45,6 +47,7 @@ class FaceCopy:
     lagrange: int
     dofs: Ints = field(repr=False)
     coordinates: Array = field(repr=False)
+    held: tuple[Ints, Array] | None = field(default=None, repr=False)
 
     @property
     def space(self) -> Any:
@@ -62,8 +65,10 @@ class FaceCopy:
         )
 
 
-def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
-    """Copy of a face for another rank.
+def face_copy(
+    part: PartLike, face: str, space: Any, where: str, held: tuple[Ints, Array] | None = None
+) -> FaceCopy:
+    """Copy of a face for another rank, with what holds some of its nodes.
 
     Raises
     ------
@@ -84,6 +89,7 @@ def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
         lagrange=int(element.lagrange_variant),
         dofs=dofs.reshape(len(facets), -1),
         coordinates=space.tabulate_dof_coordinates()[nodes],
+        held=None if held is None else (np.searchsorted(nodes, held[0]), held[1]),
     )
 
 
@@ -186,9 +192,8 @@ class FacetMap:
         """Points x (p, d) and Jacobians dx/dX (p, d, tdim) of the cell map."""
         tables = tabulate(self.element, 1, self.reference(index, s))
         nodes = self.nodes[index]
-        x = np.einsum("pk,pki->pi", tables[0], nodes)
-        jacobian = np.einsum("jpk,pki->pij", tables[1:], nodes)
-        return x, jacobian
+        both = tables.transpose(1, 0, 2) @ nodes  # (p, value and derivatives, d)
+        return both[:, 0], both[:, 1:].swapaxes(1, 2)
 
     def surface(self, index: Ints, s: Array) -> tuple[Array, Array, Array]:
         """Points (p, d), outward unit normals (p, d), area per area of the reference facet (p,)."""

@@ -8,14 +8,14 @@ from typing import Any, SupportsIndex
 import numpy as np
 import scipy.sparse as sp
 
-from dolfinx_frontend.assembly.elements import check_unchanged, noted
+from dolfinx_frontend.assembly.elements import check_unchanged, csr, noted
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "PointFrames", "Side", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames", "nodal_normals"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,7 +30,8 @@ class Side:
         T (d*m, n), petsc4py seqaij, no unit: w = T u in global components, row d*point + component,
         column d*node + component. To be read: an interface whose trace was written to is refused.
     shape
-        The same for one component, (m, nodes of the substructure), SciPy.
+        The same for one component, (m, nodes of the substructure), SciPy. In the space ``"mortar"`` `trace`
+        differs from it on curved faces along the normal: it has that of the place.
     nodes
         Nodes (blocks of unknowns) on the face, sorted.
     node_normals
@@ -70,6 +71,25 @@ class Side:
 
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
+
+
+@dataclass(frozen=True, repr=False)
+class Vertices:
+    """Values of points as a field that is linear (bilinear) on facets and continuous.
+
+    Attributes
+    ----------
+    corners
+        (k, vertices of a facet), numbers of vertices, of the covered facets.
+    nodal
+        (vertices, m), values at the vertices from those at the points.
+    """
+
+    corners: Ints
+    nodal: sp.csr_matrix
+
+    def __post_init__(self) -> None:
+        locked(self)
 
 
 class PointFrames:
@@ -122,9 +142,20 @@ class Interface(PointFrames):
     tangent_axis
         Global axis whose projection is t1 (3D).
     space
-        ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1.
+        ``"points"``: values at quadrature points; ``"facets"``: means over the facets of side 1;
+        ``"mortar"``: values at the vertices of the side that carries the multipliers.
+    why
+        Why it has this space, and this side carries it; empty if it was asked for.
+    carrier
+        Side whose facets the points are on, 0 or 1.
     facets
-        (m,), the facet of side 1 that a point is on, numbered as in its :class:`FacetMap`.
+        (k,), facets of that side that are covered, ascending, numbered as in its :class:`FacetMap`.
+    areas
+        (k, m), area of each facet that belongs to each point.
+    covered
+        Fraction of side 1 that side 2 covers.
+    vertices
+        Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
 
     name: str
@@ -138,7 +169,12 @@ class Interface(PointFrames):
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    why: str = field(default="", repr=False)
+    carrier: int = 0
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
+    areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
+    vertices: Vertices | None = field(default=None, repr=False)
+    covered: float = 1.0
 
     def __post_init__(self) -> None:
         locked(self)
@@ -175,12 +211,9 @@ class Interface(PointFrames):
         """
         if side not in range(len(self.sides)):
             raise SceneError(f"interface {self.name!r}: side = {side!r} of {len(self.sides)}, from 0")
-        d = self.dim
-        shape = self.sides[side].shape.tocsr()
-        point = np.repeat(np.arange(shape.shape[0]), np.diff(shape.indptr))
-        blocks = shape.data[:, None, None] * self.frames[point]
-        size = (d * shape.shape[0], d * shape.shape[1])
-        return sp.bsr_matrix((blocks, shape.indices, shape.indptr), shape=size).tocsr()
+        d, m = self.dim, self.num_points
+        turned = sp.bsr_matrix((self.frames, np.arange(m), np.arange(m + 1)), shape=(d * m, d * m))
+        return (turned.tocsr() @ csr(self.sides[side].trace)).tocsr()
 
 
 def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:

@@ -10,17 +10,29 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from latin_core import mortar as kernel
 from scipy.spatial import cKDTree
 
-from dolfinx_frontend.assembly.averages import OPPOSED, Averages, average
+from dolfinx_frontend.assembly.averages import average
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
-from dolfinx_frontend.assembly.interface import Interface, Side, frames, nodal_normals
+from dolfinx_frontend.assembly.held_nodes import Held
+from dolfinx_frontend.assembly.interface import Interface, Side, Vertices, frames, nodal_normals
+from dolfinx_frontend.assembly.mortar import multipliers, vertex_nodes
+from dolfinx_frontend.assembly.overlap import (
+    OPPOSED,
+    check_cover,
+    common,
+    constant,
+    hats,
+    of_one_side,
+    shape_of,
+)
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.vectors import unit
@@ -33,6 +45,9 @@ __all__ = ["make_interface"]
 MAX_DISTANCE = 0.25
 """Default of the largest distance between the sides, as a fraction of the facet size."""
 
+FAR = 0.05
+"""The same as a fraction of the extent of the smaller face, which refinement does not change."""
+
 
 def _side(
     label: str,
@@ -40,16 +55,15 @@ def _side(
     space: Any,
     facets: FacetMap,
     shape: sp.csr_matrix,
-    own: tuple[sp.csr_matrix, Array, Array] | None = None,
+    own: tuple[sp.csr_matrix, Array, Array],
+    along: tuple[sp.csr_matrix, Array] | None = None,
 ) -> Side:
-    """A side with its trace; `own`: shape functions, weights, normals at points of its own."""
+    """A side with its trace.
+
+    `own`: shape functions, weights and normals at points of its own; `along`: the trace along the normals of
+    the places, and the normals of the points.
+    """
     nodes = facets.face_nodes(space)
-    columns = space.dofmap.index_map.size_local
-    if own is None:
-        degree = 2 * space.element.basix_element.degree
-        own_index, own_s, w = facets.quadrature(degree)
-        _, normals, area = facets.surface(own_index, own_s)
-        own = (facets.trace(space, own_index, own_s, columns), w * area, normals)
     own_shape, weights, normals = own
     total = float(weights.sum())
     mean = (weights[:, None] * normals).sum(axis=0) / total
@@ -58,7 +72,7 @@ def _side(
     return Side(
         substructure=label,
         face=face,
-        trace=petsc_matrix(sp.kron(shape, sp.identity(facets.dim), format="csr")),
+        trace=petsc_matrix(_trace(shape, facets.dim, along)),
         shape=shape,
         nodes=nodes,
         node_normals=nodal_normals(own_shape, weights, normals, nodes),
@@ -66,6 +80,20 @@ def _side(
         normal=unit(mean) if length > 1e-9 else np.zeros(facets.dim),
         area=total,
     )
+
+
+def _trace(shape: sp.csr_matrix, d: int, along: tuple[sp.csr_matrix, Array] | None) -> sp.csr_matrix:
+    """(d * m, d * nodes): the trace in global components."""
+    alike = sp.kron(shape, sp.identity(d), format="csr")
+    if along is None:
+        return alike
+    m = shape.shape[0]
+    starts = np.arange(0, d * m + 1, d)
+    normals = sp.csr_matrix((along[1].ravel(), np.arange(d * m), starts), shape=(m, d * m))
+    more = (along[0] - normals @ alike).tocsr()
+    more.data[np.abs(more.data) < 1e-14] = 0.0  # plane faces: there is none
+    more.eliminate_zeros()
+    return (alike + normals.T @ more).tocsr() if more.nnz else alike
 
 
 def _candidates(facets: FacetMap, points: Array) -> tuple[Ints, Ints]:
@@ -227,38 +255,172 @@ class _Samples:
     shapes: tuple[sp.csr_matrix, ...]
     gap: Array
     facets: Ints
+    areas: sp.csr_matrix
+    vertices: Vertices | None = None
+    along: tuple[sp.csr_matrix, ...] = ()
+    bulge: Array | float = 0.0
+    covered: float = 1.0
 
 
-def _sample_points(
-    first: FacetMap,
-    second: FacetMap | None,
-    spaces: tuple[Any, ...],
-    where: str,
-    names: tuple[str, ...],
-    limit: float,
-    quadrature_degree: int | None,
-) -> _Samples:
+@dataclass(frozen=True)
+class _Pair:
+    """The faces of an interface, and how they are to be joined."""
+
+    where: str
+    names: tuple[str, ...]
+    faces: tuple[FacetMap, ...]
+    spaces: tuple[Any, ...]
+    law: Law
+    held: tuple[Held | None, ...]
+    near: tuple[Array, ...]
+    areas: tuple[Array, ...]
+    degree: int | None
+    overlap: Overlap
+
+    @property
+    def dim(self) -> int:
+        return self.faces[0].dim
+
+    def swapped(self) -> _Pair:
+        """The same seen from side 2."""
+        both = {k: getattr(self, k)[::-1] for k in ("names", "faces", "spaces", "held", "near", "areas")}
+        return replace(self, **both)
+
+
+def _sample_points(pair: _Pair, limit: float) -> _Samples:
     """The space ``points``: quadrature points of side 1 and their closest points on side 2."""
-    degree = quadrature_degree
+    first, spaces = pair.faces[0], pair.spaces
+    degree = pair.degree
     if degree is None:
         highest = max(s.element.basix_element.degree for s in spaces)
         degree = 2 * highest + first.order - 1
     index, s, w = first.quadrature(degree)
     points, normals, area = first.surface(index, s)
     weights = w * area
-    first.areas(weights, index, where, names[0])
+    first.areas(weights, index, pair.where, pair.names[0])
     columns = [v.dofmap.index_map.size_local for v in spaces]
-    shape = first.trace(spaces[0], index, s, columns[0])
-    if second is None:
-        return _Samples(points, normals, weights, (shape,), np.zeros(len(points)), index)
-    index2, s2, x2, n2 = _project(second, points, normals)
-    sizes = np.maximum(first.sizes[index], second.sizes[index2])
-    _check_pairing(
-        where, (names[0], names[1]), points, normals, weights, sizes, x2, n2, limit
+    shapes = [first.trace(spaces[0], index, s, columns[0])]
+    gap = np.zeros(len(points))
+    if len(pair.faces) == 2:
+        second = pair.faces[1]
+        index2, s2, x2, n2 = _project(second, points, normals)
+        sizes = np.maximum(first.sizes[index], second.sizes[index2])
+        names = (pair.names[0], pair.names[1])
+        _check_pairing(pair.where, names, points, normals, weights, sizes, x2, n2, limit)
+        gap = np.einsum("pi,pi->p", x2 - points, normals)
+        shapes.append(second.trace(spaces[1], index2, s2, columns[1]))
+    facets = np.arange(len(first))
+    areas = sp.csr_matrix((weights, (index, np.arange(len(index)))), shape=(len(first), len(index)))
+    return _Samples(points, normals, weights, tuple(shapes), gap, facets, areas)
+
+
+def _integrals(pair: _Pair, linear: bool) -> kernel.Overlap:
+    """Of the functions of the vertices of side 1, or of the function 1, over what is common."""
+    cell = shape_of(pair.faces[0])
+    chi = hats(cell) if linear else constant(cell)
+    if len(pair.faces) == 1:
+        return of_one_side(pair.faces[0], pair.spaces[0], chi, pair.degree)
+    return common(_two(pair.faces), _two(pair.spaces), chi, _two(pair.near), pair.degree)
+
+
+def _two(both: tuple[Any, ...]) -> tuple[Any, Any]:
+    return both[0], both[1]
+
+
+def _check_cover(pair: _Pair, found: kernel.Overlap | None = None) -> float:
+    """The fraction of side 1 that side 2 covers; raises unless it covers it as it should."""
+    if len(pair.faces) == 2:
+        if found is None:
+            one = constant(shape_of(pair.faces[0]))
+            found = common(_two(pair.faces), _two(pair.spaces), one, _two(pair.near), 1)
+        return check_cover(pair.where, _two(pair.names), _two(pair.faces), found, pair.overlap)
+    return 1.0
+
+
+def _sample_facets(pair: _Pair) -> _Samples:
+    """The space ``facets``: means over those of side 1."""
+    found = _integrals(pair, False)
+    covered = _check_cover(pair, found)
+    means = average(pair.faces[0], pair.faces[1] if len(pair.faces) == 2 else None, pair.spaces, found)
+    gap = np.einsum("pi,pi->p", means.offset, means.normals)
+    areas = sp.diags(means.weights, format="csr")
+    return _Samples(
+        means.points, means.normals, means.weights, means.shapes, gap, means.facets, areas, covered=covered
     )
-    gap = np.einsum("pi,pi->p", x2 - points, normals)
-    shape2 = second.trace(spaces[1], index2, s2, columns[1])
-    return _Samples(points, normals, weights, (shape, shape2), gap, index)
+
+
+def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
+    """The space ``mortar``: multipliers at the vertices of the carrying side."""
+    seen = pair.swapped() if carrier == 1 else pair
+    found = _integrals(seen, True)
+    covered = _check_cover(pair, found if carrier == 0 else None)
+    other = seen.faces[1] if len(seen.faces) == 2 else None
+    m = multipliers(seen.faces[0], other, seen.spaces, found, pair.law, seen.held[0])
+    normals, shapes, along = m.normals, m.shapes, m.along
+    if carrier == 1:
+        normals, shapes, along = -normals, shapes[::-1], tuple(-each for each in along[::-1])
+    vertices = Vertices(m.corners, m.nodal)
+    return _Samples(
+        m.points, normals, m.weights, shapes, m.gap, m.facets, m.areas, vertices, along, m.bulge, covered
+    )
+
+
+def _near(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
+    """Largest distance of the other side from every facet, length."""
+    if max_distance is not None:
+        return tuple(np.full(len(face), max_distance * face.sizes.max()) for face in faces)
+    extent = min(float(np.linalg.norm(np.ptp(f.samples.reshape(-1, f.dim), axis=0))) for f in faces)
+    return tuple(np.maximum(MAX_DISTANCE * face.sizes, FAR * extent) for face in faces)
+
+
+def _carrier(pair: _Pair) -> tuple[int, str]:
+    """The side that carries the multipliers of a mortar interface, and why; whichever is given first."""
+    if len(pair.faces) == 1:
+        return 0, f"at the vertices of {pair.names[0]}"
+    twice, free = [], []
+    for face, space, held in zip(pair.faces, pair.spaces, pair.held, strict=True):
+        nodes = np.unique(vertex_nodes(face, space))
+        twice.append(0.0)
+        free.append(True)
+        if held is not None:
+            both = np.isin(held.nodes, nodes)
+            whole = np.linalg.matrix_rank(held.directions[both]) == pair.dim
+            free[-1] = bool(whole.sum() < len(nodes))
+            twice[-1] = float((np.trace(held.directions[both], axis1=1, axis2=2) > 0.5).sum() / len(nodes))
+    if free[0] != free[1]:
+        side = 0 if free[0] else 1
+        return side, f"at the vertices of {pair.names[side]}: the other side is held altogether"
+    sizes = []
+    for face, other, area in zip(pair.faces, pair.faces[::-1], pair.areas, strict=True):
+        x = other.samples.reshape(-1, pair.dim)
+        margin = max(float(near.max()) for near in pair.near)
+        middle = face.samples.mean(axis=1)
+        close = np.all((middle >= x.min(axis=0) - margin) & (middle <= x.max(axis=0) + margin), axis=1)
+        close = close if close.any() else np.ones(len(face), dtype=bool)
+        sizes.append(float(area[close].mean() ** (1.0 / (pair.dim - 1))))
+    if abs(sizes[0] - sizes[1]) > 0.05 * max(sizes):
+        side = int(sizes[1] < sizes[0])
+        return side, f"at the vertices of {pair.names[side]}, the finer side"
+    if twice[0] != twice[1]:
+        side = int(twice[1] < twice[0])
+        return side, f"at the vertices of {pair.names[side]}, which less else holds"
+    side = int(pair.names[1] < pair.names[0])
+    return side, f"at the vertices of {pair.names[side]}; the sides are alike"
+
+
+def _coincide(pair: _Pair) -> bool:
+    """Whether the nodes of both sides are at the same places."""
+    if len(pair.faces) == 1:
+        return False
+    x = [
+        np.asarray(v.tabulate_dof_coordinates())[face.face_nodes(v)]
+        for face, v in zip(pair.faces, pair.spaces, strict=True)
+    ]
+    if len(x[0]) != len(x[1]):
+        return False
+    size = float(min(face.sizes.min() for face in pair.faces))
+    distance, _ = cKDTree(x[1]).query(x[0])
+    return bool(distance.max() <= 1e-6 * size)
 
 
 def make_interface(
@@ -269,8 +431,9 @@ def make_interface(
     spaces: tuple[Any, ...],
     quadrature_degree: int | None = None,
     max_distance: float | None = None,
-    space: Space = "points",
+    space: Space = "auto",
     overlap: Overlap = "full",
+    held: tuple[Held | None, ...] | None = None,
 ) -> Interface:
     """Interface points, traces and pairing.
 
@@ -285,50 +448,76 @@ def make_interface(
         Degree of the facet rule; None: 2 degree + geometry order - 1, so that the mass matrix of a
         straight simplex is exact.
     max_distance
-        Largest distance of the sides, as a fraction of the facet size; None: 1/4.
+        Largest distance of the sides, as a fraction of the facet size (except for ``"points"`` of the largest
+        facet, so that none is lost where a face is refined); None: 1/4 of that, or 1/20 of the extent of the
+        smaller face if that is more.
     space
-        ``"points"`` or ``"facets"``, see :mod:`dolfinx_frontend.assembly.averages`.
+        ``"points"``, ``"facets"`` (:mod:`dolfinx_frontend.assembly.averages`), ``"mortar"``
+        (:mod:`dolfinx_frontend.assembly.mortar`), or ``"auto"``: what is right for the meshes and the law.
     overlap
-        With ``"facets"``: whether side 2 covers all of side 1 (``"full"``) or may cover a part.
+        With ``"facets"`` or ``"mortar"``: whether side 2 covers all of side 1 (``"full"``) or may cover a
+        part (``"partial"``).
+    held
+        By side, what else holds its nodes; None: nothing does.
 
     Raises
     ------
     SceneError
-        Facets that do not face each other or overlap, faces that are empty or inside a part.
+        Facets that do not face each other or overlap, faces that are empty or inside a part, a rigid law
+        in the space ``"facets"`` that would lock.
 
     Warns
     -----
     SceneWarning
-        Areas that differ by more than 1 %; no more nodes than facets (linear triangles).
+        Areas that differ by more than 1 %; contact in the space ``"points"`` on meshes that do not match.
     """
     where = f"interface {name!r}"
     names = tuple(":".join(label) for label in labels)
     limit = MAX_DISTANCE if max_distance is None else max_distance
-    faces = [FacetMap(p, face, where) for p, (_, face) in zip(parts, labels, strict=True)]
-    first, second = faces[0], faces[1] if len(faces) == 2 else None
-    sampled: Averages | _Samples
-    own = None
-    if space == "facets":
-        sampled = average(
-            first, second, spaces, where, names, limit, overlap, quadrature_degree
-        )
+    faces = tuple(FacetMap(p, face, where) for p, (_, face) in zip(parts, labels, strict=True))
+    ruled, areas = [], []
+    for face, v, each in zip(faces, spaces, names, strict=True):
+        index, s, w = face.quadrature(2 * v.element.basix_element.degree)
+        _, normals, area = face.surface(index, s)
+        areas.append(face.areas(w * area, index, where, each))
+        ruled.append((face.trace(v, index, s, v.dofmap.index_map.size_local), w * area, normals))
+    pair = _Pair(
+        where, names, faces, spaces, law, held or (None,) * len(faces), _near(faces, max_distance),
+        tuple(areas), quadrature_degree, overlap,
+    )
+    two = len(faces) == 2
+    alike = _coincide(pair)
+    why = ""
+    if space == "auto":
+        space, why = _choice(pair, alike)
+    carrier = 0
+    if space == "mortar":
+        carrier, reason = _carrier(pair)
+        why = f"{why}: {reason}" if why else reason
+        sampled = _sample_vertices(pair, carrier)
+    elif space == "facets":
+        sampled = _sample_facets(pair)
     else:
-        sampled = _sample_points(first, second, spaces, where, names, limit, quadrature_degree)
-        own = (sampled.shapes[0], sampled.weights, sampled.normals)
+        sampled = _sample_points(pair, limit)
     local, axis = frames(sampled.normals)
-    sides = [_side(*labels[0], spaces[0], first, sampled.shapes[0], own)]
+    if space == "points":
+        ruled[0] = (sampled.shapes[0], sampled.weights, sampled.normals)
+    along: list[tuple[sp.csr_matrix, Array] | None] = [(each, sampled.normals) for each in sampled.along]
+    along = along or [None] * len(faces)
+    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], ruled[0], along[0])]
     matching = None
-    if second is not None:
-        sides.append(_side(*labels[1], spaces[1], second, sampled.shapes[1]))
+    if two:
+        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1], ruled[1], along[1]))
         if overlap == "full":
             _warn_of_areas(where, names, sides)
-        coordinates = tuple(
-            v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
-        )
-        size = float(min(first.sizes.min(), second.sizes.min()))
-        matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
-        if space == "facets" and matching is None and not law.springs:
-            _warn_of_locking(where, names[0], len(sampled.weights), len(sides[0].nodes))
+        if alike:
+            coordinates = tuple(
+                v.tabulate_dof_coordinates()[: v.dofmap.index_map.size_local] for v in spaces
+            )
+            size = float(min(face.sizes.min() for face in faces))
+            matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
+        if matching is None:
+            _check_space(pair, space, len(sampled.weights), (sides[0], sides[1]))
     return Interface(
         name=name,
         law=law,
@@ -340,9 +529,56 @@ def make_interface(
         matching=matching,
         tangent_axis=axis,
         space=space,
-        sag=_sag(first, second, sampled.points),
+        sag=np.maximum(_sag(faces[0], faces[1] if two else None, sampled.points), sampled.bulge),
+        why=why,
+        carrier=carrier,
         facets=sampled.facets,
+        areas=sampled.areas,
+        vertices=sampled.vertices,
+        covered=sampled.covered,
     )
+
+
+def _choice(pair: _Pair, alike: bool) -> tuple[Space, str]:
+    """The space that is right for these meshes and this law, and why."""
+    if len(pair.faces) == 1:
+        if pair.law.unilateral:
+            return "mortar", "a law that opens and closes"
+        return "points", "one side"
+    if not alike or pair.overlap == "partial":
+        return "mortar", "its meshes do not match"
+    if pair.law.unilateral:
+        return "mortar", "a law that opens and closes"
+    return "points", "its meshes match"
+
+
+def _opposite(pair: _Pair, sides: tuple[Side, Side]) -> bool:
+    """Whether the meshes match but for a distance between them."""
+    x = [np.asarray(v.tabulate_dof_coordinates()) for v in pair.spaces]
+    return _match(np.inf, sides, (x[0], x[1])) is not None
+
+
+def _check_space(pair: _Pair, space: Space, points: int, sides: tuple[Side, Side]) -> None:
+    """Refuse what locks, warn of what is wrong, on meshes that do not match.
+
+    Raises
+    ------
+    SceneError
+        More facets than nodes with a law that prescribes jumps.
+    """
+    law, nodes = pair.law, len(sides[0].nodes)
+    if space == "facets" and law.rigid and points >= nodes:
+        raise SceneError(
+            f"{pair.where}: {points} facets but {nodes} nodes on {pair.names[0]}: a law that prescribes the "
+            "jump locks there; use space='mortar', or give the substructures degree=2"
+        )
+    if space == "points" and law.unilateral and not _opposite(pair, sides):
+        warnings.warn(
+            f"{pair.where}: contact in the space 'points' on meshes that do not match: its pressures are "
+            "wrong by tens of percent and do not converge; use space='mortar'",
+            SceneWarning,
+            stacklevel=5,
+        )
 
 
 def _warn_of_areas(where: str, names: Sequence[str], sides: Sequence[Side]) -> None:
@@ -351,16 +587,6 @@ def _warn_of_areas(where: str, names: Sequence[str], sides: Sequence[Side]) -> N
         warnings.warn(
             f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
             f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
-            SceneWarning,
-            stacklevel=5,
-        )
-
-
-def _warn_of_locking(where: str, face: str, facets: int, nodes: int) -> None:
-    if facets >= nodes:
-        warnings.warn(
-            f"{where}: {facets} facets but {nodes} nodes on {face}: a law that prescribes the jump "
-            "locks there and converges slowly; give the substructures degree=2",
             SceneWarning,
             stacklevel=5,
         )

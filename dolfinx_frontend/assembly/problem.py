@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
@@ -25,7 +26,14 @@ from dolfinx_frontend.scene.laws import Law
 
 __all__ = ["Problem", "check_is_problem"]
 
+_COVERED = 0.99
+"""Fraction of a face from which on it counts as covered: the rims of round faces are chords."""
+
 T = TypeVar("T")
+
+
+def _not_exported(problem: Problem, folder: str | Path, *args: Any, **settings: Any) -> Path:
+    raise SceneError("export: import dolfinx_frontend, which has what writes a folder")
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,13 @@ class Problem(OneProcess):
 
     def __post_init__(self) -> None:
         locked(self)
+
+    exporter: ClassVar[Callable[..., Path]] = _not_exported
+    """What :meth:`export` calls: it plans the problem, which is above this layer."""
+
+    def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
+        """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
+        return type(self).exporter(self, folder, *args, **settings)
 
     @property
     def _instead(self) -> str:
@@ -289,7 +304,9 @@ class Problem(OneProcess):
         for i in self.interfaces.values():
             sides = " | ".join(f"{s.substructure}:{s.face}" for s in i.sides)
             if len(i.sides) == 2:
-                sides += " (matching)" if i.matching is not None else " (non-matching)"
+                meshes = "matching" if i.matching is not None else "non-matching"
+                share = "" if i.covered > _COVERED else f", {100 * i.covered:.3g} % of the first covered"
+                sides += f" ({meshes}{share})"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
         return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
 

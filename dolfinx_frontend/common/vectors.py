@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
 
-__all__ = ["unit"]
+__all__ = ["unit", "unit_rows"]
 
 
 def unit(v: Array) -> Array:
@@ -14,3 +14,9 @@ def unit(v: Array) -> Array:
     direction = v / np.linalg.norm(v)
     axis = np.round(direction)
     return np.asarray(axis + 0.0 if np.abs(direction - axis).max() < 1e-9 else direction, dtype=np.float64)
+
+
+def unit_rows(v: Array) -> Array:
+    """The directions of vectors (m, d); those of length 0 stay so."""
+    length = np.linalg.norm(v, axis=1)
+    return np.asarray(v / np.where(length > 0.0, length, 1.0)[:, None], dtype=np.float64)

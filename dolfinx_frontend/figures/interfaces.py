@@ -83,7 +83,7 @@ def interface_figure(
     values = found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
     problem = result.problem
     described = problem.interfaces[interface]
-    side = described.sides[0]
+    side = described.sides[described.carrier]
     normal = np.zeros(3)
     normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
     own = problem.substructures[side.substructure]
@@ -131,7 +131,7 @@ def _visible_scale(skins: Mapping[str, Any]) -> float:
 def _drawn(problem: Any, interface: str, normal: Array, hide: Sequence[str] | None) -> list[str]:
     """Parts that are drawn: all but `hide`, by default in 3D those whose middle lies beyond the face."""
     described = problem.interfaces[interface]
-    own = problem.substructures[described.sides[0].substructure]
+    own = problem.substructures[described.sides[described.carrier].substructure]
     for name in hide or ():
         check_known("part", name, problem.substructures, "hide")
     if hide is None and own.dim == 2:

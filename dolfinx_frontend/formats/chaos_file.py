@@ -342,6 +342,33 @@ def software() -> str:
         return "latin-core"
 
 
+def _stored_fields(fields: Mapping[str, Field], modes: int) -> Tree:
+    """Fields whose coefficients (rows, modes) fit and are finite, as they are stored."""
+    stored = {}
+    for name, given in fields.items():
+        block = np.asarray(given.coefficients, dtype=np.float64)
+        where = f"field {name!r}"
+        if not isinstance(name, str) or not name:
+            raise ChaosFileError(f"{where}: a field needs a name in words")
+        if block.ndim != 2 or block.shape[1] != modes or len(block) == 0:
+            raise ChaosFileError(
+                f"{where}: coefficients of shape {block.shape}; wanted (rows, {modes}), one "
+                "column per mode"
+            )
+        shape = (len(block),) if given.shape is None else tuple(int(s) for s in given.shape)
+        if math.prod(shape) != len(block) or min(shape, default=1) < 0:
+            raise ChaosFileError(f"{where}: shape {shape} does not have {len(block)} entries")
+        if not np.isfinite(block).all():
+            raise ChaosFileError(f"{where}: some coefficients are not finite; leave them out")
+        stored[name] = {
+            "unit": str(given.unit),
+            "description": str(given.description),
+            "shape": np.array(shape, dtype=np.int64),
+            "coefficients": block,
+        }
+    return stored
+
+
 def _tree(
     space: RandomSpace, basis: ChaosBasis, fields: Mapping[str, Field], meta: Mapping[str, Any]
 ) -> Tree:
@@ -357,28 +384,6 @@ def _tree(
         own = int(table[:, row].max()) + 1
         alpha[row, :own], beta[row, :own] = germ.recurrence(own)
         beta[row, own:] = 1.0
-    stored = {}
-    for name, given in fields.items():
-        block = np.asarray(given.coefficients, dtype=np.float64)
-        where = f"field {name!r}"
-        if not isinstance(name, str) or not name:
-            raise ChaosFileError(f"{where}: a field needs a name in words")
-        if block.ndim != 2 or block.shape[1] != len(table) or len(block) == 0:
-            raise ChaosFileError(
-                f"{where}: coefficients of shape {block.shape}; wanted (rows, {len(table)}), one "
-                "column per mode"
-            )
-        shape = (len(block),) if given.shape is None else tuple(int(s) for s in given.shape)
-        if math.prod(shape) != len(block) or min(shape, default=1) < 0:
-            raise ChaosFileError(f"{where}: shape {shape} does not have {len(block)} entries")
-        if not np.isfinite(block).all():
-            raise ChaosFileError(f"{where}: some coefficients are not finite; leave them out")
-        stored[name] = {
-            "unit": str(given.unit),
-            "description": str(given.description),
-            "shape": np.array(shape, dtype=np.int64),
-            "coefficients": block,
-        }
     described = {"order": int(table.sum(axis=1).max()), "software": software(), **meta}
     try:
         text = json.dumps(described, allow_nan=False, sort_keys=True)
@@ -395,7 +400,7 @@ def _tree(
         "groups": {n: np.array(c, dtype=np.int64) for n, c in space.groups.items()},
         "parameters": dict(_parameter_maps(space)),
         "indices": table,
-        "fields": stored,
+        "fields": _stored_fields(fields, len(table)),
     }
 
 
@@ -481,6 +486,13 @@ def content(
     """All of a chaos file as nested dicts, to be part of another file."""
     tree = _tree(space, basis, fields, meta)
     return {"format": FORMAT, "version": VERSION, "checksum": _checksum(tree), **tree}
+
+
+def with_fields(tree: Tree, fields: Mapping[str, Field]) -> Tree:
+    """What :func:`content` made, with other fields; their coefficients fit its modes."""
+    plain = {key: each for key, each in tree.items() if key not in ("format", "version", "checksum")}
+    plain["fields"] = _stored_fields(fields, len(plain["indices"]))
+    return {"format": FORMAT, "version": VERSION, "checksum": _checksum(plain), **plain}
 
 
 def from_tree(path: Path, tree: Tree) -> ChaosFile:

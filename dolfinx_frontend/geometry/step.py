@@ -159,8 +159,7 @@ class StepAssembly:
         law
             Its law.
         space, overlap
-            As for :meth:`Scene.interface`. None: facets, except for Perfect and Elastic on meshes that
-            match; partial if faces nearly touch.
+            As for :meth:`Scene.interface`. None: ``"auto"``; ``"partial"`` if faces nearly touch.
         settings
             Other settings of :meth:`Scene.interface`.
         """
@@ -369,14 +368,13 @@ class StepAssembly:
             if join is None:
                 continue
             matches = touch.kind != "near"
-            glued = matches and join.law.linear
             settings = dict(join.settings)
             if not matches and "max_distance" not in settings:
-                # relative to the facets, at least the usual quarter
+                # relative to the largest facet, at least the usual quarter
                 size = min(self._size(p) for p in touch.parts)
                 settings["max_distance"] = max(0.25, 4.0 * touch.widest / size)
-            space: Space = join.space or ("points" if glued else "facets")
-            partial = not matches and space == "facets"
+            space: Space = join.space or "auto"
+            partial = not matches and space != "points"
             scene.interface(
                 name,
                 *self._faces[name],

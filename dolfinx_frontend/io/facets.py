@@ -6,11 +6,12 @@ from collections.abc import Callable
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
+import basix
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from dolfinx_frontend.assembly.averages import means
+from dolfinx_frontend.assembly.elements import tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
@@ -38,7 +39,7 @@ def facet_fields(
     Returns
     -------
     facets
-        (k,), facets of the mesh of side 1, ascending.
+        (k,), facets of the mesh of the side that carries the interface points, ascending.
     fields
         Name -> (k,) or (k, 3).
 
@@ -50,16 +51,16 @@ def facet_fields(
     check_answer("facet_fields", "result", result)
     check_known("interface with a known force", interface, result.known, "facet_fields")
     at = check_step(result.times, step, "facet_fields")
-    side = result.problem.here(interface).sides[0]
+    described = result.problem.here(interface)
+    side = described.sides[described.carrier]
     part = result.problem.substructures[side.substructure].part
     data = InterfaceWriter(result, interface).facets(at).cell_data
     numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
-    covered = np.unique(result.problem.interfaces[interface].facets)
-    return numbers[covered], {name: np.asarray(values) for name, (values, _) in data.items()}
+    return numbers[described.facets], {name: np.asarray(values) for name, (values, _) in data.items()}
 
 
 class _Surface(NamedTuple):
-    """The covered facets of side 1 of an interface, which are the same at all steps."""
+    """The covered facets of an interface, which are the same at all steps."""
 
     x: Array  # (nodes, 3), facet by facet
     cells: npt.NDArray[np.int64]  # (facets, nodes per facet)
@@ -67,15 +68,16 @@ class _Surface(NamedTuple):
     trace: sp.csr_matrix  # (nodes, unknowns of a component of the displacement)
     mean: sp.csr_matrix  # (facets, points), by area
     area: Array  # (facets,)
+    nodal: sp.csr_matrix | None  # (nodes, points): the field that is continuous, if there is one
 
 
 class InterfaceWriter:
-    """Grids of an interface of an answer: its points, and the facets of its first side."""
+    """Grids of an interface of an answer: its points, and the facets of the side that they are on."""
 
     def __init__(self, answer: Answer, name: str) -> None:
         self._surface, self._fields = answer.surface(name), interface_fields(answer, name)
         self._interface = answer.problem.interfaces[name]
-        side = self._interface.sides[0]
+        self._side = side = self._interface.sides[self._interface.carrier]
         self._part = answer.problem.substructures[side.substructure]
         self._displacement: Array | None = None  # (T, n)
         if answer.without_displacements is None and side.shape is not None:
@@ -97,14 +99,14 @@ class InterfaceWriter:
         data = self._data(step)
         if self._displacement is not None:
             nodal = self._displacement[step].reshape(-1, self._surface.dim)
-            data["displacement"] = vector_values(self._interface.sides[0].shape @ nodal)
+            data["displacement"] = vector_values(self._side.shape @ nodal)
         return vertices(self._surface.points, data)
 
     @cached_property
     def _mesh(self) -> _Surface:
         part, interface = self._part, self._interface
-        face = FacetMap(part.part, interface.sides[0].face, f"interface {interface.name!r}")
-        covered, row = np.unique(interface.facets, return_inverse=True)
+        face = FacetMap(part.part, self._side.face, f"interface {interface.name!r}")
+        covered = interface.facets
         cell, order = face.facet_cell.name, min(face.order, 2)
         nodes = _facet_nodes(cell, order)
         index, s = np.repeat(covered, len(nodes)), np.tile(nodes, (len(covered), 1))
@@ -112,14 +114,29 @@ class InterfaceWriter:
         x[:, : part.dim] = face.push_forward(index, s)[0]
         cells = np.arange(len(index), dtype=np.int64).reshape(-1, len(nodes))
         trace = face.trace(part.space, index, s, len(part.dof_coordinates))
-        mean = means(row, self._surface.weights, len(covered))
-        area: Array = np.bincount(row, self._surface.weights).astype(np.float64)
-        return _Surface(x, cells, CELLS[cell, order], trace, mean, area)
+        area = np.asarray(interface.areas.sum(axis=1)).ravel()
+        mean = (sp.diags(1.0 / area) @ interface.areas).tocsr()
+        nodal = None
+        if interface.vertices is not None:
+            element = basix.create_element(basix.ElementFamily.P, face.facet_cell, 1)
+            values = tabulate(element, 0, nodes)[0]  # (nodes, vertices)
+            of_facet = sp.kron(sp.identity(len(covered)), values, format="csr")
+            corners = interface.vertices.corners.ravel()
+            at = sp.csr_matrix(
+                (np.ones(len(corners)), (np.arange(len(corners)), corners)),
+                shape=(len(corners), interface.vertices.nodal.shape[0]),
+            )
+            nodal = (of_facet @ at @ interface.vertices.nodal).tocsr()
+        return _Surface(x, cells, CELLS[cell, order], trace, mean, area, nodal)
 
     def facets(self, step: int) -> Grid:
-        """The surface of side 1."""
+        """The surface of the side that the points are on."""
         mesh = self._mesh
         point_data: dict[str, Values] = {}
+        if mesh.nodal is not None:
+            for name, (values, labels) in self._data(step).items():
+                if name not in ("area", "state", "displacement"):
+                    point_data[name] = (mesh.nodal @ values, labels)
         if self._displacement is not None:
             nodal = self._function(self._displacement[step]).x.array.reshape(-1, self._surface.dim)
             point_data["displacement"] = vector_values(mesh.trace @ nodal)
@@ -128,7 +145,7 @@ class InterfaceWriter:
     def _on_facets(self, step: int) -> dict[str, Values]:
         """Values of the facets: the means of their points; of one point what is there."""
         mean = self._mesh.mean
-        single = mean.shape[0] == mean.shape[1]
+        single = mean.nnz == mean.shape[0] == mean.shape[1]
         out: dict[str, Values] = {"area": (self._mesh.area, "")}
         for name, (values, labels) in self._data(step).items():
             if name == "state" and not single:

@@ -324,7 +324,7 @@ def write_interfaces(
         problem.check_sources()
     writers = {name: InterfaceWriter(result, name) for name in chosen if problem.speaks_for(name)}
     # files of older versions know the points only
-    meshed = all(problem.interfaces[name].sides[0].shape is not None for name in chosen)
+    meshed = all(i.sides[i.carrier].shape is not None for i in map(problem.interfaces.__getitem__, chosen))
     groups = ["facets", "points"] if meshed else ["points"]
 
     def blocks(at: int) -> Blocks:

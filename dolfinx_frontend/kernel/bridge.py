@@ -10,7 +10,7 @@ import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from latin_core import Laws, NumericalError, Structure, _core
@@ -32,14 +32,19 @@ from dolfinx_frontend.scene.laws import Fields, resolve
 __all__ = [
     "Acting",
     "Built",
+    "Description",
     "active_fields",
     "build",
     "definite",
+    "describe",
     "laws",
 ]
 
 
 _log = logging.getLogger(__name__)
+
+Values = dict[str, Any]
+"""Arguments of one of the kernel's descriptions, by name."""
 
 HELD, PUSHED = 1e3, 1e-3
 """Search direction of a paired boundary interface, relative to factor * E / L: with prescribed
@@ -168,8 +173,8 @@ def _body(
     patterns: Mapping[Amplitude | None, Body],
     floors: Mapping[tuple[str, str], Array] | None = None,
     corrected: bool = False,
-) -> _core.Body:
-    """A body in the kernel's terms; `patterns` are the body under each load pattern.
+) -> Values:
+    """A body in the kernel's terms, for :func:`_made_body`; `patterns` are the body under each load pattern.
 
     Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected.
     """
@@ -178,13 +183,13 @@ def _body(
     for name in body.members:
         offset = _side_by_side(each.offset[name] for each in patterns.values())
         members.append(
-            _core.Member(
-                name=name,
-                stiffness=problem.substructures[name].stiffness,
-                prolongation=body.Z[name],
-                load=_side_by_side(each.load[name] for each in patterns.values()),
-                offset=offset if np.any(offset) else None,
-            )
+            {
+                "name": name,
+                "stiffness": problem.substructures[name].stiffness,
+                "prolongation": body.Z[name],
+                "load": _side_by_side(each.load[name] for each in patterns.values()),
+                "offset": offset if np.any(offset) else None,
+            }
         )
     springs = []
     for name in body.springs:
@@ -194,16 +199,27 @@ def _body(
         if corrected:
             stiffness = factorised_stiffness(problem, interface, stiffness)
         springs.append(
-            _core.Spring(
-                name=name,
-                members=[body.members.index(side.substructure) for side in interface.sides],
-                traces=[side.trace for side in interface.sides],
-                frames=fields.frames,
-                stiffness=(stiffness * interface.weights[:, None]).ravel(),
-                jump=_side_by_side(each.parameters["jump"] for each in (fields, *others)),
-            )
+            {
+                "name": name,
+                "members": [body.members.index(side.substructure) for side in interface.sides],
+                "traces": [side.trace for side in interface.sides],
+                "frames": fields.frames,
+                "stiffness": (stiffness * interface.weights[:, None]).ravel(),
+                "jump": _side_by_side(each.parameters["jump"] for each in (fields, *others)),
+            }
         )
-    return _core.Body(name="+".join(body.members), size=body.n, members=members, springs=springs)
+    return {"name": "+".join(body.members), "size": body.n, "members": members, "springs": springs}
+
+
+def _made_body(body: Values) -> _core.Body:
+    members = [_core.Member(**each) for each in body["members"]]
+    springs = [_core.Spring(**each) for each in body["springs"]]
+    return _core.Body(**{**body, "members": members, "springs": springs})
+
+
+def _made_interface(interface: Values, law: str | _core.Law) -> _core.Interface:
+    sides = [_core.Side(**each) for each in interface["sides"]]
+    return _core.Interface(**{**interface, "sides": sides, "law": law})
 
 
 @alone
@@ -218,7 +234,9 @@ def definite(problem: Problem, floors: Mapping[tuple[str, str], Array]) -> bool:
     floors
         (interface, ``"normal"`` or ``"tangential"``) -> (m,) stiffness per area, of any sign.
     """
-    bodies = [_body(problem, {None: body}, floors) for body in reduce(problem, problem.interfaces)]
+    bodies = [
+        _made_body(_body(problem, {None: body}, floors)) for body in reduce(problem, problem.interfaces)
+    ]
     try:
         Structure(bodies=bodies, operator="factored")
     except NumericalError:
@@ -243,6 +261,25 @@ class Acting:
         locked(self)
 
 
+class Description(NamedTuple):
+    """What the kernel is given of a plan on this rank, as the arguments of its descriptions.
+
+    Attributes
+    ----------
+    bodies, interfaces
+        Of ``latin_core.Body`` with its members and springs, of ``latin_core.Interface`` with its sides.
+    fields
+        Active interface -> its law for the kernel.
+    reduced
+        The bodies, each under every load pattern.
+    """
+
+    bodies: list[Values]
+    interfaces: list[Values]
+    fields: dict[str, Fields]
+    reduced: list[dict[Amplitude | None, Body]]
+
+
 class Built(NamedTuple):
     """A structure, and what is known of its parts.
 
@@ -261,10 +298,32 @@ class Built(NamedTuple):
     acting: dict[str, Acting]
 
 
+def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Description:
+    """Bodies and active interfaces of a plan on this rank.
+
+    Parameters
+    ----------
+    corrected
+        The answer is to be corrected: stiffnesses that the factors cannot bear are replaced.
+    """
+    own = problem.own
+    scale = _scale(problem, plan)
+    reduced = _reduced(own, plan)
+    bodies = [_body(own, patterns, corrected=corrected) for patterns in reduced]
+    interfaces, found = [], {}
+    for name in plan.active:
+        if name not in own.interfaces:
+            continue
+        interface = own.interfaces[name]
+        found[name] = fields = active_fields(interface, plan)
+        direction = _direction(problem, plan, interface, fields, len(bodies))
+        interfaces.append(_interface(own, plan, interface, fields, direction, scale))
+    return Description(bodies, interfaces, found, reduced)
+
+
 @alone
 def build(problem: Problem, plan: Plan) -> Built:
     """Bodies and active interfaces of a plan, factorised: all that does not depend on :func:`laws`.
-
 
     Raises
     ------
@@ -272,22 +331,17 @@ def build(problem: Problem, plan: Plan) -> Built:
         A body's operator is not positive definite.
     """
     own, comm = problem.own, None if problem.distribution is None else problem.distribution.comm
-    scale = _scale(problem, plan)
-    bodies = []
-    interfaces = []
-    found = {}
+    corrected = plan.method == "direct"
+    bodies, interfaces = [], []
+    described = Description([], [], {}, [])
     with agreement(comm):
-        reduced = _reduced(own, plan)
-        corrected = plan.method == "direct"
-        bodies = [_body(own, patterns, corrected=corrected) for patterns in reduced]
-        for name in plan.active:
-            if name not in own.interfaces:
-                continue
-            interface = own.interfaces[name]
-            found[name] = fields = active_fields(interface, plan)
-            direction = _direction(problem, plan, interface, fields, len(bodies))
-            interfaces.append(_interface(own, plan, interface, fields, direction, scale))
-    loading = _loading(own, [body for patterns in reduced for body in patterns.values()], found)
+        described = describe(problem, plan, corrected)
+        bodies = [_made_body(each) for each in described.bodies]
+        for each in described.interfaces:
+            name = each["name"]
+            interfaces.append(_made_interface(each, _law(own.interfaces[name], described.fields[name])))
+    reduced = described.reduced
+    loading = _loading(own, [body for patterns in reduced for body in patterns.values()], described.fields)
     _check_range(loading if comm is None else max(exchanged(comm, loading)))
     options = plan.options
     began = perf_counter()
@@ -322,24 +376,23 @@ def build(problem: Problem, plan: Plan) -> Built:
 
 def _interface(
     own: Problem, plan: Plan, interface: Interface, fields: Fields, direction: Array, scale: float
-) -> _core.Interface:
-    """An active interface for the kernel; a side on another rank has a name only."""
+) -> Values:
+    """An active interface for the kernel but for its law; a side on another rank has a name only."""
     sides = [
-        _core.Side(member=side.substructure, trace=side.trace, direction=direction, scale=scale)
+        {"member": side.substructure, "trace": side.trace, "direction": direction, "scale": scale}
         if side.substructure in own.substructures
-        else _core.Side(member=side.substructure)
+        else {"member": side.substructure}
         for side in interface.sides
     ]
     coarse = interface.name in plan.macro
-    return _core.Interface(
-        name=interface.name,
-        law=_law(interface, fields),
-        weights=interface.weights,
-        frames=fields.frames,
-        sides=sides,
-        basis=basis(interface, fields.frames, fields.components, plan.moments) if coarse else None,
-        paired=interface.name in plan.paired,
-    )
+    return {
+        "name": interface.name,
+        "weights": interface.weights,
+        "frames": fields.frames,
+        "sides": sides,
+        "basis": basis(interface, fields.frames, fields.components, plan.moments) if coarse else None,
+        "paired": interface.name in plan.paired,
+    }
 
 
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:

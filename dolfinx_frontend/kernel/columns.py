@@ -23,7 +23,7 @@ class ColumnGroup:
         The components.
     forward, backward
         None, one for all points, or one per point: (columns, q) into the columns of the law, (q, columns)
-        back.
+        back; without `backward` by the transposes, because the matrices are orthogonal.
     parameters
         Kernel parameter -> (rows, q * steps) in the columns of the law.
     """
@@ -31,12 +31,12 @@ class ColumnGroup:
     begin: int
     end: int
     forward: Sequence[Array]
-    backward: Sequence[Array]
+    backward: Sequence[Array] | None
     parameters: Mapping[str, Array]
 
     def kernel(self) -> dict[str, Any]:
         """As the kernel takes it."""
-        return vars(self)
+        return {name: value for name, value in vars(self).items() if value is not None}
 
 
 @dataclass(frozen=True)

@@ -332,7 +332,7 @@ def make_plan(
     steps = len(moments) if history == "steps" and moments is not None else 1
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
 
-    decisions = [*_of_interfaces(kept, reasons, eliminated), *of_columns]
+    decisions = [*_of_interfaces(kept, reasons, eliminated), *_of_spaces(problem), *of_columns]
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
         options = options.with_(newton=0)
@@ -442,7 +442,7 @@ def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str],
         law = interface.law
         glues = law.elimination is Elimination.GLUED
         unmatched = glues and interface.matching is None
-        if unmatched and interface.space != "facets":
+        if unmatched and interface.space == "points":
             raise SceneError(
                 f"interface {name!r}: a perfect connection needs meshes that match node for node, and "
                 "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
@@ -498,6 +498,16 @@ def _of_interfaces(
         Decision("active interfaces", ", ".join(kept) or "none", why),
         *(Decision(way, ", ".join(names), "linear and fixed") for way, names in by_how.items()),
     ]
+
+
+def _of_spaces(problem: Problem) -> list[Decision]:
+    """Where laws hold that are not imposed point by point, and why."""
+    why: dict[tuple[str, str], list[str]] = {}
+    for name, interface in problem.interfaces.items():
+        if interface.space != "points":
+            reason = interface.why or "asked for"
+            why.setdefault((interface.space, reason), []).append(name)
+    return [Decision(f"space {space}", ", ".join(names), reason) for (space, reason), names in why.items()]
 
 
 def _columns(

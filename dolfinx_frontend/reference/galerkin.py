@@ -22,6 +22,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from time import perf_counter
 from typing import Any, Literal
 
@@ -34,7 +35,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
-from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import (
     check_kind,
     check_known,
@@ -79,73 +80,39 @@ class _BlockCholesky(Cholesky):
 class _Coupling:
     """The product with a random stiffness a, projected on the basis: v_k = sum_j A_kj u_j.
 
-    The matrices of all rows share one pattern; row r of an interface has A_jk = values[r, e] at
-    (j, k) = (first[e], second[e]).
-
     Attributes
     ----------
-    values
-        (1, entries) for a parameter, (m, entries) for a field on m points; force / length^3.
-    first, second
-        (entries,) modes, sorted by `second`.
+    kernel
+        Applies it: of a parameter one matrix A, of a field on m points one per point; force / length^3.
     """
 
     def __init__(self, space: RandomSpace, source: Source, basis: ChaosBasis, scale: float) -> None:
         coefficients, indices = space.expansion(source, basis)
-        c, used = len(basis), np.flatnonzero(np.any(coefficients != 0.0, axis=0))
-        products = []  # E[Psi_i Psi_j Psi_k] as rows over the pairs j, k
-        for i in used:
-            triple = core.galerkin_matrix(basis, np.eye(1, len(indices), i)[0], indices).tocoo()
-            triple.eliminate_zeros()
-            pairs = triple.col.astype(np.int64) * c + triple.row
-            products.append(sp.csr_matrix((triple.data, (0 * pairs, pairs)), shape=(1, c * c)))
-        stack = sp.vstack(products).tocsc()
-        entries = np.flatnonzero(np.diff(stack.indptr))
-        self.second, self.first = np.divmod(entries, c)
-        self.values = scale * np.asarray(coefficients[:, used] @ stack[:, entries])
-        self._starts = np.searchsorted(self.second, np.arange(c))
-        self._dense = self.matrix(0) if len(self.values) == 1 else None
+        self.kernel = core.Coupling(basis, scale * coefficients, indices)
+
+    @property
+    def entries(self) -> tuple[Ints, Ints, Array]:
+        """Modes j and k of the entries of A that are stored, and their values (1 or m, entries)."""
+        return self.kernel.entries
 
     def matrix(self, row: int) -> Array:
         """A (P + 1, P + 1) at one point."""
-        c = int(self.second[-1]) + 1
-        out = np.zeros((c, c))
-        out[self.first, self.second] = self.values[row]
-        return out
+        return self.kernel.matrix(row)
 
     def __call__(self, u: Array) -> Array:
         """Fields (m, components, P + 1) at the points times a."""
-        if self._dense is not None:
-            return u @ self._dense
-        out = np.empty_like(u)
-        for k in range(u.shape[1]):
-            out[:, k] = np.add.reduceat(self.values * u[:, k, self.first], self._starts, axis=1)
-        return out
-
-    def _bounds(self) -> Array:
-        """Lower bounds (rows,) of the eigenvalues, by Gershgorin."""
-        c = int(self.second[-1]) + 1
-        diagonal = np.zeros((len(self.values), c))
-        on = self.first == self.second
-        diagonal[:, self.first[on]] = self.values[:, on]
-        sums = np.add.reduceat(np.abs(self.values), self._starts, axis=1)
-        out: Array = (diagonal + np.abs(diagonal) - sums).min(axis=1)
-        return out
+        found = self.kernel.apply(u.reshape(-1, u.shape[2]), u.shape[1])
+        return found.reshape(u.shape)
 
     @property
     def smallest(self) -> float:
         """Smallest eigenvalue over all points."""
-        bounds, smallest = self._bounds(), np.inf
-        for row in np.argsort(bounds):
-            if bounds[row] >= smallest:
-                break
-            smallest = min(smallest, float(np.linalg.eigvalsh(self.matrix(row))[0]))
-        return float(smallest)
+        return self.kernel.smallest()
 
     @property
     def definite(self) -> bool:
         """Whether the matrices of all points are positive definite."""
-        return bool(self._bounds().min() > 0.0) or self.smallest > 0.0
+        return bool(self.kernel.bounds().min() > 0.0) or self.smallest > 0.0
 
 
 @dataclass(frozen=True)
@@ -313,18 +280,21 @@ class _System:
                 load[:, k] += i.local_trace(0).T @ f
 
     # -- operators -----------------------------------------------------------------------------
+    @cached_property
+    def operator(self) -> core.GalerkinOperator:
+        """The kernel's operator of all bodies."""
+        terms = []
+        for part, products in zip(self.slices, self.products, strict=True):
+            for B, weights, product in products:
+                rows = B.tocoo()
+                where = (rows.row, rows.col + part.start)
+                wide = sp.csr_matrix((rows.data, where), shape=(B.shape[0], self.size))
+                terms.append((wide, weights, product.kernel))
+        return core.GalerkinOperator(sp.block_diag(self.fixed, format="csr"), terms, self.columns)
+
     def apply(self, q: Array) -> Array:
         """The operator on (n, P + 1)."""
-        out = np.empty_like(q)
-        for part, fixed, products in zip(self.slices, self.fixed, self.products, strict=True):
-            own = q[part]
-            result = fixed @ own
-            for B, weights, product in products:
-                jump = (B @ own).reshape(len(weights), -1, self.columns)
-                force = weights[:, None, None] * product(jump)
-                result += B.T @ force.reshape(-1, self.columns)
-            out[part] = result
-        return out
+        return self.operator.apply(q)
 
     def apply_mean(self, q: Array) -> Array:
         """The mean block on each mode of (n, P + 1)."""
@@ -345,10 +315,11 @@ class _System:
             A = sp.kron(fixed, sp.identity(c), "csr")
             for B, weights, product in products:
                 rows = B.shape[0]
-                values = np.broadcast_to(product.values, (len(weights), len(product.first)))
+                first, second, values = product.entries
+                values = np.broadcast_to(values, (len(weights), len(first)))
                 values = np.repeat(weights[:, None] * values, rows // len(weights), axis=0)
                 start = c * np.arange(rows)[:, None]
-                where = (start + product.first).ravel(), (start + product.second).ravel()
+                where = (start + first).ravel(), (start + second).ravel()
                 law = sp.coo_matrix((values.ravel(), where), shape=(rows * c, rows * c)).tocsr()
                 trace = sp.kron(B, sp.identity(c), "csr")
                 A = A + trace.T @ law @ trace
@@ -564,10 +535,6 @@ def _conjugate_gradients(
     shape = system.load.shape
     norms: list[float] = []
 
-    class Operator:
-        def mult(self, _: Any, x: Any, y: Any) -> None:
-            y.setArray(system.apply(x.getArray(readonly=True).reshape(shape)).ravel())
-
     class MeanBlock:
         def apply(self, _: Any, x: Any, y: Any) -> None:
             y.setArray(precondition(x.getArray(readonly=True).reshape(shape)).ravel())
@@ -577,9 +544,7 @@ def _conjugate_gradients(
         if callback is not None:
             callback(iteration, norm / norms[0] if norms[0] > 0.0 else 0.0)
 
-    size = system.load.size
-    A = PETSc.Mat().createPython(((size, size), (size, size)), Operator(), PETSc.COMM_SELF)
-    A.setUp()
+    A = system.operator.matrix()
     x, b = A.createVecs()
     b.setArray(system.load.ravel())
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)

@@ -46,6 +46,8 @@ SAMPLES = 4096
 """Samples of a chaos from which a table is made."""
 BYTES = 1e8
 """Fields of samples that are evaluated at once."""
+CACHED = 1e7
+"""The same, where what is read of them is one number: the fields stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -275,9 +277,9 @@ def stepped(values: Array, times: Array | None, leading: int = 0) -> Array:
     return values if times is not None else np.expand_dims(values, leading)
 
 
-def chunks(count: int, numbers: int) -> Iterator[slice]:
-    """Slices of `count` samples of this many numbers each, whose fields fit into memory."""
-    chunk = max(1, int(BYTES / (32.0 * max(numbers, 1))))
+def chunks(count: int, numbers: int, size: float = BYTES) -> Iterator[slice]:
+    """Slices of `count` samples of this many numbers each, whose fields fit into memory, or so many bytes."""
+    chunk = max(1, int(size / (32.0 * max(numbers, 1))))
     return (slice(k, min(k + chunk, count)) for k in range(0, count, chunk))
 
 

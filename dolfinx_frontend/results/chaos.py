@@ -25,7 +25,17 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
-from dolfinx_frontend.results.answer import SAMPLES, AnswerKind, Block, Of, chunks, stepped, timed
+from dolfinx_frontend.results.answer import (
+    BYTES,
+    CACHED,
+    SAMPLES,
+    AnswerKind,
+    Block,
+    Of,
+    chunks,
+    stepped,
+    timed,
+)
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.results.moments import Accumulator, of_modes
@@ -416,13 +426,20 @@ class ChaosResult(Result, StochasticResult):
         return self.state.data.shape[1] // self.modes
 
     def _columns_of(self, name: str) -> tuple[Array, Array]:
-        """Force and jump of an active interface, (m, components, P + 1, steps) each."""
-        check_known("active interface", name, self.plan.active, "chaos result")
-        points = self.problem.here(name).num_points
-        force, jump = (
-            block.reshape(points, -1, self.modes, self.steps) for block in self._kernel_fields(name)
-        )
-        return force, jump
+        """Force and jump of an active interface, (m, components, P + 1, steps) each; they are kept."""
+        if name not in self._columns:
+            check_known("active interface", name, self.plan.active, "chaos result")
+            points = self.problem.here(name).num_points
+            force, jump = (
+                read_only(np.ascontiguousarray(block.reshape(points, -1, self.modes, self.steps)))
+                for block in self._kernel_fields(name)
+            )
+            self._columns[name] = force, jump
+        return self._columns[name]
+
+    @cached_property
+    def _columns(self) -> dict[str, tuple[Array, Array]]:
+        return {}
 
     def _local(self, name: str) -> tuple[Array, Array]:
         """Mean force and jump ([T,] m, components) of an interface."""
@@ -490,6 +507,11 @@ class ChaosResult(Result, StochasticResult):
         count = SAMPLES if samples is None else samples
         yield from map(self.at, self._in_parts(self.space.sample(count, seed)))
 
+    def many(self, samples: int | None, seed: int) -> Iterator[Block]:
+        """As `blocks`, so few samples at a time that their fields stay in the cache."""
+        germs = self.space.sample(SAMPLES if samples is None else samples, seed)
+        yield from map(self.at, self._in_parts(germs, CACHED))
+
     @together("readings")
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
@@ -510,10 +532,10 @@ class ChaosResult(Result, StochasticResult):
     def _readings(self) -> dict[str, Readings]:
         return {}
 
-    def _in_parts(self, germs: Array) -> Iterator[Array]:
+    def _in_parts(self, germs: Array, size: float = BYTES) -> Iterator[Array]:
         steps = 1 if self.times is None else len(self.times)
         most = max(i.num_points for i in self.problem.interfaces.values()) * self.problem.dim * steps
-        return (germs[part] for part in chunks(len(germs), most))
+        return (germs[part] for part in chunks(len(germs), most, size))
 
     def save_chaos(self, path: str | Path, substructures: Sequence[str] = ()) -> None:
         """Write the chaos of all active interfaces (force, jump) and of the named substructures.

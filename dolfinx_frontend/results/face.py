@@ -114,6 +114,10 @@ class Face(ABC):
         """The samples from which moments of fields are made."""
         return self.blocks()
 
+    def many(self, samples: int | None, seed: int) -> Iterator[Block]:
+        """As `blocks`, for numbers of which each sample gives one: as many at a time as are quick."""
+        return self.blocks(samples, seed)
+
     def shown(self) -> Block:
         """The one sample that fields are of where there are no moments: of a sweep its last point."""
         return next(self.blocks())
@@ -403,7 +407,7 @@ class Face(ABC):
         checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
         where = f"quantity {name!r}"
-        blocks = self.blocks(self.draws if samples is None else samples, seed)
+        blocks = self.many(self.draws if samples is None else samples, seed)
         found = [
             (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks
         ]

@@ -5,19 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import numpy as np
 import scipy.sparse as sp
 
-from dolfinx_frontend.assembly.interface import PointFrames
+from dolfinx_frontend.assembly.interface import PointFrames, Vertices
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known, checked_flag, checked_path
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.files import is_file
-from dolfinx_frontend.common.frozen import ReadOnlyDict, locked
+from dolfinx_frontend.common.frozen import ReadOnlyDict, locked, locked_matrix, read_only
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
 from dolfinx_frontend.formats.hdf5 import Tree
@@ -27,6 +27,7 @@ from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.readings import Measures, Readings, read
+from dolfinx_frontend.results.runs import RUN_FORMAT, RUN_VERSION, from_run
 from dolfinx_frontend.results.writing import FORMAT, NO_FIELDS, VERSION, ResultFileError, write
 from dolfinx_frontend.uncertainty.quantities import Kind
 
@@ -48,7 +49,7 @@ OLDEST = 1
 # --- what a result was solved for, as far as it is in a file ---------------------------------------
 @dataclass(frozen=True, eq=False)
 class SavedSide:
-    """One side of an interface; the first has its normal and the shape functions at its points.
+    """One side of an interface; the first has its normal, the one with the points its shape functions there.
 
     Attributes
     ----------
@@ -68,6 +69,16 @@ class SavedSide:
 
     def __str__(self) -> str:
         return f"{self.substructure}:{self.face}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Surface:
+    """The covered facets of an interface in the order of the file, and what of them belongs to its points."""
+
+    rows: Callable[[], Ints]
+    areas: sp.csr_matrix
+    corners: Ints | None
+    nodal: sp.csr_matrix | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,17 +117,36 @@ class SavedInterface(PointFrames):
     is_contact: bool = field(default=False, repr=False)
     contact: ContactValues | None = field(default=None, repr=False)
     bolt: int | None = field(default=None, repr=False)
-    _facets: Callable[[], Ints] | None = field(default=None, repr=False)
+    carrier: int = 0
+    _surface: _Surface | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
 
+    @cached_property
+    def _own(self) -> tuple[Ints, sp.csr_matrix, Vertices | None]:
+        if self._surface is None:
+            raise ResultFileError(f"interface {self.name!r}: there is no mesh in the file: {NO_FIELDS}")
+        rows = self._surface.rows()
+        order = np.argsort(rows)
+        corners = self._surface.corners
+        vertices = None if corners is None else Vertices(corners[order], self._surface.nodal)
+        return read_only(rows[order]), locked_matrix(self._surface.areas[order], own=True), vertices
+
     @property
     def facets(self) -> Ints:
-        """(m,), the facet of side 1 that a point is on."""
-        if self._facets is None:
-            raise ResultFileError(f"interface {self.name!r}: there is no mesh in the file: {NO_FIELDS}")
-        return self._facets()
+        """(k,), facets of the side `carrier` that are covered, among those of its face."""
+        return self._own[0]
+
+    @property
+    def areas(self) -> sp.csr_matrix:
+        """(k, m), area of each facet that belongs to each point."""
+        return self._own[1]
+
+    @property
+    def vertices(self) -> Vertices | None:
+        """The field of the points as one that is continuous; None: there is none."""
+        return self._own[2]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -250,6 +280,7 @@ class SavedResult(Face):
         self.seconds = ReadOnlyDict()
         self._tree = tree
         missing = {str(k): str(v) for k, v in json.loads(tree["missing"]).items()}
+        self._measured = bool(measured)  # latin_run writes fields only
         self._readings = Readings(
             dict(measured), self.statistics, plan.times, self.weights, self.coordinates, missing
         )
@@ -409,7 +440,8 @@ class SavedResult(Face):
                     f"{self.path}: {samples or 'no'} samples are not in the file, it has "
                     f"{0 if germs is None else len(germs)}: save the chaos with samples=..."
                 )
-            return map(self.at, (germs[: samples or len(germs)][part] for part in self._in_parts(len(germs))))
+            chosen = germs[: samples or len(germs)]
+            return map(self.at, (chosen[part] for part in self._in_parts(len(chosen))))
         if self.kind in ("samples", "sweep"):
             return map(self._block, self._in_parts(int(np.prod(self.shape))))
         return iter([self._block(slice(0, 1))])
@@ -501,7 +533,7 @@ class SavedResult(Face):
     ) -> Readings:
         """The numbers of the file; of a chaos those of the first `samples` samples."""
         other = samples is not None and self.germs is not None and samples != len(self.germs)
-        if self.kind == "chaos" and other:
+        if not self._measured or (self.kind == "chaos" and other):
             return read(self, interfaces, samples, seed)
         return self._readings.select(interfaces)
 
@@ -533,7 +565,7 @@ def _without_fields(tree: Tree) -> Tree:
 
 # --- reading ---------------------------------------------------------------------------------------
 def load(path: str | Path) -> SavedResult:
-    """Read a result that ``result.save(path)`` wrote, in any process.
+    """Read a result that ``result.save(path)`` or the program ``latin_run`` wrote, in any process.
 
     Raises
     ------
@@ -550,21 +582,28 @@ def load(path: str | Path) -> SavedResult:
         raise ResultFileError(f"{source} cannot be read ({error})") from error
     if first == chaos_file.FORMAT.encode():
         raise ResultFileError(f"{source} is a chaos file: read it with chaos_file.load_chaos")
+    of_run = first.startswith(RUN_FORMAT.encode())
+    form, oldest, newest = (RUN_FORMAT, RUN_VERSION, RUN_VERSION) if of_run else (FORMAT, OLDEST, VERSION)
     try:
-        tree = hdf5.read_tree(source, FORMAT)
+        tree = hdf5.read_tree(source, form)
         version = int(tree.pop("version"))
     except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"
         ) from error
-    if not OLDEST <= version <= VERSION:
+    if not oldest <= version <= newest:
         raise ResultFileError(
-            f"{source} is a saved result of version {version}; this software reads versions {OLDEST} to "
-            f"{VERSION}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and "
+            f"{source} is a saved result of version {version}; this software reads versions {oldest} to "
+            f"{newest}: use the software that wrote it ({tree.get('software', 'unknown')}), or solve and "
             "save again"
         )
     try:
-        return _read(source, _from_first(tree) if version == 1 else tree)
+        if of_run:
+            return _read(source, from_run(tree))
+        for older, convert in ((1, _from_first), (2, _from_second)):
+            if version <= older:
+                tree = convert(tree)
+        return _read(source, tree)
     except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
@@ -592,6 +631,20 @@ def _from_first(tree: Tree) -> Tree:
     return tree
 
 
+def _from_second(tree: Tree) -> Tree:
+    """A file of version 2, whose points were on one facet of side 1 each, as one of today."""
+    for node in tree["interfaces"].values():
+        node["carrier"] = 0
+        if "facets" in node:
+            cells, row = np.unique(np.asarray(node["facets"]), axis=0, return_inverse=True)
+            order = np.argsort(row.ravel(), kind="stable")
+            starts = np.concatenate([[0], np.cumsum(np.bincount(row.ravel(), minlength=len(cells)))])
+            weights = np.asarray(node["weights"], dtype=np.float64)
+            node["facets"] = cells
+            node["areas"] = {"values": weights[order], "points": order, "starts": starts}
+    return tree
+
+
 def _numbers(node: Any, what: str, dimensions: int | None = None) -> Array:
     data = np.asarray(node, dtype=np.float64)
     if dimensions is not None and data.ndim != dimensions:
@@ -614,13 +667,32 @@ def _read_sides(node: Tree, points: Array, parts: Mapping[str, Any]) -> tuple[Sa
         part, _, face = str(text).partition(":")
         sides.append(SavedSide(part, face))
     if "trace" in node:
-        trace = node["trace"]
-        size = (len(points), len(parts[sides[0].substructure].dof_coordinates))
-        numbers = (_numbers(trace["values"], "trace", 1), trace["nodes"], trace["starts"])
-        shape = sp.csr_matrix(numbers, shape=size)
-        shape.check_format()
-        sides[0] = replace(sides[0], normal=_numbers(node["normal"], "normal", 1), shape=shape)
+        carrier = int(node["carrier"])
+        columns = len(parts[sides[carrier].substructure].dof_coordinates)
+        shape = _sparse(node["trace"], "nodes", len(points), columns)
+        sides[carrier] = replace(sides[carrier], shape=shape)
+        sides[0] = replace(sides[0], normal=_numbers(node["normal"], "normal", 1))
     return tuple(sides)
+
+
+def _sparse(node: Tree, name: str, rows: int, columns: int) -> sp.csr_matrix:
+    numbers = (_numbers(node["values"], "values", 1), node[name], node["starts"])
+    matrix = sp.csr_matrix(numbers, shape=(rows, columns))
+    matrix.check_format()
+    return matrix
+
+
+def _read_surface(node: Tree, side: SavedSide, points: int, parts: Mapping[str, Any]) -> _Surface | None:
+    part = parts[side.substructure]
+    if "facets" not in node or not hasattr(type(part), "facet_rows"):
+        return None
+    cells = np.array(node["facets"], dtype=np.int64)
+    corners = nodal = None
+    if "vertices" in node:
+        corners = np.array(node["vertices"]["corners"], dtype=np.int64)
+        nodal = _sparse(node["vertices"], "points", int(corners.max()) + 1, points)
+    areas = _sparse(node["areas"], "points", len(cells), points)
+    return _Surface(partial(part.facet_rows, side.face, cells), areas, corners, nodal)
 
 
 def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInterface:
@@ -629,10 +701,7 @@ def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInt
     if len(points) != len(weights):
         raise ValueError(f"{name}: {len(points)} points and {len(weights)} weights")
     sides = _read_sides(node, points, parts)
-    facets = None
-    if "facets" in node and hasattr(type(parts[sides[0].substructure]), "facet_rows"):
-        rows = parts[sides[0].substructure].facet_rows
-        facets = partial(rows, sides[0].face, np.array(node["facets"], dtype=np.int64))
+    carrier = int(node.get("carrier", 0))
     bolt = int(node.get("bolt", -1))
     return SavedInterface(
         name,
@@ -648,7 +717,8 @@ def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInt
         bool(node["is_contact"]),
         _contact(node["contact"]) if "contact" in node else None,
         None if bolt < 0 else bolt,
-        facets,
+        carrier,
+        _read_surface(node, sides[carrier], len(points), parts),
     )
 
 

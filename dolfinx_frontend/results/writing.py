@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import checked_path
@@ -15,12 +16,13 @@ from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.hdf5 import ChaosFileError, Tree
 from dolfinx_frontend.formats.meshes import facet_cells, part_arrays
 from dolfinx_frontend.results.accuracy import largest_of
+from dolfinx_frontend.results.answer import Surface
 from dolfinx_frontend.results.readings import Readings
 
-__all__ = ["FORMAT", "VERSION", "ResultFileError", "save", "write"]
+__all__ = ["FORMAT", "VERSION", "ResultFileError", "interface_tree", "save", "write"]
 
 FORMAT = "latin-result"
-VERSION = 2
+VERSION = 3
 SUFFIXES = (".h5", ".hdf5")
 NO_FIELDS = "the file was saved without fields: save it with fields=True"
 
@@ -82,7 +84,9 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
         "active": list(plan.active),
         "statistics": answer.statistics,
         "missing": json.dumps(readings.missing),
-        "interfaces": {name: _interface_tree(answer, name) for name in problem.interfaces},
+        "interfaces": {
+            name: interface_tree(problem, name, answer.surface(name)) for name in problem.interfaces
+        },
         "substructures": {name: {"nodes": s.dof_coordinates} for name, s in problem.substructures.items()},
     }
     for name, each in readings.interfaces.items():
@@ -108,13 +112,13 @@ def _tree(answer: Any, readings: Readings, fields: bool, samples: int | None, se
     return tree
 
 
-def _interface_tree(answer: Any, name: str) -> Tree:
-    interface, surface = answer.problem.interfaces[name], answer.surface(name)
-    side = interface.sides[0]
-    part = answer.problem.substructures[side.substructure].part
+def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
+    """What a file has of an interface, whatever the answer."""
+    interface = problem.interfaces[name]
+    side = interface.sides[interface.carrier]
+    part = problem.substructures[side.substructure].part
     facets = np.sort(part.facet_tags.find(part.names[side.face]))[interface.facets]
-    shape = side.shape.tocsr()
-    return {
+    tree: Tree = {
         "law": surface.law,
         "description": _described(interface.law),
         "is_contact": int(surface.contact),
@@ -123,13 +127,24 @@ def _interface_tree(answer: Any, name: str) -> Tree:
         "weights": interface.weights,
         "frames": interface.frames,
         "directions": surface.frames,
-        "normal": np.asarray(side.normal, dtype=np.float64),
+        "normal": np.asarray(interface.sides[0].normal, dtype=np.float64),
+        "carrier": interface.carrier,
         "facets": facet_cells(part, facets),
-        "trace": {
-            "values": shape.data,
-            "nodes": shape.indices.astype(np.int64),
-            "starts": shape.indptr.astype(np.int64),
-        },
+        "areas": _sparse(interface.areas, "points"),
+        "trace": _sparse(side.shape, "nodes"),
+    }
+    if interface.vertices is not None:
+        nodal = _sparse(interface.vertices.nodal, "points")
+        tree["vertices"] = {"corners": interface.vertices.corners.astype(np.int64)} | nodal
+    return tree
+
+
+def _sparse(matrix: sp.csr_matrix, columns: str) -> Tree:
+    rows = matrix.tocsr()
+    return {
+        "values": rows.data,
+        columns: rows.indices.astype(np.int64),
+        "starts": rows.indptr.astype(np.int64),
     }
 
 

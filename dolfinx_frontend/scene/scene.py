@@ -148,7 +148,7 @@ class Scene:
         *,
         quadrature_degree: int | None = None,
         max_distance: float | None = None,
-        space: Space = "points",
+        space: Space = "auto",
         overlap: Overlap = "full",
     ) -> None:
         """Join two faces, ``interface(name, "a:top", "b:bottom", law)``, or one to the ground.
@@ -158,20 +158,23 @@ class Scene:
         name
             Its name; results and parameters are found under it (``"joint.normal"``).
         first, second
-            Faces, ``"substructure:face"``.  Interface points are those of the first, and the normal
-            points out of it: choose the finer mesh.  One-sided: the law instead of the second.
+            Faces, ``"substructure:face"``.  The normal points out of the first one.  One-sided: the law
+            instead of the second.
         law
             Its law.
         quadrature_degree
             Degree that the interface points integrate; None: mass matrices exactly.
         max_distance
-            Largest distance between the faces, as a fraction of the facet size; None: 1/4.
+            Largest distance between the faces, as a fraction of the largest facet's size; None: 1/4 of a
+            facet's size, or 1/20 of the extent of the smaller face if that is more.
         space
-            ``"points"``: the law holds at quadrature points. ``"facets"``: it holds in the mean on
-            every facet of the first face; for Perfect and contact on meshes that do not match.
+            ``"points"``: the law holds at quadrature points of the first face. ``"facets"``: it holds in
+            the mean on every facet of it. ``"mortar"``: it holds in the mean about every vertex of one
+            face. ``"auto"``: ``"points"`` where the meshes match or there is one side, unless the law may
+            open; ``"mortar"`` otherwise.
         overlap
-            ``"partial"``: what the second face does not cover of the first one stays free (with
-            ``space="facets"`` only). ``"full"``: it is an error.
+            ``"partial"``: what the second face does not cover of the first one stays free (not with
+            ``space="points"``). ``"full"``: it is an error.
 
         Raises
         ------
@@ -208,10 +211,10 @@ class Scene:
             checked_number(where, "max_distance", max_distance, above=0.0)
         space = checked_word(where, "space", space, SPACES)
         overlap = checked_word(where, "overlap", overlap, OVERLAPS)
-        if overlap == "partial" and (space != "facets" or len(found) == 1):
+        if overlap == "partial" and (space == "points" or len(found) == 1):
             raise SceneError(
-                f"{where}: overlap = 'partial' needs two sides and space = 'facets', which knows "
-                "what is covered"
+                f"{where}: overlap = 'partial' needs two sides and a space that knows what is covered: "
+                "'mortar' or 'facets'"
             )
         self.interfaces[name] = InterfaceSpec(
             name, found, law, quadrature_degree, max_distance, space, overlap

@@ -33,8 +33,8 @@ __all__ = [
 Overlap = Literal["full", "partial"]
 """Whether the second face covers the first one."""
 
-Space = Literal["points", "facets"]
-"""Where the law of an interface holds."""
+Space = Literal["auto", "points", "facets", "mortar"]
+"""Where the law of an interface holds; ``"auto"``: where it is right for the meshes and the law."""
 
 OVERLAPS: tuple[Overlap, ...] = get_args(Overlap)
 SPACES: tuple[Space, ...] = get_args(Space)
@@ -168,7 +168,7 @@ class InterfaceSpec:
     law: Law
     quadrature_degree: int | None
     max_distance: float | None
-    space: Space = "points"
+    space: Space = "auto"
     overlap: Overlap = "full"
 
 

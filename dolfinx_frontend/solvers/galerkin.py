@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -59,10 +59,15 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 __all__ = [
     "Galerkin",
     "IndefiniteError",
+    "Changes",
     "NearlyIndefiniteWarning",
+    "Planned",
+    "Prepared",
     "TruncationWarning",
     "carry_on",
     "galerkin",
+    "planned",
+    "prepared",
     "solve_chaos",
 ]
 
@@ -172,7 +177,7 @@ def _guard(
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "
                 "LogNormal, Gamma and TruncatedNormal stay positive at every order",
                 NearlyIndefiniteWarning,
-                stacklevel=5,
+                stacklevel=6,
             )
     if not bad:
         return ()
@@ -284,14 +289,23 @@ def _groups(
             else:
                 parameters[key] = _each_step(fields.parameters[key], len(basis), steps)
         parameters["jump"] = _through(linear["jump"], forward, interface.num_points, len(basis))
-        backward = tuple(np.asfortranarray(v.T) for v in forward)
-        groups.append(ColumnGroup(begin, end, tuple(forward), backward, parameters))
+        groups.append(ColumnGroup(begin, end, tuple(forward), None, parameters))
     return groups
 
 
 @dataclass(frozen=True)
-class _Changes:
-    """How the laws in the columns of a chaos differ from those without: modes x steps, the steps fastest."""
+class Changes:
+    """How the laws in the columns of a chaos differ from those without: modes x steps, the steps fastest.
+
+    Attributes
+    ----------
+    steps, modes
+        Their numbers.
+    parameters
+        Interface -> kernel parameter -> its values.
+    columns
+        Interface -> groups of components in other columns, as the kernel takes them.
+    """
 
     steps: int
     modes: int
@@ -306,7 +320,8 @@ class _Changes:
         matrices: dict[tuple[str, str], Galerkin],
         collocations: Mapping[str, Collocation],
         plan: Plan,
-    ) -> _Changes:
+    ) -> Changes:
+        """Those of the active interfaces on this rank; `collocations` of the nonlinear ones."""
         steps = plan.amplitudes.shape[1]
         parameters: dict[str, dict[str, Array]] = {}
         columns: dict[str, list[dict[str, Any]]] = {}
@@ -356,6 +371,92 @@ def _with_collocations(
     return replace(plan, decisions=plan.decisions + tuple(decisions))
 
 
+class Planned(NamedTuple):
+    """A chaos that can be run: what is random, what was asked for, its modes, and the plan."""
+
+    random: RandomLaws
+    chaos: Chaos
+    basis: stochastic.ChaosBasis
+    plan: Plan
+
+
+def planned(
+    problem: Problem,
+    chaos: Chaos | int,
+    method: Method = "auto",
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    indefinite: Literal["refuse", "prove"] = "refuse",
+) -> Planned:
+    """The modes of a chaos, and the plan for its run; arguments as for :func:`solve_chaos`."""
+    checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
+    check_problem("chaos", problem, plan)
+    check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
+    chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
+    random = RandomLaws.of(problem)
+    if not random.sources:
+        raise SceneError(
+            "chaos: nothing is random: give a law a random parameter, or solve without chaos"
+        )
+    options = options or (Options.plain() if method == "latin" else Options())
+    rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
+    history = len(check_times(times)) if times is not None and problem.amplitudes else 1
+    needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
+    basis = random.space.basis(chaos, rows=needed)
+    if plan is None:
+        plan = make_plan(
+            problem,
+            method,
+            active,
+            random.interfaces,
+            direction,
+            options,
+            random,
+            len(basis),
+            times=times,
+        )
+    else:
+        check_keeps("chaos", plan, random.interfaces)
+    return Planned(random, chaos, basis, plan)
+
+
+class Prepared(NamedTuple):
+    """The laws in the columns of a chaos.
+
+    Attributes
+    ----------
+    plan
+        With what it means that laws are nonlinear.
+    collocations
+        Interfaces whose law is nonlinear -> the quadrature points.
+    proven
+        Stiffnesses that were proven not to matter although their own Galerkin matrix is indefinite.
+    changes
+        How the laws differ from those without chaos.
+    """
+
+    plan: Plan
+    collocations: dict[str, Collocation]
+    proven: tuple[str, ...]
+    changes: Changes
+
+
+def prepared(problem: Problem, wanted: Planned, indefinite: Literal["refuse", "prove"]) -> Prepared:
+    """What the laws of a chaos are, once they are known to be positive definite."""
+    random, chaos, basis, plan = wanted
+    steps = plan.amplitudes.shape[1]
+    curved = [name for name in plan.active if not random.linear(name)]
+    collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
+    plan = _with_collocations(plan, random, collocations, chaos)
+    matrices = galerkin(random, basis)
+    proven = _guard(problem, random, basis, matrices, indefinite)
+    changes = Changes.of(random, basis, matrices, collocations, plan)
+    return Prepared(plan, collocations, proven, changes)
+
+
 def solve_chaos(
     problem: Problem,
     chaos: Chaos | int,
@@ -402,46 +503,14 @@ def solve_chaos(
     TruncationWarning
         A law is nonlinear, and the chaos is further from deterministic solves than ``chaos.tolerance``.
     """
-    checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
-    check_problem("chaos", problem, plan)
-    check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
-    chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
-    random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError(
-            "chaos: nothing is random: give a law a random parameter, or solve without chaos"
-        )
-    options = options or (Options.plain() if method == "latin" else Options())
-    rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
-    history = len(check_times(times)) if times is not None and problem.amplitudes else 1
-    needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
-    basis = random.space.basis(chaos, rows=needed)
-    if plan is None:
-        plan = make_plan(
-            problem,
-            method,
-            active,
-            random.interfaces,
-            direction,
-            options,
-            random,
-            len(basis),
-            times=times,
-        )
-    else:
-        check_keeps("chaos", plan, random.interfaces)
+    wanted = planned(problem, chaos, method, times, active, direction, options, plan, indefinite)
     states = start_states(start)
-    return _run(
-        problem, random, chaos, basis, plan, None, states, indefinite, callback, progress, estimator
-    )
+    return _run(problem, wanted, None, states, indefinite, callback, progress, estimator)
 
 
 def _run(
     problem: Problem,
-    random: RandomLaws,
-    chaos: Chaos,
-    basis: stochastic.ChaosBasis,
-    plan: Plan,
+    wanted: Planned,
     solver: Solver | None,
     start: Sequence[State],
     indefinite: Literal["refuse", "prove"] = "refuse",
@@ -451,13 +520,8 @@ def _run(
 ) -> ChaosResult:
     """One run of a plan, on a solver that is factorised already if there is one."""
     began = perf_counter()
-    steps = plan.amplitudes.shape[1]
-    curved = [name for name in plan.active if not random.linear(name)]
-    collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
-    plan = _with_collocations(plan, random, collocations, chaos)
-    matrices = galerkin(random, basis)
-    proven = _guard(problem, random, basis, matrices, indefinite)
-    changes = _Changes.of(random, basis, matrices, collocations, plan)
+    random, chaos, basis, _ = wanted
+    plan, collocations, proven, changes = prepared(problem, wanted, indefinite)
     solver = solver or Solver(problem, plan)
     laws = changes.applied(solver.laws)
     built = perf_counter()
@@ -587,6 +651,5 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         states.append(wider)
     indefinite: Literal["refuse", "prove"] = "prove" if result.proven else "refuse"
     start = [State(*states)]
-    return _run(
-        problem, random, chaos, basis, plan, result.solver, start, indefinite, estimator=result.estimator
-    )
+    wanted = Planned(random, chaos, basis, plan)
+    return _run(problem, wanted, result.solver, start, indefinite, estimator=result.estimator)

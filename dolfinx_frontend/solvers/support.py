@@ -174,9 +174,9 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
             if side.substructure not in problem.substructures:
                 continue
             nodes = problem.substructures[side.substructure].dof_coordinates
-            moved = motions.at(side.substructure, nodes).reshape(len(nodes), -1)
-            share = sign * (side.shape @ moved).reshape(interface.num_points, interface.dim, -1)
-            shares[name, k] = np.einsum("pij,pjq->piq", interface.frames, share)
+            moved = motions.at(side.substructure, nodes).reshape(nodes.size, -1)
+            share = sign * (interface.local_trace(k) @ moved)
+            shares[name, k] = share.reshape(interface.num_points, interface.dim, -1)
     if problem.distribution is not None:
         cuts = {key: share for key, share in shares.items() if key[0] in problem.cuts}
         for found in exchanged(problem.distribution.comm, cuts):

@@ -39,7 +39,7 @@ from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
 
-__all__ = ["checkpoint_path", "sweep", "warn_unconverged"]
+__all__ = ["checkpoint_path", "planned", "sweep", "warn_unconverged"]
 
 Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
@@ -159,16 +159,10 @@ def sweep(
     _check_request(problem, plan, method, grid, outputs, settings)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
     file = checkpoint_path("sweep", problem, checkpoint)
-    axes = _axes(grid)
-    targets = _targets(problem, axes)
     told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
     kept = {"keep_states": keep_states, "keep_fields": keep_fields}
     problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
-    if plan is None:
-        swept = {interface for interface, _ in targets.values()}
-        plan = make_plan(problem, method, vary=swept, **settings)
-    with agreement(problem.comm):
-        parameters = _swept(problem, plan, axes, targets)
+    plan, axes, parameters = planned(problem, grid, method, plan, settings)
 
     began = perf_counter()
     solver = Solver(problem, plan)
@@ -205,6 +199,24 @@ def sweep(
     seconds = {"setup": setup, "first": first, "rest": perf_counter() - started - first}
     named = {", ".join(key): read_only(values) for key, values in axes.items()}
     return SweepResult(problem, plan, named, points, seconds, solver, solver.laws, tuple(parameters))
+
+
+def planned(
+    problem: Problem,
+    grid: Mapping[Key, Sequence[float]],
+    method: Method,
+    plan: Plan | None,
+    settings: Mapping[str, Any],
+) -> tuple[Plan, dict[tuple[str, ...], Array], list[SweptParameter]]:
+    """Plan, axes and swept values of a grid; arguments as for :func:`sweep`."""
+    axes = _axes(grid)
+    targets = _targets(problem, axes)
+    if plan is None:
+        swept = {interface for interface, _ in targets.values()}
+        plan = make_plan(problem, method, vary=swept, **settings)
+    with agreement(problem.comm):
+        parameters = _swept(problem, plan, axes, targets)
+    return plan, axes, parameters
 
 
 def _bar(problem: Problem, order: Sequence[int], progress: bool) -> Bar:

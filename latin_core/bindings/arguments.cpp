@@ -252,7 +252,7 @@ latin::iteration::Options to_options(py::object value) {
   const auto integer = [&get](const char* key) {
     return to_index(get(key), "options." + std::string(key));
   };
-  latin::iteration::Options options{};
+  latin::iteration::Options options;
   options.rtol = to_number(get("rtol"), "options.rtol");
   options.stop_on_indicator = choose("criterion", "error", "indicator");
   options.max_iterations = integer("max_iterations");
@@ -326,6 +326,7 @@ std::vector<latin::substructure::LawColumns> to_columns(py::handle value, const 
     std::vector<latin::Matrix> backward;
     bool begins = false;
     bool ends = false;
+    bool orthogonal = true;  // without 'backward'
     for (const auto& [key, given] : to_entries(item, where)) {
       const std::string of_key = where + "['" + key + "']";
       if (key == "begin") {
@@ -335,6 +336,7 @@ std::vector<latin::substructure::LawColumns> to_columns(py::handle value, const 
         group.end = to_index(given, of_key);
         ends = true;
       } else if (key == "forward" || key == "backward") {
+        orthogonal = orthogonal && key == "forward";
         for (const py::object& matrix : to_items(given, of_key)) {
           (key == "forward" ? forward : backward).push_back(to_finite_matrix(matrix, of_key));
         }
@@ -347,6 +349,9 @@ std::vector<latin::substructure::LawColumns> to_columns(py::handle value, const 
         throw latin::InputError(where + ": unknown key '" + key +
                                 "'; known: begin, end, forward, backward, parameters");
       }
+    }
+    if (orthogonal) {
+      backward.resize(forward.size());
     }
     if (!begins || !ends || forward.size() != backward.size()) {
       throw latin::InputError(where + ": 'begin', 'end', and one 'backward' for each 'forward' " +

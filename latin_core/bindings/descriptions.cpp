@@ -57,10 +57,10 @@ Parameters
 ----------
 name
     For messages and costs.
-size
-    Number of unknowns q.
 members
     Its substructures.
+size
+    Number of unknowns q; None: those of its only member, which has no prolongation.
 springs
     Elastic interfaces between them, or to the ground.
 )doc";
@@ -116,6 +116,15 @@ Spring make_spring(const std::string& name, py::handle members, py::handle trace
   return spring;
 }
 
+/// Unknowns of a body of one member whose unknowns are those of the body.
+Index size_of_only(const std::vector<Member>& members, const std::string& who) {
+  if (members.size() != 1 || members.front().prolongation.size() != 0) {
+    throw latin::InputError(who +
+                            "size: give it, unless there is one member without a prolongation");
+  }
+  return members.front().stiffness->rows();
+}
+
 InterfaceDescription make_interface(const std::string& name, py::handle law, py::handle weights,
                                     py::handle frames, py::handle sides, py::handle basis,
                                     bool paired) {
@@ -165,14 +174,15 @@ void bind_descriptions(py::module_& m) {
       });
 
   py::class_<BodyDescription>(m, "Body", body_doc)
-      .def(py::init([](const std::string& name, py::handle size, py::handle members,
+      .def(py::init([](const std::string& name, py::handle members, py::handle size,
                        py::handle springs) {
              const std::string who = "body '" + name + "': ";
-             return BodyDescription{name, to_index(size, who + "size"),
-                                    to_values<Member>(members, who + "members", "Member"),
-                                    to_values<Spring>(springs, who + "springs", "Spring")};
+             auto all = to_values<Member>(members, who + "members", "Member");
+             return BodyDescription{
+                 name, size.is_none() ? size_of_only(all, who) : to_index(size, who + "size"),
+                 std::move(all), to_values<Spring>(springs, who + "springs", "Spring")};
            }),
-           py::kw_only(), "name"_a, "size"_a, "members"_a, "springs"_a = py::tuple())
+           py::kw_only(), "name"_a, "members"_a, "size"_a = py::none(), "springs"_a = py::tuple())
       .def("__repr__", [](const BodyDescription& b) {
         return "Body(" + b.name + ", " + std::to_string(b.size) + " unknowns, " +
                std::to_string(b.members.size()) + " members, " + std::to_string(b.springs.size()) +

@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "latin/interface/law.hpp"
+#include "latin/interface/root.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -123,6 +124,59 @@ class PythonLaw final : public latin::interface::Law {
   std::shared_ptr<PyObject> function_;
 };
 
+/// What a function of the user returns, in the shape that was asked for.
+latin::interface::PointRows to_rows(const py::object& given, Index rows, Index cols) {
+  auto found = py::cast<latin::interface::PointRows>(given);
+  if (found.rows() != rows || found.cols() != cols) {
+    throw latin::InputError("find_roots: a function returned shape (" +
+                            std::to_string(found.rows()) + ", " + std::to_string(found.cols()) +
+                            "), (" + std::to_string(rows) + ", " + std::to_string(cols) +
+                            ") is wanted");
+  }
+  return found;
+}
+
+py::tuple roots_of(const py::function& force, const py::object& tangent,
+                   const latin::interface::PointRows& free_jump,
+                   const latin::interface::PointRows& flexibility) {
+  using latin::interface::ForceFunction;
+  using latin::interface::PointRows;
+  if (free_jump.rows() != flexibility.rows() || free_jump.cols() != flexibility.cols() ||
+      free_jump.cols() < 1 || free_jump.cols() > 3) {
+    throw latin::InputError("find_roots: jump and flexibility have one shape (rows, 1 to 3)");
+  }
+  const Index rows = free_jump.rows();
+  const Index n = free_jump.cols();
+  ForceFunction law;
+  law.force = [&](const PointRows& jump, ForceFunction::Far allowed) {
+    return to_rows(force(jump, static_cast<int>(allowed)), rows, n);
+  };
+  if (!tangent.is_none()) {
+    law.tangent = [&](const PointRows& jump) { return to_rows(tangent(jump), rows, n * n); };
+  }
+  latin::interface::Roots found = latin::interface::find_roots(law, free_jump, flexibility);
+  return py::make_tuple(std::move(found.force), std::move(found.bad), std::move(found.off));
+}
+
+constexpr const char* find_roots_doc =
+    R"doc(Forces f = R(j) with j = j0 - c f of a continuous, monotone law.
+
+Parameters
+----------
+force
+    Called with jumps (rows, n) and what is allowed (0: infinite forces, 1: anything, 2: finite ones only); returns
+    R (rows, n).
+tangent
+    Called with jumps; returns dR_a / dj_b as (rows, n n), b fastest. None: by differences.
+free_jump, flexibility
+    j0 and c > 0, (rows, n), n at most 3.
+
+Returns
+-------
+force, bad, off
+    (rows, n); (rows,) where no jump was found that its force holds; (rows, n) by how much it misses there.
+)doc";
+
 constexpr const char* python_law_doc =
     R"doc(A law written in Python: a batch of points and columns at a time.
 
@@ -182,6 +236,8 @@ void bind_laws(py::module_& m) {
       },
       py::kw_only(), "name"_a, "parameters"_a = py::tuple(), "history"_a = false, "resolve"_a,
       python_law_doc);
+  m.def("find_roots", &roots_of, "force"_a, "tangent"_a, "free_jump"_a, "flexibility"_a,
+        find_roots_doc);
   m.def(
       "compiled_law",
       [](const py::capsule& capsule) -> std::shared_ptr<Law> {

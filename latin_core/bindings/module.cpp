@@ -6,7 +6,9 @@
 #include "latin/common/error.hpp"
 #include "latin/common/outer_lock.hpp"
 #include "latin/common/threads.hpp"
+#include "latin/iteration/options.hpp"
 #include "latin/iteration/sweep.hpp"
+#include "latin/substructure/body.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -16,6 +18,7 @@ void bind_descriptions(py::module_& m);
 void bind_results(py::module_& m);
 void bind_structure(py::module_& m);
 void bind_stochastic(py::module_& m);
+void bind_mortar(py::module_& m);
 
 namespace {
 
@@ -29,6 +32,17 @@ void leave_python(int entered) {
   if (entered >= 0) {
     PyGILState_Release(static_cast<PyGILState_STATE>(entered));
   }
+}
+
+/// What latin_core.Options takes over.
+py::dict default_options() {
+  const latin::iteration::Options of_runs;
+  const latin::substructure::OperatorOptions of_bodies;
+  return py::dict("rtol"_a = of_runs.rtol, "max_iterations"_a = of_runs.max_iterations,
+                  "acceleration"_a = of_runs.acceleration, "relaxation"_a = of_runs.relaxation,
+                  "stagnation_window"_a = of_runs.stagnation_window, "newton"_a = of_runs.newton,
+                  "snapshots"_a = of_runs.snapshots, "together"_a = of_runs.together,
+                  "scatter"_a = of_runs.scatter, "memory_limit"_a = of_bodies.memory_limit);
 }
 
 }  // namespace
@@ -48,6 +62,9 @@ PYBIND11_MODULE(_core, m) {
   bind_results(m);
   bind_structure(m);
   bind_stochastic(m);
+  m.def("default_options", &default_options,
+        "Settings of the iteration and of the bodies' operators where none are given, by name.");
+  bind_mortar(m);
   m.def(
       "bound_threads",
       [](py::handle comm) { return latin::bound_threads(latin_bindings::to_communicator(comm)); },

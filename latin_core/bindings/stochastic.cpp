@@ -5,10 +5,13 @@
 #include <optional>
 
 #include "latin/stochastic/basis.hpp"
+#include "latin/stochastic/coupling.hpp"
 #include "latin/stochastic/galerkin.hpp"
+#include "latin/stochastic/galerkin_operator.hpp"
 #include "latin/stochastic/quadrature.hpp"
 #include "latin/stochastic/statistics.hpp"
 #include "latin/stochastic/transform.hpp"
+#include "petsc4py_mat.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;
@@ -137,6 +140,67 @@ void bind_galerkin(py::module_& m) {
       "basis"_a, "points"_a, "weights"_a, Release());
 }
 
+/// A matrix of PETSc as an object of petsc4py, which takes a reference of its own.
+py::object to_petsc4py(const latin::algebra::MatHandle& matrix) {
+  if (PyPetscMat_New == nullptr && import_petsc4py() != 0) {
+    throw py::error_already_set();
+  }
+  return py::reinterpret_steal<py::object>(PyPetscMat_New(matrix.get()));
+}
+
+void bind_operator(py::module_& m) {
+  using stochastic::Coupling;
+  using stochastic::GalerkinOperator;
+  using stochastic::ModeRows;
+  py::class_<Coupling, std::shared_ptr<Coupling>>(
+      m, "Coupling", "The product with a random scalar, projected on the modes")
+      .def(py::init<const ChaosBasis&, ConstMatrixRef, const MultiIndexSet&>(), "basis"_a,
+           "coefficients"_a, "property"_a, Release())
+      .def_property_readonly("points", &Coupling::points)
+      .def_property_readonly("modes", &Coupling::modes)
+      .def_property_readonly("first", &Coupling::first)
+      .def_property_readonly("second", &Coupling::second)
+      .def_property_readonly("values", &Coupling::values)
+      .def("matrix", &Coupling::matrix, "point"_a)
+      .def("bounds", &Coupling::bounds, Release())
+      .def("smallest", &Coupling::smallest, Release())
+      .def(
+          "apply",
+          [](const Coupling& coupling, stochastic::ConstModeRowsRef u, Index components) {
+            ModeRows v(u.rows(), u.cols());
+            coupling.apply(u, components, v);
+            return v;
+          },
+          "fields"_a, "components"_a, Release());
+
+  py::class_<GalerkinOperator, std::shared_ptr<GalerkinOperator>>(
+      m, "GalerkinOperator", "Operator of monolithic stochastic finite elements")
+      .def(
+          py::init([](const latin::SparseRows& fixed, const py::list& terms, Index modes) {
+            std::vector<GalerkinOperator::Term> all;
+            for (const py::handle each : terms) {
+              const auto term = py::cast<py::tuple>(each);
+              all.push_back({py::cast<latin::SparseRows>(term[0]), py::cast<latin::Vector>(term[1]),
+                             py::cast<std::shared_ptr<Coupling>>(term[2])});
+            }
+            return std::make_shared<GalerkinOperator>(fixed, std::move(all), modes);
+          }),
+          "fixed"_a, "terms"_a, "modes"_a)
+      .def_property_readonly("size", &GalerkinOperator::size)
+      .def_property_readonly("modes", &GalerkinOperator::modes)
+      .def(
+          "apply",
+          [](const GalerkinOperator& applied, stochastic::ConstModeRowsRef u) {
+            ModeRows v(u.rows(), u.cols());
+            applied.apply(u, v);
+            return v;
+          },
+          "block"_a, Release())
+      .def("matrix", [](const std::shared_ptr<GalerkinOperator>& applied) {
+        return to_petsc4py(stochastic::shell_matrix(applied));
+      });
+}
+
 void bind_answers(py::module_& m) {
   m.def(
       "tensor_gauss",
@@ -162,5 +226,6 @@ void bind_stochastic(py::module_& m) {
   bind_germ(s);
   bind_basis(s);
   bind_galerkin(s);
+  bind_operator(s);
   bind_answers(s);
 }

@@ -74,7 +74,7 @@ parameters
     one row or one column stands for all.
 columns
     interface -> groups, each a mapping ``begin``, ``end`` (its components), ``forward`` (none, one, or one a point
-    of matrices (c, q)), ``backward`` ((q, c)), ``parameters`` (name -> values of q columns): how the columns of a
+    of matrices (c, q)), ``backward`` ((q, c); left out: the transposes, of orthogonal ones), ``parameters`` (name -> values of q columns): how the columns of a
     run become columns in which the law is deterministic, and back.
 extra_loads
     substructure -> forces (n, loads) that are added to its load patterns.

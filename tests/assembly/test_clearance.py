@@ -11,7 +11,7 @@ from dolfinx import mesh as dmesh
 from dolfinx_frontend.assembly.assemble import assemble
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Contact
 from dolfinx_frontend.scene.materials import LinearElastic
@@ -19,7 +19,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Space
 from dolfinx_frontend.solving import solve
 from latin_core import Options
-from tests.helpers import DIMENSION, block
+from tests.helpers import DIMENSION, block, lame
 
 CELLS = list(DIMENSION)
 ONE = Options(max_iterations=1)
@@ -74,7 +74,8 @@ def test_interference_of_round_faces_is_reported(
         solve(problem, options=ONE)
 
 
-@pytest.mark.parametrize("space", ["points", "facets"])
+@pytest.mark.filterwarnings("ignore:interface 'joint'. contact in the space 'points'")
+@pytest.mark.parametrize("space", ["points", "facets", "mortar"])
 @pytest.mark.parametrize("counts", [(2, 2), (4, 3)])
 @pytest.mark.parametrize("cell", CELLS)
 def test_interference_of_plane_faces(cell: str, counts: tuple[int, int], space: Space) -> None:
@@ -101,3 +102,43 @@ def test_an_edge_is_no_curve() -> None:
     tags = dmesh.meshtags(part.mesh, 1, facets, np.ones(len(facets), dtype=np.int32))
     corner = Part(part.mesh, tags, {"corner": 1})
     assert np.all(FacetMap(corner, "corner", "test").sags == 0.0)
+
+
+def shrunk(order: int, n: int, depth: float, law: Contact) -> Problem:
+    """A ring pressed into another one, straight or curved cells, 3 n and 2 n along the quarter."""
+
+    def bend(x: Any) -> Any:
+        angle = 0.5 * np.pi * x[:, 1]
+        return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle)])
+
+    scene = Scene()
+    for name, ends, count in (("a", (1.0, 1.5 + depth), 3 * n), ("b", (1.5, 2.0), 2 * n)):
+        low, high = np.array([ends[0], 0.0]), np.array([ends[1], 1.0])
+        part = block("triangle", [n, count], low, high, bend, order)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
+        scene.symmetry([f"{name}:y0", f"{name}:y1"])
+    scene.interface("fit", "a:x1", "b:x0", law)
+    return assemble(scene)
+
+
+def test_interference_below_the_sag_is_refused() -> None:
+    """Straight cells, h^2 / 8 R beside the arc, cannot tell a smaller interference; curved ones can."""
+    depth = 1e-3
+
+    def u(a: float, b: float, inside: float, outside: float) -> float:
+        return float(lame(1.5, a, b, inside, outside, 1.0, 0.3))
+
+    exact = depth / (u(1.5, 2.0, 1.0, 0.0) - u(1.0, 1.5, 0.0, 1.0))
+    errors = []
+    for n in (3, 6):
+        with pytest.raises(SceneError, match=r"inside each other by up to 0\.00.* beside the round faces"):
+            shrunk(1, n, depth, Contact(interference=True))
+        problem = shrunk(2, n, depth, Contact(interference=True))
+        joint = problem.interfaces["fit"]
+        pressure = -joint.weights @ solve(problem, options=ONE.with_(max_iterations=100)).force("fit")[:, 0]
+        errors.append(abs(pressure / joint.area / exact - 1.0))
+    assert errors[1] < 1e-3 and np.log2(errors[0] / errors[1]) > 3.0
+    with pytest.warns(SceneWarning, match=r"the interference is uncertain by 2\d %"):
+        shrunk(1, 24, depth, Contact(interference=True))
+    # what is stated is not asked of the mesh
+    shrunk(1, 3, depth, Contact(gap=-depth))

@@ -48,7 +48,7 @@ def test_traces_reproduce_polynomials(cell, degree):
     d = DIMENSION[cell]
     lower, upper, top, bottom = stacked(cell, [3, 2, 2][:d], [2, 3, 2][:d])
     V = space(lower, degree), space(upper, degree)
-    i = make_interface("i", Perfect(), (lower, upper), (("a", top), ("b", bottom)), V)
+    i = make_interface("i", Perfect(), (lower, upper), (("a", top), ("b", bottom)), V, space="points")
     for side, W in zip(i.sides, V, strict=True):
         u = polynomial(degree, nodes(W, d))
         w = (csr(side.trace) @ u.ravel()).reshape(-1, d)
@@ -72,7 +72,7 @@ def test_matching_meshes_give_the_same_columns(cell, degree):
     if cell == "tetrahedron":  # the diagonals of the top and the bottom of a box agree
         assert len(lower.facet_tags.find(lower.names["z1"])) == 2 * 6
     V = space(lower, degree), space(upper, degree)
-    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V)
+    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V, space="points")
     assert i.matching is not None
     assert len(i.matching) == (2 * degree + 1) * (3 * degree + 1)
     x = nodes(V[0], 3)[i.matching[:, 0]], nodes(V[1], 3)[i.matching[:, 1]]
@@ -132,7 +132,7 @@ def test_gap_is_signed_along_the_normal():
     lower = block("hexahedron", [2, 2, 1])
     upper = block("hexahedron", [3, 3, 1], [0, 0, 1.03], [1, 1, 2])
     V = space(lower, 1), space(upper, 1)
-    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V)
+    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V, space="points")
     assert i.gap == pytest.approx(np.full(i.num_points, 0.03))
 
 
@@ -141,7 +141,12 @@ def test_curved_faces_that_do_not_match_are_paired():
     rings = two_rings(1.0, 2.0, 3.0, divisions=(2, 6), outer_divisions=(2, 10))
     V = tuple(space(p, 2) for p in rings.parts.values())
     i = make_interface(
-        "i", Perfect(), tuple(rings.parts.values()), (("inner", "outer"), ("outer", "inner")), V
+        "i",
+        Perfect(),
+        tuple(rings.parts.values()),
+        (("inner", "outer"), ("outer", "inner")),
+        V,
+        space="points",
     )
     sagitta = 2.0 * (np.pi / 12) ** 4  # more than a parabola over one facet leaves the arc
     assert np.abs(i.gap).max() < sagitta
@@ -160,7 +165,7 @@ def test_curved_faces_in_three_dimensions(cell):
     inner = block(cell, [1, 6, 3], mapping=bend, order=2, seed=1)
     outer = block(cell, [1, 9, 2], [1, 0, 0], [2, 1, 1], bend, order=2, seed=2)
     V = space(inner, 2), space(outer, 2)
-    i = make_interface("i", Perfect(), (inner, outer), (("a", "x1"), ("b", "x0")), V)
+    i = make_interface("i", Perfect(), (inner, outer), (("a", "x1"), ("b", "x0")), V, space="points")
     sagitta = 2.0 * (np.pi / 12) ** 4
     assert i.area == pytest.approx(np.pi, rel=sagitta)
     assert np.abs(i.gap).max() < sagitta
@@ -179,7 +184,7 @@ def test_thin_facets(cell, ratio):
     lower = geometry.box(size, (2, 3, 1), cell=cell)
     upper = geometry.box(size, (3, 50, 1), (0, 0, 1.0), cell=cell)
     V = space(lower, 2), space(upper, 2)
-    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V)
+    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V, space="points")
     for side, W in zip(i.sides, V, strict=True):
         w = side.shape @ polynomial(2, nodes(W, 3) / size)
         assert np.abs(w - polynomial(2, i.points / size)).max() < 1e-12
@@ -190,7 +195,7 @@ def test_pairing_ten_thousand_points_takes_seconds():
     upper = geometry.box((1, 1, 0.1), (31, 31, 1), (0, 0, 0.1), cell="tetrahedron")
     V = space(lower, 2), space(upper, 2)
     begin = perf_counter()
-    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V)
+    i = make_interface("i", Perfect(), (lower, upper), (("a", "z1"), ("b", "z0")), V, space="points")
     assert i.num_points > 8000
     assert perf_counter() - begin < 10.0  # 0.6 s on one idle core
 

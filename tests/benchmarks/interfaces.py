@@ -4,7 +4,7 @@
 solution; rings: split Lame ring or tube), ``cell``, ``law``, ``degree``, ``space``, ``finer_first`` (whether
 the facets of side 1, on which the law holds, are the smaller ones), ``n`` of the meshes, and by mesh
 ``energy`` (error of the displacement in the energy norm), ``force`` (rms over the interface), ``resultant``,
-all relative, ``status`` and ``iterations``; ``patch`` and ``overlap`` likewise. The tables of
+all relative, ``status`` and ``iterations``; ``patch``, ``uneven`` and ``overlap`` likewise. The tables of
 docs/interfaces.md are the output of ``./run bench interfaces --markdown``.
 """
 
@@ -52,20 +52,42 @@ def run(scene: Callable[..., nonmatching.Errors], quick: bool, *args: Any) -> di
 
 
 def convergence(quick: bool) -> list[dict[str, Any]]:
-    """Both spaces, all laws."""
+    """All spaces, all laws; where what is asked for is refused, that is the row."""
     rows = []
     for scene in (nonmatching.blocks, nonmatching.rings):
         for cell in ("triangle", "tetrahedron", "hexahedron"):
             for degree in (1, 2):
                 if cell == "hexahedron" and degree == 1:
                     continue
-                for space in ("points", "facets"):
+                for space in ("points", "facets", "mortar"):
                     for law in ("elastic", "contact", "perfect"):
                         if (space, law) == ("points", "perfect"):
                             continue  # refused: it would lock
+                        if space == "facets" and law != "elastic" and (cell, degree) == ("tetrahedron", 1):
+                            continue  # refused likewise
                         rows.append(run(scene, quick, cell, space, law, degree, True))
-    for law in ("elastic", "contact", "perfect"):
-        rows.append(run(nonmatching.blocks, quick, "triangle", "facets", law, 2, False))
+    for space in ("facets", "mortar"):
+        for law in ("elastic", "contact", "perfect"):
+            rows.append(run(nonmatching.blocks, quick, "triangle", space, law, 2, False))
+    return rows
+
+
+def uneven(quick: bool) -> list[dict[str, Any]]:
+    """Contact pressure p(theta) of two rings that slide on each other."""
+    rows = []
+    for space in ("facets", "mortar"):
+        for n in (4, 8) if quick else (4, 8, 16, 32):
+            in_l2, largest, unknowns, result = nonmatching.uneven_rings(space, n)
+            rows.append(
+                {
+                    "space": space,
+                    "unknowns": unknowns,
+                    "l2": in_l2,
+                    "largest": largest,
+                    "status": result.status,
+                    "iterations": result.iterations,
+                }
+            )
     return rows
 
 
@@ -73,15 +95,14 @@ def patches(quick: bool) -> list[dict[str, Any]]:
     """Two compressed blocks, TARGETS 2.3: the largest errors of displacement and pressure."""
     rows = []
     laws = {"elastic": patch.LAYER, "contact": Contact(), "perfect": Perfect()}
-    for space in ("points", "facets"):
+    for space in ("points", "facets", "mortar"):
         for cell in patch.CELLS:
             for name, law in laws.items():
                 if (space, name) == ("points", "perfect"):
                     continue
                 for k in (1,) if quick or patch.DIMENSION[cell] == 3 else (1, 2, 4):
-                    problem, exact, _ = patch.compressed(
-                        cell, 0.3, law, 2, space, angle=0.4, first=[3 * k, 4 * k, 2], second=[2 * k, 3 * k, 2]
-                    )
+                    counts = {"first": [3 * k, 4 * k, 2], "second": [2 * k, 3 * k, 2]}
+                    problem, exact, _ = patch.compressed(cell, 0.3, law, 2, space, angle=0.4, **counts)
                     options = Options(rtol=1e-12, max_iterations=500)
                     result = solve(problem, method="accelerated", active=["joint"], options=options)
                     moved = max(
@@ -113,9 +134,10 @@ def overlaps(quick: bool) -> list[dict[str, Any]]:
     rows = []
     for degree in (1, 2):
         exact = nonmatching.overlapping(degree, 3 * sizes[-1], aligned=True)
-        errors = [abs(nonmatching.overlapping(degree, n) / exact - 1.0) for n in sizes]
-        rate = float(np.log(errors[-2] / errors[-1]) / np.log(sizes[-1] / sizes[-2]))
-        rows.append({"degree": degree, "n": sizes, "energy": errors, "rate": rate})
+        for space in ("facets", "mortar"):
+            errors = [abs(nonmatching.overlapping(degree, n, space=space) / exact - 1.0) for n in sizes]
+            rate = float(np.log(errors[-2] / errors[-1]) / np.log(sizes[-1] / sizes[-2]))
+            rows.append({"degree": degree, "space": space, "n": sizes, "energy": errors, "rate": rate})
     return rows
 
 
@@ -158,9 +180,24 @@ def report(record: dict[str, Any], markdown: bool) -> None:
     ]
     header = ["cell", "law", "space", "refined", "displacement", "pressure", "resultant", "iterations"]
     _show("Patch test: largest errors", header, rows, markdown)
-    rows = [[r["degree"], *(f"{e:.1e}" for e in r["energy"]), f"{r['rate']:.1f}"] for r in record["overlap"]]
-    sizes = [f"n = {n}" for n in record["overlap"][0]["n"]]
-    _show("Partly overlapping faces: error of the energy", ["degree", *sizes, "rate"], rows, markdown)
+    rows = [
+        [
+            r["space"],
+            r["unknowns"],
+            f"{r['l2']:.1e}",
+            f"{r['largest']:.1e}",
+            f"{r['iterations']}{'' if r['status'] == 'converged' else ' (stopped)'}",
+        ]
+        for r in record["uneven"]
+    ]
+    header = ["space", "unknowns", "in L2", "largest", "iterations"]
+    _show("Pressure of rings that slide: errors relative to its mean", header, rows, markdown)
+    rows = [
+        [r["degree"], r["space"], *(f"{e:.1e}" for e in r["energy"]), f"{r['rate']:.1f}"]
+        for r in record["overlap"]
+    ]
+    header = ["degree", "space", *(f"n = {n}" for n in record["overlap"][0]["n"]), "rate"]
+    _show("Partly overlapping faces: error of the energy", header, rows, markdown)
 
 
 def main() -> None:
@@ -171,7 +208,8 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # of locking: that is what is measured
     record: dict[str, Any] = {"environment": common.environment()}
-    for name, measure in (("convergence", convergence), ("patch", patches), ("overlap", overlaps)):
+    parts = (("convergence", convergence), ("patch", patches), ("uneven", uneven), ("overlap", overlaps))
+    for name, measure in parts:
         record[name] = measure(options.quick)
     report(record, options.markdown)
     common.write_json(record, options.json)

@@ -104,7 +104,7 @@ struct Scene {
 };
 
 inline latin::iteration::Options options(Index acceleration = 10, double rtol = 1e-10) {
-  return {rtol, false, 5000, acceleration, 1.0, 200, 1500, 15};
+  return {rtol, false, 5000, acceleration, 1.0, 200, 1500, 15, 1};
 }
 
 inline double end_displacement(const latin::substructure::Laws& laws,

@@ -56,6 +56,35 @@ TEST(LocalStage, TransformsColumnsThereAndBack) {
   EXPECT_EQ(plain.structure().interface(1).geometry.points, 1);
 }
 
+TEST(LocalStage, TransformsInSmallBlocksAreThoseOfTheWholeMatrix) {
+  // 24 modes coupled in pairs, each in two time steps
+  constexpr Index modes = 24;
+  const Laws plain = chain::Scene{}.build().with_steps(2);
+  Matrix turn = Matrix::Zero(modes, modes);
+  for (Index k = 0; k < modes; k += 2) {
+    const double angle = 0.1 * static_cast<double>(k + 1);
+    turn.block<2, 2>(k, k) << std::cos(angle), std::sin(angle), -std::sin(angle), std::cos(angle);
+  }
+  const interface::ParameterField stiffness(
+      Matrix(Vector::LinSpaced(2 * modes, 1.0, 5.0).transpose()));
+  const Matrix data = Matrix::Random(3, 2 * modes);
+  const Matrix traces = Matrix::Random(3, 2 * modes);
+  const auto force = [&](const Matrix& forward, const Matrix& backward) {
+    const LawColumns group{0, 1, {{forward, backward, {}, {}, {}}}, {{"normal", stiffness}}};
+    const Laws laws = plain.with_columns("joint1", {group});
+    const bool sparse = laws.of(1).groups->front().sparse_forward.size() > 0;
+    EXPECT_EQ(sparse, forward(0, modes - 1) == 0.0);
+    return LocalStage(laws, 2 * modes).fields(1, data, traces).force;
+  };
+  // numbers that are as good as zero, but not zero, are stored
+  const Matrix whole = turn.array() + 1e-200;
+  const Matrix expected = force(whole, whole.transpose());
+  const double rounding = 1e-13 * expected.norm();
+  EXPECT_LT((force(turn, turn.transpose()) - expected).norm(), rounding);
+  EXPECT_LT((force(turn, {}) - expected).norm(), rounding);
+  EXPECT_LT((force(whole, {}) - expected).norm(), rounding);
+}
+
 TEST(LocalStage, RefusesLawsThatDoNotFitItsColumns) {
   const Laws laws =
       chain::Scene{}.build().with_parameters({{"joint1", "normal", Matrix::Ones(1, 4)}});

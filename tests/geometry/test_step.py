@@ -211,7 +211,7 @@ def test_a_patch_test_through_a_file(blocks: Path, tmp_path: Path, imprint: bool
     assert step.face("right:end", normal=(1, 0, 0), at=(20.0, None, None)) == ("right:end",)
     scene = step.scene()
     spec = scene.interfaces["left|right"]
-    assert (spec.space, spec.overlap) == (("points", "full") if imprint else ("facets", "partial"))
+    assert (spec.space, spec.overlap) == ("auto", "full" if imprint else "partial")
     scene.fix("left:end", components=0)
     scene.fix("left:end", components=(1, 2), name="grip")
     scene.traction("right:end", (5.0, 0.0, 0.0))

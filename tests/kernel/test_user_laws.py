@@ -516,7 +516,7 @@ def test_what_a_law_returns_is_checked(way: str) -> None:
         given: dict[str, Any] = {way: function if way == "force" else lambda j, c: function(j)}
         solve(blocks(UserLaw(**given, name="pad")))
 
-    points = len(blocks(Contact()).interfaces["joint"].weights)
+    points = len(blocks(UserLaw(force=lambda j: j)).interfaces["joint"].weights)
     with pytest.raises(SceneError, match=rf"'joint', law 'pad'.*\({points}, 3\).*\({points}, 3, 1\)"):
         ask(lambda j: j[..., 0])
     for wrong in (lambda j: "soft", lambda j: 1j * j, lambda j: (j + 0j).astype(object), lambda j: None):

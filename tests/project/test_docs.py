@@ -28,6 +28,18 @@ def test_examples(page: str) -> None:
         exec(compile(block, page, "exec"), names)
 
 
+def test_kernel_page_shows_its_demo() -> None:
+    """The lines of the demo on plain dolfinx as they stand in it, and an example that runs."""
+    demo = (DOCS.parent / "demos" / "raw_dolfinx.py").read_text().splitlines()
+    lines = {line.partition("  #")[0].strip() for line in demo}
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "kernel.md").read_text(), flags=re.S)
+    *shown, runs = blocks
+    assert len(demo) <= 100 and len(shown) > 5
+    for line in "".join(shown).splitlines():
+        assert line.strip() in lines, line
+    exec(compile(runs, "kernel.md", "exec"), {"__name__": "docs"})
+
+
 def test_every_public_name_is_in_the_reference() -> None:
     pages = "".join(page.read_text() for page in (DOCS / "api").glob("*.md"))
     documented = set(re.findall(r"automodule:: (\S+)", pages))

@@ -221,6 +221,36 @@ def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
     assert (installed / "py.typed").is_file() and (installed.parent / "latin_core" / "_core.pyi").is_file()
 
 
+# --- the C++ library -------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_cmake_installs_the_library(sdist: Path, tmp_path: Path) -> None:
+    """A program that knows nothing but the prefix finds the library; the wheel's part stays away."""
+    variables = {"CCACHE_BASEDIR": str(sdist), "CCACHE_NOHASHDIR": "1"}
+    prefix, build = tmp_path / "prefix", sdist / "build" / "library" / "cmake"
+    werror = "ON" if os.environ.get("LATIN_ENVIRONMENT", "").startswith("trixie-") else "OFF"
+    options = ["-G", "Ninja", f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DLATIN_WERROR={werror}"]
+    options += ["-DLATIN_BUILD_PYTHON=OFF"]
+    call(["cmake", "-S", str(sdist), "-B", str(build), *options], tmp_path, **variables)
+    call(["cmake", "--build", str(build)], tmp_path, **variables)
+    call(["cmake", "--install", str(build)], tmp_path)
+    assert (prefix / "include" / "latin" / "latin.hpp").is_file()
+    assert not list(prefix.rglob("_core*")) and not (prefix / "latin_core").exists()
+
+    demo = tmp_path / "demo"
+    source = str(ROOT / "demos" / "cpp")
+    call(["cmake", "-S", source, "-B", str(demo), "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}"], tmp_path)
+    call(["cmake", "--build", str(demo)], tmp_path)
+    printed = call([str(demo / "bars")], tmp_path).splitlines()
+    assert len(printed) == 11 and float(printed[-1].split()[-1]) < 1e-8
+
+    program = prefix / "bin" / "latin_run"
+    if program.exists():  # where there is HDF5
+        assert "usage: " in call([str(program), "--help"], tmp_path)
+
+
 # --- recipes ---------------------------------------------------------------------------------------
 
 

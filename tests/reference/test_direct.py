@@ -86,7 +86,7 @@ def test_oblique_symmetry():
     solution = monolithic(problem)
     u = solution.u["ring"].reshape(-1, 2)
     for name in ("symmetry(ring:theta0)", "symmetry(ring:theta1)"):
-        assert np.abs(solution.traces[name][0][:, 0]).max() < 10 * EPS * np.abs(u).max()
+        assert np.abs(solution.traces[name][0][:, 0]).max() < 20 * EPS * np.abs(u).max()
     x = problem.substructures["ring"].dof_coordinates
     inside = np.linalg.norm(x, axis=1) < 100.001
     exact = lame(100.0, 100, 200, 1.6, 0, 2e5, 0.3)

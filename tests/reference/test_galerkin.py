@@ -475,7 +475,7 @@ def test_smallest_over_the_points_of_a_field(frame: Problem) -> None:
     assert source is not None
     matrices = [
         space.galerkin_matrix(source, system.basis, row).toarray()
-        for row in range(len(product.values))
+        for row in range(product.kernel.points)
     ]
     for row, matrix in enumerate(matrices):
         assert np.allclose(product.matrix(row), matrix, atol=1e-14)

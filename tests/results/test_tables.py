@@ -142,8 +142,10 @@ def test_open_area_is_where_there_is_a_gap() -> None:
     result = solve(assemble(scene), options=TIGHT)
     table = result.table("joint")
     open_ = table.value("open_area", "joint")
+    joint = result.problem.interfaces["joint"]
+    apart = joint.weights[joint.points[:, 1] > WIDTH / 2].sum()
     # the rim of the pressed half lifts off, too
-    assert AREA / 2 <= open_ < AREA
+    assert apart <= open_ < AREA
     pressed = result.force("joint")[:, 0] < 0.0
     assert open_ == pytest.approx(AREA - result.problem.interfaces["joint"].weights[pressed].sum())
     assert table.value("pressure_min", "joint") == 0.0
@@ -379,7 +381,7 @@ def test_file_is_plain_hdf5(tmp_path: Path) -> None:
     result = solve(assemble(bolted()), times=[1.0, 2.0])
     result.save(path)
     with h5py.File(path) as file:
-        assert file.attrs["format"] == "latin-result" and file.attrs["version"] == 2
+        assert file.attrs["format"] == "latin-result" and file.attrs["version"] == 3
         joint = file["interfaces/joint"]
         np.testing.assert_array_equal(joint["force"], result.force("joint"))
         total = joint["force"][..., 0] @ joint["weights"][()]
@@ -478,9 +480,9 @@ def test_other_files_are_refused(
         file["x"] = 1.0
     with pytest.raises(saved.ResultFileError, match="no saved result"):
         load(tmp_path / "foreign.h5")
-    monkeypatch.setattr(saved, "OLDEST", 3)
-    monkeypatch.setattr(saved, "VERSION", 4)
-    with pytest.raises(saved.ResultFileError, match="of version 2; this software reads versions 3 to 4"):
+    monkeypatch.setattr(saved, "OLDEST", 4)
+    monkeypatch.setattr(saved, "VERSION", 5)
+    with pytest.raises(saved.ResultFileError, match="of version 3; this software reads versions 4 to 5"):
         load(small)
 
 

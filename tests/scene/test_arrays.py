@@ -124,7 +124,7 @@ NO_ARRAYS = (
     "Material NearlyIndefiniteWarning Normal Options Perfect Plan Preload Quantity RandomField RandomLaws "
     "ResultFileError Resultant SavedResult SceneError SceneWarning StochasticResult Substructure Symmetry "
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
-    "geometry io "
+    "export geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
     "tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
 )

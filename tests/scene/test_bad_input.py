@@ -278,16 +278,25 @@ def test_facets_that_do_not_face_each_other():
     words = ("'joint'", "do not face each other")
     far = two(geometry.box((1.0, 1.0), (2, 2), (0.0, 3.0)))
     far.interface("joint", "lower:y1", "upper:y0", Perfect())
-    message(lambda: assemble(far), *words, "none of the 4 points", "largest distance 2")
+    message(lambda: assemble(far), *words, "the faces are 2 apart")
+    far.interface("points", "lower:y1", "upper:y0", Elastic(1.0, 1.0), space="points")
+    del far.interfaces["joint"]
+    message(lambda: assemble(far), "none of the 4 points", "largest distance 2")
     wrong = two()
     wrong.interface("joint", "lower:y1", "upper:y1", Perfect())
     message(lambda: assemble(wrong), *words)
     inside = two(geometry.box((1.0, 1.0), (2, 2)))  # same place, both faces look up
     inside.interface("joint", "lower:y1", "upper:y1", Perfect())
-    message(lambda: assemble(inside), *words, "do not oppose")
+    message(lambda: assemble(inside), *words)
+    inside.interface("points", "lower:y1", "upper:y1", Elastic(1.0, 1.0), space="points")
+    del inside.interfaces["joint"]
+    message(lambda: assemble(inside), "do not oppose")
     side = two(geometry.box((1.0, 1.0), (2, 2), (0.5, 1.0)))
     side.interface("joint", "lower:y1", "upper:y0", Perfect())
-    text = message(lambda: assemble(side), *words, "no partner")
+    message(lambda: assemble(side), "50 % of the area of lower:y1 is not covered", 'overlap="partial"')
+    side.interface("points", "lower:y1", "upper:y0", Elastic(1.0, 1.0), space="points")
+    del side.interfaces["joint"]
+    text = message(lambda: assemble(side), "do not face each other", "no partner")
     assert "at 1 of 4 points" in text or "at 2 of 4 points" in text
     near = two(geometry.box((1.0, 1.0), (2, 2), (0.0, 1.4)))
     near.interface("joint", "lower:y1", "upper:y0", Perfect(), max_distance=1.0)
@@ -301,7 +310,7 @@ def test_areas_that_differ():
         problem = assemble(wide)
     assert problem.interfaces["joint"].matching is None
     shifted = two(geometry.box((1.0, 1.0), (20, 2), (0.12, 1.0)), geometry.box((1.0, 1.0), (2, 2)))
-    shifted.interface("joint", "lower:y1", "upper:y0", Elastic(normal=1.0, tangential=1.0))
+    shifted.interface("joint", "lower:y1", "upper:y0", Elastic(normal=1.0, tangential=1.0), space="points")
     with pytest.warns(SceneWarning, match="beside"):
         assemble(shifted)
 

@@ -237,7 +237,7 @@ def test_a_stiffness_is_copied(active: list[str] | None) -> None:
 
 
 def test_a_gap_is_copied() -> None:
-    gap = np.zeros(two(lf.Perfect()).interfaces["layer"].num_points)
+    gap = np.zeros(two(lf.Contact(friction=1.0)).interfaces["layer"].num_points)
     bed = lf.Elastic(normal=1.0, tangential=1.0)
     law = lf.Contact(gap=gap, stiffness=100.0)
     problem = two(law, (-1.0, 0.0), lambda scene: scene.interface("bed", "right:x1", bed))

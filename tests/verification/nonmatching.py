@@ -166,8 +166,17 @@ def pressure_between() -> float:
     return u(MIDDLE, INNER, MIDDLE, BORE, 0.0) / compliance
 
 
-def rings(cell: str, space: Space, law: str, degree: int, n: int, order: int = 2) -> Errors:
-    """3 n and 2 n cells along the quarter of the interface; `order` of the geometry."""
+def rings(
+    cell: str,
+    space: Space,
+    law: str,
+    degree: int,
+    n: int,
+    order: int = 2,
+    along: tuple[int, int] = (3, 2),
+    height: tuple[int, int] = (3, 2),
+) -> Errors:
+    """along * n cells of the rings along the quarter, height * n / 2 across it; `order` of the geometry."""
     d = DIMENSION[cell]
 
     def bend(x: Array) -> Array:
@@ -176,9 +185,9 @@ def rings(cell: str, space: Space, law: str, degree: int, n: int, order: int = 2
         return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle), *x.T[2:]])
 
     scene = Scene()
-    for name, ends, along, height in (("a", (INNER, MIDDLE), 3, 3), ("b", (MIDDLE, OUTER), 2, 2)):
+    for k, (name, ends) in enumerate((("a", (INNER, MIDDLE)), ("b", (MIDDLE, OUTER)))):
         low, high = np.array([ends[0], 0.0, 0.0][:d]), np.array([ends[1], 1.0, 0.5][:d])
-        part = block(cell, [n, along * n, max(1, height * n // 2)][:d], low, high, bend, order)
+        part = block(cell, [n, along[k] * n, max(1, height[k] * n // 2)][:d], low, high, bend, order)
         scene.substructure(name, part, LinearElastic(E, NU), degree=degree)
         scene.symmetry([f"{name}:{face}" for face in ("y0", "y1", "z0", "z1")[: 2 * d - 2]])
     between = pressure_between()
@@ -202,7 +211,7 @@ SHIFT = 0.37
 """How far the upper square of `overlapping` is shifted."""
 
 
-def overlapping(degree: int, n: int, aligned: bool = False) -> float:
+def overlapping(degree: int, n: int, aligned: bool = False, space: Space = "auto") -> float:
     """Energy of two squares, the upper one shifted sideways, pressed together without friction.
 
     Parameters
@@ -213,6 +222,8 @@ def overlapping(degree: int, n: int, aligned: bool = False) -> float:
         Even; the lower square has 3 n / 2 cells along an edge, to the next even number.
     aligned
         Whether nodes lie where the overlap begins and ends, as in a solution to compare with.
+    space
+        Of the interface.
     """
     scene = Scene()
     for name, count, start, middle in (("a", 3 * n // 2, 0.0, SHIFT), ("b", n, SHIFT, 1.0 - SHIFT)):
@@ -228,9 +239,75 @@ def overlapping(degree: int, n: int, aligned: bool = False) -> float:
         low = np.array([start, 1.0 if name == "b" else 0.0])
         part = block("triangle", [count, count], low, low + 1.0, graded if aligned else None)
         scene.substructure(name, part, LinearElastic(E, NU), degree=degree)
-    scene.interface("joint", "a:y1", "b:y0", Contact(gap=0.0), space="facets", overlap="partial")
+    scene.interface("joint", "a:y1", "b:y0", Contact(gap=0.0), space=space, overlap="partial")
     scene.fix("a:y0")
     scene.fix("b:y1", value=(0.0, -0.1))
     result = solve(assemble(scene), options=OPTIONS)
     parts = result.problem.substructures.items()
     return sum(float(result.displacements[k] @ (s.matrix @ result.displacements[k])) for k, s in parts)
+
+
+def _mode_2(radius: float, poisson: float = NU, modulus: float = E) -> Array:
+    """(3, 4): radial stress, shear and radial displacement at a radius, of Airy's functions r^2, r^4, r^-2, 1
+    times cos 2 theta (Michell); plane strain. Shears go with sin 2 theta, the others with cos 2 theta."""
+    r, kappa = radius, 3.0 - 4.0 * poisson
+    twice_mu = modulus / (1.0 + poisson)
+    return np.array(
+        [
+            [-2.0, 0.0, -6.0 * r**-4, -4.0 * r**-2],
+            [2.0, 6.0 * r**2, -6.0 * r**-4, -2.0 * r**-2],
+            np.array([-2.0 * r, (kappa - 3.0) * r**3, 2.0 * r**-3, (kappa + 1.0) / r]) / twice_mu,
+        ]
+    )
+
+
+def uneven_pressure() -> tuple[float, float, float]:
+    """Pressures of two rings that touch without friction: the mean and the part with cos 2 theta at the
+    middle radius, and that in the bore that makes the latter half of the former."""
+    inside, middle, outside = (_mode_2(r) for r in (INNER, MIDDLE, OUTER))
+    # unknown: four coefficients of each ring, and the pressure in the bore if that between them is 1
+    system, right = np.zeros((9, 9)), np.zeros(9)
+    system[0, :4], system[0, 8] = inside[0], 1.0  # radial stress in the bore: minus its pressure
+    system[1, :4] = inside[1]
+    system[2, :4], right[2] = middle[0], -1.0
+    system[3, :4] = middle[1]
+    system[4, 4:8], right[4] = middle[0], -1.0
+    system[5, 4:8] = middle[1]
+    system[6, 4:8] = outside[0]
+    system[7, 4:8] = outside[1]
+    system[8, :4], system[8, 4:8] = middle[2], -middle[2]  # they stay together
+    scale = np.abs(system).max(axis=0)
+    bore = (np.linalg.solve(system / scale, right) / scale)[8]
+    between = pressure_between()
+    return between, 0.5 * between, 0.5 * between * float(bore)
+
+
+def uneven_rings(space: Space, n: int) -> tuple[float, float, int, Result]:
+    """Errors of the contact pressure p(theta) in L2 and the largest one, relative to its mean, and unknowns.
+
+    Two rings under an uneven pressure in the bore, without friction; quadratic triangles, 3 n and 2 n along
+    the quarter.
+    """
+
+    def bend(x: Array) -> Array:
+        angle = 0.5 * np.pi * x[:, 1]
+        return np.column_stack([x[:, 0] * np.cos(angle), x[:, 0] * np.sin(angle)])
+
+    mean, wave, in_bore = uneven_pressure()
+    scene = Scene()
+    for name, ends, along in (("a", (INNER, MIDDLE), 3), ("b", (MIDDLE, OUTER), 2)):
+        low, high = np.array([ends[0], 0.0]), np.array([ends[1], 1.0])
+        part = block("triangle", [n, along * n], low, high, bend, 2)
+        scene.substructure(name, part, LinearElastic(E, NU), degree=2)
+        scene.symmetry([f"{name}:y0", f"{name}:y1"])
+    scene.interface("joint", "a:x1", "b:x0", Contact(gap=0.0), space=space)
+
+    def cosine(x: Array) -> Array:
+        return np.asarray(np.cos(2.0 * np.arctan2(x[:, 1], x[:, 0])))
+
+    scene.pressure("a:x0", lambda x: BORE + in_bore * cosine(x))
+    problem = assemble(scene)
+    result = solve(problem, options=OPTIONS)
+    joint = problem.interfaces["joint"]
+    off = (-result.force("joint")[:, 0] - mean - wave * cosine(joint.points)) / mean
+    return float(np.sqrt(joint.weights @ off**2 / joint.area)), float(np.abs(off).max()), problem.size, result

@@ -54,9 +54,9 @@ def test_bolted_joint_opens_when_the_load_exceeds_the_preload(share: float) -> N
     result = solve(bolted(force), active=["bolt"], options=TIGHT)
     assert result.converged
     closed = max(0.0, joint * (stiffness * preload - force) / (stiffness + joint))
-    weights = result.problem.interfaces["joint"].weights
-    joint_force = weights @ result.force("joint")[:, 0]
-    bolt_force = weights @ result.force("bolt")[:, 0]
+    joint_force, bolt_force = (
+        result.problem.interfaces[name].weights @ result.force(name)[:, 0] for name in ("joint", "bolt")
+    )
     size = stiffness * preload
     assert abs(joint_force + closed) < 1e-7 * size  # compression is negative
     assert abs(bolt_force - (closed + force)) < 1e-7 * size
@@ -116,19 +116,19 @@ def test_friction_beyond_need_is_perfect_adhesion() -> None:
 def test_friction_slips_at_its_bound() -> None:
     # a spring to the ground takes what friction cannot: |f_t| = mu p everywhere, the rest in the spring
     scene = blocks(traction=(-10.0, 4.0, 0.0))
-    scene.interface("joint", "left:x1", "right:x0", Contact(friction=0.3))
+    scene.interface("joint", "left:x1", "right:x0", Contact(friction=0.2))
     scene.interface("guide", "right:x1", Elastic(normal=0.0, tangential=200.0))
     result = solve(assemble(scene), active=["guide"], options=Options(rtol=1e-9, max_iterations=3000))
     assert result.converged
     weights = result.problem.interfaces["joint"].weights
     force = result.force("joint")
     shear = np.linalg.norm(force[:, 1:], axis=1)
-    assert np.all(shear <= 0.3 * np.abs(force[:, 0]) * (1 + 1e-12))
-    slipping = shear > 0.3 * np.abs(force[:, 0]) * (1 - 1e-9)
+    assert np.all(shear <= 0.2 * np.abs(force[:, 0]) * (1 + 1e-12))
+    slipping = shear > 0.2 * np.abs(force[:, 0]) * (1 - 1e-9)
     assert slipping.any()
     total = weights @ force[:, 1:]
     guide = result.problem.interfaces["guide"].weights @ result.force("guide")[:, 1:]
-    assert np.linalg.norm(total) <= 0.3 * 10.0 * AREA * (1 + 1e-6)
+    assert np.linalg.norm(total) <= 0.2 * 10.0 * AREA * (1 + 1e-6)
     assert np.linalg.norm(total) + np.linalg.norm(guide) > 4.0 * AREA * (1 - 1e-6)
 
 

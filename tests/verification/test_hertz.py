@@ -65,6 +65,10 @@ def test_gap_on_a_curved_second_face_is_measured_along_the_normal() -> None:
     assert np.ptp(contact.weights) < 1e-9 * h
 
 
+OF_POINTS = pytest.mark.filterwarnings("ignore:interface 'contact'. contact in the space 'points'")
+
+
+@OF_POINTS
 @pytest.mark.parametrize(("space", "gap"), [("facets", None), ("points", hertz.round_gap)])
 def test_the_nafems_cylinder_meets_the_gates(space: str, gap: object) -> None:
     answer = hertz.press(hertz.NAFEMS, 16, space, gap)
@@ -75,6 +79,7 @@ def test_the_nafems_cylinder_meets_the_gates(space: str, gap: object) -> None:
     assert np.all(answer.pressure >= 0.0)
 
 
+@OF_POINTS
 def test_convergence() -> None:
     levels = [hertz.level(hertz.SMALL, across, "facets") for across in (4, 8, 16)]
     for level in levels:

@@ -350,6 +350,11 @@ class Law:
         return "force" if self.elimination is Elimination.LOAD else None
 
     @property
+    def rigid(self) -> bool:
+        """Whether it prescribes jumps, where it is closed: what it holds must not be held twice."""
+        return self.prescribes == "jump" or self.unilateral
+
+    @property
     def bolt(self) -> bool:
         """Whether it pulls its sides together, as bolts do: a preload or an imposed jump."""
         return False
@@ -493,6 +498,15 @@ class Law:
     def nodal_jumps(self, name: str, nodes: Array) -> Array:
         """Imposed jump (nodes, d) in the local frame of glued nodes, length."""
         return np.zeros_like(nodes)
+
+    def check_faces(self, points: Points, sag: Array) -> None:
+        """Raise or warn if the faces as meshed cannot tell what the law takes from them.
+
+        Parameters
+        ----------
+        sag
+            (m,), how far they may be from the smooth ones, length.
+        """
 
     # --- what it holds ----------------------------------------------------------------------------
     def holds(self, dim: int) -> tuple[bool, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -9,7 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, positive, resolve
 from dolfinx_frontend.scene.values import is_zero
@@ -19,6 +20,10 @@ __all__ = ["Contact"]
 
 TOUCHING = 1e-6
 """Interpenetration, relative to the face's size, that is rounding of the mesh."""
+
+UNCERTAIN, USELESS = 0.1, 0.4
+"""Distance of facets from the round face, relative to an interference as meshed, from which on there is a
+warning, and an error: the true interference may be smaller and larger by that distance."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -117,6 +122,26 @@ class Contact(Law):
                 "fix the geometry, give the gap, or pass interference=True if that is meant"
             )
         return gap
+
+    def check_faces(self, points: Points, sag: Array) -> None:
+        if self.gap is not None or not self.interference:
+            return
+        deepest = int(np.argmin(points.gap))
+        depth, chords = -float(points.gap[deepest]), float(sag[points.gap < 0.0].max(initial=0.0))
+        if depth <= 0.0 or chords <= UNCERTAIN * depth:
+            return
+        what = (
+            f"interface {points.name!r}: the faces are meshed inside each other by up to {depth:.4g}, and "
+            f"the cells' facets are up to {chords:.4g} beside the round faces that they stand for"
+        )
+        remedy = "use curved (quadratic) cells, or smaller ones, or state the interference, gap=-..."
+        if chords > USELESS * depth:
+            raise SceneError(f"{what}: the mesh cannot tell the interference; {remedy}")
+        warnings.warn(
+            f"{what}: the interference is uncertain by {100.0 * chords / depth:.2g} %; {remedy}",
+            SceneWarning,
+            stacklevel=7,
+        )
 
     def holds(self, dim: int) -> tuple[bool, ...]:
         # as long as it is closed; whether it is, only the solution tells

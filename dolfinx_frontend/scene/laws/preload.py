@@ -90,6 +90,10 @@ class Preload(Law):
     def bolt(self) -> bool:
         return True
 
+    @property
+    def rigid(self) -> bool:
+        return True
+
     def parameters(self) -> dict[str, Any]:
         return {"force": self.force}
 

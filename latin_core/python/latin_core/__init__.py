@@ -42,6 +42,7 @@ from latin_core._core import (
     available_backends,
     bound_threads,
     compiled_law,
+    find_roots,
     python_law,
     snake_order,
 )
@@ -91,6 +92,7 @@ __all__ = [
     "available_backends",
     "bound_threads",
     "compiled_law",
+    "find_roots",
     "get_include",
     "python_law",
     "snake_order",

@@ -71,7 +71,12 @@ class Spring:
 
 class Body:
     def __init__(
-        self, *, name: str, size: int, members: Sequence[Member], springs: Sequence[Spring] = ()
+        self,
+        *,
+        name: str,
+        members: Sequence[Member],
+        size: int | None = None,  # None: the unknowns of its only member
+        springs: Sequence[Spring] = (),
     ) -> None: ...
 
 class Side:
@@ -268,7 +273,46 @@ class Structure:
 
 def bound_threads(comm: Any) -> int: ...  # mpi4py communicator or its Fortran handle
 def snake_order(shape: Sequence[int]) -> list[int]: ...
+def find_roots(
+    force: Callable[[Array, int], Array],
+    tangent: Callable[[Array], Array] | None,
+    free_jump: Array,
+    flexibility: Array,
+) -> tuple[Array, list[bool], Array]: ...
+def default_options() -> dict[str, Any]: ...
 def available_backends() -> str: ...
+
+class mortar:
+    """The submodule ``latin_core._core.mortar``."""
+
+    class Face:
+        def __init__(
+            self,
+            *,
+            shape: str,
+            parts: int,
+            nodes: Array,
+            variants: Sequence[int],
+            orientation: Sequence[float],
+            map_degree: int,
+            map: Sequence[Array],
+            shape_degree: int,
+            shapes: Sequence[Array],
+        ) -> None: ...
+
+    @staticmethod
+    def integrate(
+        first: mortar.Face,
+        second: mortar.Face,
+        *,
+        degree: int,
+        multipliers: Array,
+        points: Array,
+        weights: Array,
+        near_first: Array,
+        near_second: Array,
+        opposed: float,
+    ) -> dict[str, Any]: ...
 
 class stochastic:
     """The submodule ``latin_core._core.stochastic``."""
@@ -339,6 +383,36 @@ class stochastic:
         def indices(self) -> stochastic.MultiIndexSet: ...
         def evaluate(self, points: Array) -> Array: ...
         def evaluate_fields(self, coefficients: Array, points: Array) -> Array: ...
+
+    class Coupling:
+        def __init__(
+            self, basis: stochastic.ChaosBasis, coefficients: Array, property: stochastic.MultiIndexSet
+        ) -> None: ...
+        @property
+        def points(self) -> int: ...
+        @property
+        def modes(self) -> int: ...
+        @property
+        def first(self) -> list[int]: ...
+        @property
+        def second(self) -> list[int]: ...
+        @property
+        def values(self) -> Array: ...
+        def matrix(self, point: int) -> Array: ...
+        def bounds(self) -> Array: ...
+        def smallest(self) -> float: ...
+        def apply(self, fields: Array, components: int) -> Array: ...
+
+    class GalerkinOperator:
+        def __init__(
+            self, fixed: Sparse, terms: list[tuple[Sparse, Array, stochastic.Coupling]], modes: int
+        ) -> None: ...
+        @property
+        def size(self) -> int: ...
+        @property
+        def modes(self) -> int: ...
+        def apply(self, block: Array) -> Array: ...
+        def matrix(self) -> Mat: ...
 
     class ColumnTransform:
         def __init__(

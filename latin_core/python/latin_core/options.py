@@ -1,4 +1,4 @@
-"""Settings of the iteration. Every default of the kernel stands here and nowhere else."""
+"""Settings of the iteration; defaults are those of the C++ library."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from latin_core._core import InputError
+from latin_core._core import InputError, default_options
 
 __all__ = ["Options"]
+
+_DEFAULT: dict[str, Any] = default_options()
 
 
 @dataclass(frozen=True)
@@ -75,22 +77,22 @@ class Options:
         A setting out of its range, or of another type; it names both.
     """
 
-    rtol: float = 1e-6
+    rtol: float = _DEFAULT["rtol"]
     criterion: Literal["error", "indicator"] = "error"
-    max_iterations: int = 500
-    acceleration: int = 10
-    relaxation: float = 1.0
-    stagnation_window: int = 100
-    newton: int = 1
-    snapshots: int = 15
-    together: int = 8
-    scatter: bool = False
+    max_iterations: int = _DEFAULT["max_iterations"]
+    acceleration: int = _DEFAULT["acceleration"]
+    relaxation: float = _DEFAULT["relaxation"]
+    stagnation_window: int = _DEFAULT["stagnation_window"]
+    newton: int = _DEFAULT["newton"]
+    snapshots: int = _DEFAULT["snapshots"]
+    together: int = _DEFAULT["together"]
+    scatter: bool = _DEFAULT["scatter"]
     macro: Literal["automatic", "none", "resultants", "linear"] = "automatic"
     directions: Literal["automatic", "diagonal", "matrix"] = "automatic"
     operator: Literal["automatic", "condensed", "factored"] = "automatic"
     precision: Literal["double", "single"] = "double"
     backend: Literal["automatic", "cholmod", "mumps"] = "automatic"
-    memory_limit: float = 8e9
+    memory_limit: float = _DEFAULT["memory_limit"]
 
     def with_(self, **changes: Any) -> Options:
         """A copy with some settings changed; InputError: no such setting, or not such a value."""

@@ -20,6 +20,8 @@ __all__ = [
     "Array",
     "ChaosBasis",
     "ColumnTransform",
+    "Coupling",
+    "GalerkinOperator",
     "Germ",
     "IndexSet",
     "IndexTable",
@@ -293,6 +295,90 @@ def galerkin_matrix(
     Exact Galerkin coupling needs all degrees up to twice those of the basis.
     """
     return _native.galerkin_matrix(basis._native, _vector(coefficients), indices._native)
+
+
+class Coupling:
+    """The product with a random scalar a, projected on the modes: v_k = sum_j A_kj u_j at every point.
+
+    The Galerkin matrices A of all points share one pattern; what vanishes by degree or symmetry is not
+    stored.
+
+    Parameters
+    ----------
+    basis
+        Modes j, k.
+    coefficients
+        (1, I) of a parameter, (m, I) of a field at m points, on `indices`.
+    indices
+        Multi-indices of a, in the same germs.
+    """
+
+    def __init__(
+        self, basis: ChaosBasis, coefficients: npt.ArrayLike, indices: MultiIndexSet
+    ) -> None:
+        given = _block(coefficients, "coefficients of a random property")
+        self._native = _native.Coupling(basis._native, given, indices._native)
+
+    @property
+    def points(self) -> int:
+        """m, or 1 of a parameter."""
+        return int(self._native.points)
+
+    @property
+    def entries(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Array]:
+        """Modes j and k of the entries, sorted by k, and their values (points, entries)."""
+        first = np.array(self._native.first, dtype=np.int64)
+        return first, np.array(self._native.second, dtype=np.int64), self._native.values.T
+
+    def matrix(self, point: int) -> Array:
+        """A (P + 1, P + 1) at one point."""
+        values: Array = self._native.matrix(point)
+        return values
+
+    def apply(self, fields: npt.ArrayLike, components: int = 1) -> Array:
+        """Fields (m * components, P + 1) times a."""
+        values: Array = self._native.apply(np.asarray(fields, dtype=np.float64), components)
+        return values
+
+    def bounds(self) -> Array:
+        """Lower bounds (points,) of the eigenvalues, by Gershgorin."""
+        values: Array = self._native.bounds()
+        return values
+
+    def smallest(self) -> float:
+        """The smallest eigenvalue over all points."""
+        return float(self._native.smallest())
+
+
+class GalerkinOperator:
+    """Operator of monolithic stochastic finite elements: (A u)_k = K u_k + sum B^T W sum_j A_kj B u_j.
+
+    It is applied and never formed; blocks are (n, P + 1).
+
+    Parameters
+    ----------
+    fixed
+        K (n, n), scipy.sparse, symmetric, force / length.
+    terms
+        Of each random stiffness: B (m * components, n) from unknowns to jumps, areas W (m,), its coupling.
+    modes
+        P + 1.
+    """
+
+    def __init__(
+        self, fixed: Sparse, terms: Sequence[tuple[Sparse, npt.ArrayLike, Coupling]], modes: int
+    ) -> None:
+        given = [(jump.tocsr(), _vector(weights), each._native) for jump, weights, each in terms]
+        self._native = _native.GalerkinOperator(fixed.tocsr(), given, modes)
+
+    def apply(self, block: npt.ArrayLike) -> Array:
+        """A u of a block (n, P + 1)."""
+        values: Array = self._native.apply(np.asarray(block, dtype=np.float64))
+        return values
+
+    def matrix(self) -> Any:
+        """A PETSc shell matrix (n (P + 1), n (P + 1)), modes fastest, that applies the operator."""
+        return self._native.matrix()
 
 
 def smallest_eigenvalue(matrix: Sparse) -> float:

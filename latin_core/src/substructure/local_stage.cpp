@@ -8,26 +8,54 @@ namespace latin::substructure {
 namespace {
 
 using Block = Eigen::Map<Matrix>;
-using Transforms = std::vector<stochastic::ColumnTransform>;
+
+/// Columns of a block times a matrix most of which is zero.
+void multiply(Eigen::Map<const Matrix> block, const SparseColumns& by, Block result) {
+  result.setZero();
+  for (Index column = 0; column < by.outerSize(); ++column) {
+    for (SparseColumns::InnerIterator entry(by, column); entry; ++entry) {
+      result.col(column) += entry.value() * block.col(entry.row());
+    }
+  }
+}
+
+enum class Way { forward, backward };
 
 /// Columns of a block (rows, steps * c) times one matrix for all points, or one for each. Time steps run
 /// fastest, so that one product on the (rows * steps, c) view transforms all of them.
-Block transform(const Transforms& transforms, Matrix stochastic::ColumnTransform::* by,
-                const Block& block, Index components, Index steps, Workspace& work) {
-  const Matrix& first = transforms.front().*by;
-  Block result = work.shaped(block.rows(), first.cols() * steps);
-  if (transforms.size() == 1) {
-    result.reshaped(block.rows() * steps, first.cols()).noalias() =
-        block.reshaped(block.rows() * steps, first.rows()) * first;
+Block transform(const LawColumns& group, Way way, const Block& block, Index components, Index steps,
+                Workspace& work) {
+  const auto times = [way](const auto& given, const stochastic::ColumnTransform& by, auto result) {
+    if (way == Way::forward) {
+      result.noalias() = given * by.forward;
+    } else if (by.backward.size() > 0) {
+      result.noalias() = given * by.backward;
+    } else {
+      result.noalias() = given * by.forward.transpose();
+    }
+  };
+  const Matrix& first = group.transforms.front().forward;
+  const Index from = way == Way::forward ? first.rows() : first.cols();
+  const Index to = way == Way::forward ? first.cols() : first.rows();
+  Block result = work.shaped(block.rows(), to * steps);
+  if (group.transforms.size() == 1) {
+    const Index rows = block.rows() * steps;
+    const Eigen::Map<const Matrix> given(block.data(), rows, from);
+    Block found(result.data(), rows, to);
+    if (group.sparse_forward.size() > 0) {
+      multiply(given, way == Way::forward ? group.sparse_forward : group.sparse_backward, found);
+    } else {
+      times(given, group.transforms.front(), found);
+    }
     return result;
   }
   Matrix own(components, block.cols());
   Matrix product(components, result.cols());
-  for (std::size_t point = 0; point < transforms.size(); ++point) {
+  for (std::size_t point = 0; point < group.transforms.size(); ++point) {
     const Index row = components * static_cast<Index>(point);
     own = block.middleRows(row, components);
-    product.reshaped(components * steps, first.cols()).noalias() =
-        own.reshaped(components * steps, first.rows()) * (transforms[point].*by);
+    times(Eigen::Map<const Matrix>(own.data(), components * steps, from), group.transforms[point],
+          Block(product.data(), components * steps, to));
     result.middleRows(row, components) = product;
   }
   return result;
@@ -112,10 +140,9 @@ Block LocalStage::resolve(std::size_t i, const Block& free_jump) {
     const LawColumns& group = (*active.groups)[g];
     const interface::Law& law = *active.group_laws[g];
     const auto in_samples = [&] {
-      const Block samples = transform(group.transforms, &stochastic::ColumnTransform::forward,
-                                      free_jump, components, steps, samples_);
-      return transform(group.transforms, &stochastic::ColumnTransform::backward,
-                       ask(interface, law, samples, sample_forces_), components, steps, back_);
+      const Block samples = transform(group, Way::forward, free_jump, components, steps, samples_);
+      return transform(group, Way::backward, ask(interface, law, samples, sample_forces_),
+                       components, steps, back_);
     };
     const Block back =
         group.transforms.empty() ? ask(interface, law, free_jump, back_) : in_samples();

@@ -10,7 +10,7 @@ namespace latin::stochastic {
 /// (rows, c).
 struct ColumnTransform {
   Matrix forward;   ///< (c, q)
-  Matrix backward;  ///< (q, c)
+  Matrix backward;  ///< (q, c); empty: the transpose of `forward`, which is orthogonal
   Vector values;    ///< (q) values of the random parameter; empty if it is evaluated at `points`
   Matrix points;    ///< (q, L) germ points; empty for a Galerkin transform
   Vector weights;   ///< (q) their probabilities; empty for a Galerkin transform

@@ -57,7 +57,7 @@ enum class OperatorKind {
 struct OperatorOptions {
   OperatorKind kind = OperatorKind::automatic;
   algebra::FactorBackend backend = algebra::FactorBackend::automatic;
-  double memory_limit = 0.0;  ///< bytes for the dense blocks of all bodies; 0: no limit
+  double memory_limit = 8e9;  ///< bytes for the dense blocks of all bodies; 0: no limit
 };
 
 /// Seconds and bytes that were spent on setting up a body.

@@ -30,7 +30,12 @@ struct LawColumns {
   /// Parameters as the law sees them in the samples: name -> field of q columns. They are not held to the
   /// law's minimum: eigenvalues of a Galerkin matrix are not values, and the caller guards their sign.
   std::vector<std::pair<std::string, interface::ParameterField>> parameters;
+  /// The one transform again where most of it is zero, because few modes are coupled with each other; else empty.
+  // NOLINTNEXTLINE(readability-redundant-member-init): callers leave it out
+  SparseColumns sparse_forward{}, sparse_backward{};
 
+  /// Fill the sparse ones where they are the quicker ones.
+  void find_zeros();
   /// Columns of a sample block for a run of c columns in histories of this many steps.
   [[nodiscard]] Index samples(Index columns, Index steps) const {
     return transforms.empty() ? columns : transforms.front().forward.cols() * steps;

@@ -1,0 +1,128 @@
+"""What holds the nodes of a face besides the interface on it: supports, ties, contacts that meet it at edges.
+
+A multiplier at a node that is held already would hold it twice: the traces of the other side would have to
+follow what nothing asks of them (locking near edges), and its force would have no meaning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.interface import PointFrames, frames
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.vectors import unit
+from dolfinx_frontend.scene.laws import Law
+
+__all__ = ["Held", "held_by", "held_twice", "joined_holds"]
+
+_SAME = 0.5
+"""cos^2 of the angle below which two directions are the same one: 45 degrees."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """Directions in which nodes are held.
+
+    Attributes
+    ----------
+    nodes
+        (k,), ascending.
+    directions
+        (k, d, d), projectors onto them.
+    """
+
+    nodes: Ints
+    directions: Array
+
+
+@dataclass(frozen=True)
+class _Probe(PointFrames):
+    """Points of a face, without an interface, as a law wants to see them."""
+
+    name: str
+    points: Array
+    weights: Array
+    frames: Array
+    sides: tuple[Any, ...]
+    law: Law = field(repr=False)
+
+    @property
+    def gap(self) -> Array:
+        return np.zeros(len(self.weights))
+
+    @property
+    def clearance(self) -> Array:
+        return self.gap
+
+
+class _Side:
+    """Of a probe."""
+
+    def __init__(self, substructure: str, face: str, normal: Array, flatness: float) -> None:
+        self.substructure, self.face, self.normal, self.flatness = substructure, face, normal, flatness
+
+
+def _rows(law: Law, probe: _Probe) -> Array:
+    """(m, r, d), unit or zero."""
+    rows = law.nominal.held_rows(probe)
+    length = np.linalg.norm(rows, axis=2, keepdims=True)
+    out: Array = rows / np.where(length > 0.0, length, 1.0)
+    return out
+
+
+def _projectors(gram: Array, least: float) -> Array:
+    """(k, d, d): onto the eigenvectors whose eigenvalues are above a least one."""
+    values, vectors = np.linalg.eigh(gram)
+    kept = vectors * (values > least)[:, None, :]
+    out: Array = kept @ np.swapaxes(vectors, 1, 2)
+    return out
+
+
+def held_by(name: str, law: Law, label: tuple[str, str], sides: int, facets: FacetMap, space: Any) -> Held:
+    """What a law holds at the nodes of one of its faces."""
+    index, s, w = facets.quadrature(2 * space.element.basix_element.degree)
+    points, normals, area = facets.surface(index, s)
+    weights = w * area
+    mean = weights @ normals / weights.sum()
+    flatness = float(np.linalg.norm(normals - mean, axis=1).max())
+    length = float(np.linalg.norm(mean))
+    side = _Side(*label, unit(mean) if length > 1e-9 else np.zeros(facets.dim), flatness)
+    probe = _Probe(name, points, weights, frames(normals)[0], (side,) * sides, law)
+    rows = _rows(law, probe)
+    nodes = facets.face_nodes(space)
+    share = abs(facets.trace(space, index, s, space.dofmap.index_map.size_local)[:, nodes]).multiply(
+        weights[:, None]
+    )
+    d = facets.dim
+    gram = (share.T @ np.einsum("mri,mrj->mij", rows, rows).reshape(-1, d * d)).reshape(-1, d, d)
+    gram /= np.maximum(np.asarray(share.sum(axis=0)).ravel(), 1e-300)[:, None, None]
+    return Held(nodes, _projectors(gram, 0.3))
+
+
+def joined_holds(several: list[Held]) -> Held | None:
+    """All that holds; None: nothing does."""
+    if not several:
+        return None
+    nodes = np.unique(np.concatenate([h.nodes for h in several]))
+    total = np.zeros((len(nodes), *several[0].directions.shape[1:]))
+    for h in several:
+        total[np.searchsorted(nodes, h.nodes)] += h.directions
+    return Held(nodes, _projectors(total, 0.3))
+
+
+def held_twice(held: Held, law: Law, nodes: Ints, x: Array, normals: Array, sides: int) -> Flags:
+    """Whether a law would hold nodes (ascending) in a direction in which they are held."""
+    side = _Side("", "", np.zeros(x.shape[1]), 1.0)
+    probe = _Probe("", x, np.ones(len(x)), frames(normals)[0], (side,) * sides, law)
+    at = np.searchsorted(held.nodes, nodes)
+    known = at < len(held.nodes)
+    known[known] = held.nodes[at[known]] == nodes[known]
+    out = np.zeros(len(nodes), dtype=bool)
+    rows = _rows(law, probe)[known]
+    both = rows @ held.directions[at[known]] @ np.swapaxes(rows, 1, 2)
+    out[known] = np.linalg.eigvalsh(both)[:, -1] > _SAME
+    return out

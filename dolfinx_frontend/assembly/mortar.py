@@ -1,0 +1,263 @@
+"""The interface space ``mortar``: one value at each vertex of the side that carries the multipliers.
+
+The force per area is f = sum_i f_i psi_i; the law holds for f_i and the jump in the mean that psi_i weighs:
+
+    w_i = int psi_i dA,   w_i jump_i = int psi_i (u_2 - u_1) dA,   T_k = 1/w_i int psi_i N_k dA,
+
+over the part of the carrying side that the other one covers.  sum_i psi_i = 1: a constant pressure goes
+through meshes that do not match without an error, and both traces have the same means of a linear field (the
+patch test).  With L_i, the linear (bilinear) functions of the vertices,
+
+degree 1
+    psi is biorthogonal to L: int psi_i L_j = delta_ij int L_i on every facet, over its covered part
+    (Wohlmuth 2000).  f_i is the mean of the pressure with the weight L_i, T_1 is diagonal.
+degree 2
+    psi_i = L_i.  They contain the linear functions, which biorthogonal ones do not, and pressures are >= 0
+    everywhere if the f_i are.  T_1 is not diagonal; no law asks for that, since each sees its own f_i and
+    jump_i only.  No change of the quadratic basis is needed for weights > 0.
+
+Normal jumps are w_i jump_n = int psi_i (u_2 - u_1) . n with the normal n of the place: with a mean one, slip
+on a curved face would open gaps of the order h^2, which differ from vertex to vertex and make pressures of
+the order h; and forces would act along the wrong lines by h^2.
+
+The weights are int L_i in either case.  Measured (docs/interfaces.md): both pass the patch test and need as
+many iterations; forces are the more accurate ones in each case.
+
+Where vertices are held by another interface, a multiplier of their own would hold linear displacements twice.
+It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,
+Maday, Patera 1994).  Quadratic displacements have nodes enough: linear multipliers at held vertices are
+stable, and more accurate.  Vertices of which almost nothing is covered are merged in the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import basix
+import numpy as np
+import scipy.sparse as sp
+from latin_core import mortar as kernel
+
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.held_nodes import Held, held_twice
+from dolfinx_frontend.assembly.overlap import closure_nodes
+from dolfinx_frontend.common.arrays import Array, Flags, Ints
+from dolfinx_frontend.common.vectors import unit_rows
+from dolfinx_frontend.scene.laws import Law
+
+__all__ = ["Multipliers", "multipliers", "vertex_nodes"]
+
+_NOTHING = 1e-9
+"""A facet is not covered if a smaller fraction of it is."""
+
+_PLANE = 1e-12
+"""Normals of a face that differ by less are the same."""
+
+_LITTLE = 0.1
+"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own; on a facet of which
+less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """Interface points at vertices, with the traces of the sides, for one component.
+
+    Attributes
+    ----------
+    points, normals, weights
+        (m, d) and (m,): vertices, unit normals out of the carrying side, areas.
+    shapes
+        (m, nodes) of the carrying side, and of the other one.
+    along
+        (m, d * nodes) for each side: the trace along the normal of the place; empty if all are the same.
+    gap
+        (m,), mean distance of the sides along the normal, length.
+    bulge
+        (m,), how far it may be below 0 for a distance >= 0 that is not linear, because psi is not >= 0.
+    facets
+        (k,), facets of the carrying side that are covered.
+    areas
+        (k, m), area of each facet that belongs to each point.
+    corners, nodal
+        (k, vertices of a facet), numbers of vertices, and (vertices, m): values at vertices from those of
+        the points.
+    """
+
+    points: Array
+    normals: Array
+    weights: Array
+    shapes: tuple[sp.csr_matrix, ...] = field(repr=False)
+    along: tuple[sp.csr_matrix, ...] = field(repr=False)
+    gap: Array
+    bulge: Array
+    facets: Ints
+    areas: sp.csr_matrix = field(repr=False)
+    corners: Ints
+    nodal: sp.csr_matrix = field(repr=False)
+
+
+def vertex_nodes(facets: FacetMap, space: Any) -> Ints:
+    """(facets, vertices): nodes of a space at the vertices of each facet."""
+    element = space.element.basix_element
+    of_facet = np.array(basix.topology(facets.cell)[facets.dim - 1])
+    of_vertex = np.array([d[0] for d in element.entity_dofs[0]])
+    nodes = np.asarray(space.dofmap.list)[facets.cells]
+    return np.take_along_axis(nodes, of_vertex[of_facet[facets.local]], axis=1).astype(np.int64)
+
+
+def multipliers(
+    carrier: FacetMap,
+    other: FacetMap | None,
+    spaces: tuple[Any, ...],
+    found: kernel.Overlap,
+    law: Law,
+    held: Held | None = None,
+) -> Multipliers:
+    """Multipliers at the vertices of a face.
+
+    Parameters
+    ----------
+    carrier, other, spaces
+        The side that carries them, the other one, and their Lagrange spaces.
+    found
+        Integrals of the linear functions of the carrier's facets over what is common.
+    law
+        Whether it holds a vertex that is held already is what it says.
+    held
+        What else holds the nodes of the carrier.
+    """
+    d = carrier.dim
+    share = found.covered / found.whole
+    facets = np.flatnonzero(share > _NOTHING)
+    vertices, corners = np.unique(vertex_nodes(carrier, spaces[0])[facets], return_inverse=True)
+    corners = corners.reshape(len(facets), -1)
+    m = len(vertices)
+    x = np.asarray(spaces[0].tabulate_dof_coordinates())[vertices, :d]
+    row = np.full(len(carrier), -1)
+    row[facets] = np.arange(len(facets))
+    pairs = np.flatnonzero(row[found.first] >= 0)
+    here = corners[row[found.first[pairs]]]
+
+    weights: Array = np.asarray(np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m), float)
+    whole = np.bincount(
+        corners.ravel(), np.repeat(found.whole[facets] / corners.shape[1], corners.shape[1]), minlength=m
+    )
+    normals = np.zeros((m, 3))
+    np.add.at(normals, corners, found.normal[facets])
+    # where sheets meet back to back, the mean has no direction: that of one of them
+    lost = np.linalg.norm(normals, axis=1) < 0.1 * weights
+    some = lost[corners]
+    normals[corners[some]] = found.normal[facets][some]
+    linear = spaces[0].element.basix_element.degree == 1
+    alone = weights > _LITTLE * whole
+    if held is not None and linear and law.rigid:
+        alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), 1 if other is None else 2)
+    merging = _merging(corners, alone)  # (points, vertices)
+
+    dual = _dual(found.mean[facets], found.mass[facets], (share[facets] > _LITTLE) & linear)
+    of_pairs = dual[row[found.first[pairs]]]
+    distance, gap = np.zeros(m), np.zeros(m)
+    np.add.at(distance, corners, found.gap[facets])
+    np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
+    weights = merging @ weights
+    inverse = sp.diags(1.0 / weights) @ merging
+    mean = found.mean[facets][:, :, None]
+    plane = float(np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max()) < _PLANE
+    shapes, along = [], []
+    sides = [(carrier, dual, facets, corners, found.own[facets], found.own_normal[facets])]
+    if other is not None:
+        sides.append(
+            (other, of_pairs, found.second[pairs], here, found.other[pairs], found.other_normal[pairs])
+        )
+    for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
+        nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
+        shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
+        if plane:
+            continue
+        several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
+        unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
+        along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
+    areas = sp.csr_matrix(
+        (
+            found.mean[facets].ravel(),
+            (np.repeat(np.arange(len(facets)), corners.shape[1]), corners.ravel()),
+        ),
+        shape=(len(facets), m),
+    )
+    keep = np.flatnonzero(alone) if alone.any() else np.zeros(1, dtype=np.int64)
+    return Multipliers(
+        points=x[keep],
+        normals=_normals_at_vertices(carrier, facets, corners, found.mean[facets])[keep]
+        if law.prescribes == "jump"
+        else unit_rows((merging @ normals)[:, :d]),
+        weights=weights,
+        shapes=tuple(shapes),
+        along=tuple(along),
+        gap=inverse @ gap,
+        bulge=np.abs(inverse @ (gap - distance)),
+        facets=facets,
+        areas=(areas @ merging.T).tocsr(),
+        corners=corners,
+        nodal=merging.T.tocsr(),
+    )
+
+
+def _dual(mean: Array, mass: Array, good: Flags) -> Array:
+    """(k, vertices, vertices): the biorthogonal functions of facets from the linear ones."""
+    out = np.tile(np.eye(mean.shape[1]), (len(mean), 1, 1))
+    out[good] = mean[good][:, :, None] * np.linalg.inv(mass[good])
+    return out
+
+
+def _normals_at_vertices(face: FacetMap, facets: Ints, corners: Ints, weights: Array) -> Array:
+    """(vertices, d), unit: the means of those of the facets there.
+
+    For laws that hold all directions alike, whose forces are best told in the frame of the place. Laws that
+    tell the normal direction from the others take the mean over psi, along which rigid motions slide freely.
+    """
+    k, v = corners.shape
+    s = np.tile(np.asarray(basix.geometry(face.facet_cell)), (k, 1))
+    _, normal, _ = face.surface(np.repeat(facets, v), s)
+    out = np.zeros((corners.max() + 1, face.dim))
+    np.add.at(out, corners.ravel(), weights.reshape(-1, 1) * normal)
+    return unit_rows(out)
+
+
+def _assembled(blocks: Array, rows: Ints, columns: Ints, m: int, n: int) -> sp.csr_matrix:
+    """(m, n): the sum of blocks (b, r, c) at rows (b, r) and columns (b, c)."""
+    row = np.broadcast_to(rows[:, :, None], blocks.shape)
+    column = np.broadcast_to(columns[:, None, :], blocks.shape)
+    out = sp.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(m, n))
+    # integrals that are zero are rounding otherwise
+    out.data[np.abs(out.data) < 1e-15 * np.abs(out.data).max(initial=0.0)] = 0.0
+    out.eliminate_zeros()
+    return out
+
+
+def _merging(corners: Ints, alone: Flags) -> sp.csr_matrix:
+    """(points, vertices): what of each vertex function belongs to each multiplier; columns have the sum 1."""
+    m = len(alone)
+    if not alone.any():
+        return sp.csr_matrix(np.ones((1, m)))
+    member = sp.csr_matrix(
+        (np.ones(corners.size), (np.repeat(np.arange(len(corners)), corners.shape[1]), corners.ravel())),
+        shape=(len(corners), m),
+    )
+    beside = (member.T @ member).tocsr()
+    beside.data[:] = 1.0
+    share = sp.identity(m, format="csr")[:, np.flatnonzero(alone)]  # (vertices, points)
+    settled = alone.copy()
+    while not settled.all():
+        towards = sp.diags(~settled * 1.0) @ beside @ sp.diags(settled * 1.0)
+        count = np.asarray(towards.sum(axis=1)).ravel()
+        if not count.any():  # an island without a vertex of its own: to any other
+            lost = np.flatnonzero(~settled)
+            any_other = np.full(len(lost), np.argmax(alone))
+            towards = sp.csr_matrix((np.ones(len(lost)), (lost, any_other)), (m, m))
+            count = np.asarray(towards.sum(axis=1)).ravel()
+        fresh = count > 0
+        mean = sp.diags(np.where(fresh, 1.0 / np.maximum(count, 1.0), 0.0)) @ towards
+        share = (share + mean @ share).tocsr()
+        settled |= fresh
+    return share.T.tocsr()

@@ -1,0 +1,348 @@
+"""A problem as a folder that ``latin_run`` solves without Python: all that the kernel is given, by value.
+
+The folder has ``problem.h5``, a sealed HDF5 file, and ``matrices/*.petsc``, PETSc binary matrices;
+``docs/kernel.md`` describes both.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from latin_core import Options, SweptParameter, snake_order
+from petsc4py import PETSc as _PETSc
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import checked_path
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.files import FileError, made_folder, replaced
+from dolfinx_frontend.formats import chaos_file, hdf5
+from dolfinx_frontend.formats.hdf5 import Tree
+from dolfinx_frontend.formats.meshes import part_arrays
+from dolfinx_frontend.kernel import bridge
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
+from dolfinx_frontend.results.answer import SAMPLES
+from dolfinx_frontend.results.chaos import amplitudes_of
+from dolfinx_frontend.results.surfaces import law_contact, surface_of
+from dolfinx_frontend.results.writing import interface_tree
+from dolfinx_frontend.solvers import galerkin, sweep
+from dolfinx_frontend.uncertainty.chaos import Chaos
+
+__all__ = ["FORMAT", "VERSION", "export"]
+
+PETSc: Any = _PETSc  # its stubs know no members
+
+FORMAT = "latin-problem"
+VERSION = 1
+POINTS_ONLY = "latin_run keeps no states of the points of a sweep: export the problem at one of them"
+
+_Values = dict[str, dict[str, Array]]
+
+
+class _Matrices:
+    """PETSc matrices in files of their own; one that is given twice is written once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._known = folder, dict[int, int]()
+        self._kept: list[Any] = []  # so that no other object gets its identity
+        self.files: list[str] = []
+        self.checksums: list[str] = []
+
+    def add(self, matrix: Any) -> int:
+        """The number of a PETSc or scipy matrix."""
+        if id(matrix) not in self._known:
+            self._kept.append(matrix)
+            self._known[id(matrix)] = len(self.files)
+            self._write(matrix)
+        return self._known[id(matrix)]
+
+    def _write(self, matrix: Any) -> None:
+        name = f"matrices/{len(self.files):04d}.petsc"
+        path = self._folder / name
+        given = matrix
+        if sp.issparse(matrix):
+            rows = matrix.tocsr()
+            kind = PETSc.IntType
+            csr = (rows.indptr.astype(kind), rows.indices.astype(kind), rows.data.astype(np.float64))
+            given = PETSc.Mat().createAIJ(rows.shape, csr=csr, comm=PETSc.COMM_SELF)
+        try:
+            viewer = PETSc.Viewer().createBinary(str(path), "w", comm=PETSc.COMM_SELF)
+            given.view(viewer)
+            viewer.destroy()
+            path.with_name(f"{path.name}.info").unlink(missing_ok=True)
+            self.checksums.append(hashlib.sha256(path.read_bytes()).hexdigest())
+        except (OSError, PETSc.Error) as error:
+            raise FileError(f"{path} cannot be written ({error})") from error
+        self.files.append(name)
+
+
+def export(
+    problem: Problem,
+    folder: str | Path,
+    method: Method = "auto",
+    *,
+    chaos: Chaos | int | None = None,
+    grid: Mapping[Any, Sequence[float]] | None = None,
+    times: npt.ArrayLike | None = None,
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    indefinite: Literal["refuse", "prove"] = "refuse",
+) -> Path:
+    """Write what the kernel is given of a problem, for the program ``latin_run``.
+
+    ``latin_run FOLDER`` then does what :func:`dolfinx_frontend.solve` (or, with a grid,
+    :func:`dolfinx_frontend.sweep`) would do with the same arguments, on any number of ranks, and
+    :func:`dolfinx_frontend.load` reads its file. Of a direct plan it makes no corrections of rounding, and of
+    a chaos no deterministic solves to check it.
+
+    Parameters
+    ----------
+    folder
+        Made if it is not there; an exported problem in it is replaced.
+    grid
+        ``"interface.parameter"`` -> values: a sweep.
+    method, chaos, times, active, direction, options, plan, indefinite
+        As for :func:`dolfinx_frontend.solve`.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    SceneError
+        The law of an interface is a user's (functions or a compiled module), both chaos and grid are given,
+        or as for ``solve``.
+    FileError
+        The folder cannot be written.
+    """
+    settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
+    check_problem("export", problem, plan)
+    check_settings("export", plan, method, **settings)
+    problem.on_one_rank("export")
+    target = checked_path("export", folder)
+    if chaos is not None and grid is not None:
+        raise SceneError("export: chaos and grid are two computations: export each into its own folder")
+    more: Tree = {}
+    steps, modes, values, columns = None, 1, {}, {}
+    if chaos is not None:
+        wanted = galerkin.planned(problem, chaos, method, **settings, plan=plan, indefinite=indefinite)
+        ready = galerkin.prepared(problem, wanted, indefinite)
+        plan, changes = ready.plan, ready.changes
+        steps, modes, values, columns = changes.steps, changes.modes, changes.parameters, changes.columns
+        more["face"] = _chaos_face(wanted, ready)
+    elif grid is not None:
+        plan, axes, swept = sweep.planned(problem, grid, method, plan, settings)
+        more["sweep"] = _sweep_tree(axes, swept)
+        more["face"] = {
+            "about": {"kind": "sweep", "statistics": "grid", "no_displacements": POINTS_ONLY},
+            "axes": {", ".join(key): each for key, each in axes.items()},
+        }
+    else:
+        plan = plan or make_plan(problem, method, vary=(), **settings)
+        kind = "deterministic" if plan.times is None else "history"
+        more["face"] = {"about": {"kind": kind, "statistics": "value"}}
+    _check_laws(problem, plan)
+    described = bridge.describe(problem, plan)
+    base = {name: fields.parameters for name, fields in described.fields.items()}
+    tree = more | {
+        "options": _options_tree(plan.options),
+        "laws": _laws_tree(steps or plan.steps, modes, _merged(base, values), columns),
+        "amplitudes": amplitudes_of(plan, modes),
+    }
+    tree["face"] = _face(problem, plan, more["face"])
+    _write(target, described, tree)
+    return target
+
+
+def _check_laws(problem: Problem, plan: Plan) -> None:
+    for name in plan.active:
+        law = problem.interfaces[name].law.functions
+        if law is not None:
+            given = "is a compiled module" if law.compiled is not None else "is written in Python"
+            raise SceneError(
+                f"export: interface {name!r}: its law {law.label!r} {given}, which latin_run does not have: "
+                "give it one of the built-in laws, or write a program with the C++ law (docs/kernel.md)"
+            )
+
+
+def _merged(base: Mapping[str, Mapping[str, Array]], changes: _Values) -> _Values:
+    return {name: {**values, **changes.get(name, {})} for name, values in base.items()}
+
+
+def _block(values: npt.ArrayLike) -> Array:
+    data = np.asarray(values, dtype=np.float64)
+    return data[:, None] if data.ndim == 1 else np.atleast_2d(data)
+
+
+def _numbered(nodes: Sequence[Tree]) -> Tree:
+    return {str(number): node for number, node in enumerate(nodes)}
+
+
+def _options_tree(options: Options) -> Tree:
+    plain = {name: each for name, each in asdict(options).items() if name not in ("macro", "directions")}
+    return {name: int(each) if isinstance(each, bool) else each for name, each in plain.items()}
+
+
+def _laws_tree(
+    steps: int, modes: int, values: _Values, columns: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> Tree:
+    parameters = [
+        {"interface": name, "parameter": parameter, "values": _block(each)}
+        for name, of_interface in values.items()
+        for parameter, each in of_interface.items()
+    ]
+    transformed = [
+        {"interface": name, "groups": _numbered([_group_tree(each) for each in groups])}
+        for name, groups in columns.items()
+    ]
+    return {
+        "steps": steps,
+        "modes": modes,
+        "parameters": _numbered(parameters),
+        "columns": _numbered(transformed),
+    }
+
+
+def _group_tree(group: Mapping[str, Any]) -> Tree:
+    given = group["parameters"].items()
+    parameters = [{"name": name, "values": _block(values)} for name, values in given]
+    tree: Tree = {"begin": group["begin"], "end": group["end"], "parameters": _numbered(parameters)}
+    for way in ("forward", "backward"):
+        if len(group.get(way, ())):
+            tree[way] = np.stack(group[way])
+    return tree
+
+
+def _sweep_tree(axes: Mapping[Any, Array], swept: Sequence[SweptParameter]) -> Tree:
+    parameters: list[Tree] = [
+        {
+            "interface": each.interface,
+            "parameter": each.parameter,
+            "columns": each.columns,
+            "pattern": each.pattern,
+            "values": each.values,
+        }
+        for each in swept
+    ]
+    order = np.array(snake_order([len(values) for values in axes.values()]), dtype=np.int64)
+    return {"order": order, "parameters": _numbered(parameters)}
+
+
+def _member_tree(member: Mapping[str, Any], matrices: _Matrices) -> Tree:
+    tree = {
+        "name": member["name"],
+        "stiffness": matrices.add(member["stiffness"]),
+        "prolongation": matrices.add(member["prolongation"]),
+        "load": member["load"],
+    }
+    return tree if member["offset"] is None else tree | {"offset": member["offset"]}
+
+
+def _body_tree(body: Mapping[str, Any], matrices: _Matrices) -> Tree:
+    springs = [
+        {
+            **spring,
+            "members": np.array(spring["members"], dtype=np.int64),
+            "traces": np.array([matrices.add(trace) for trace in spring["traces"]], dtype=np.int64),
+        }
+        for spring in body["springs"]
+    ]
+    return {
+        "name": body["name"],
+        "size": int(body["size"]),
+        "members": _numbered([_member_tree(member, matrices) for member in body["members"]]),
+        "springs": _numbered(springs),
+    }
+
+
+def _interface_tree(interface: Mapping[str, Any], law: str, matrices: _Matrices) -> Tree:
+    sides = [
+        {**side, "trace": matrices.add(side["trace"]), "scale": float(side["scale"])}
+        for side in interface["sides"]
+    ]
+    tree = {
+        "name": interface["name"],
+        "law": law,
+        "weights": interface["weights"],
+        "frames": interface["frames"],
+        "paired": int(interface["paired"]),
+        "sides": _numbered(sides),
+    }
+    return tree if interface["basis"] is None else tree | {"basis": interface["basis"]}
+
+
+def _chaos_face(wanted: galerkin.Planned, ready: galerkin.Prepared) -> Tree:
+    """Germs and modes, to which the reader adds the coefficients."""
+    space = wanted.random.space
+    return {
+        "about": {"kind": "chaos", "statistics": "random"},
+        "chaos": chaos_file.content(space, wanted.basis, {}, {"order": int(wanted.chaos.order)}),
+        "nonlinear": list(ready.collocations),
+        "germs": space.sample(SAMPLES, 0),
+    }
+
+
+def _face(problem: Problem, plan: Plan, more: Tree) -> Tree:
+    """What :func:`dolfinx_frontend.load` needs beside the numbers of the run."""
+    about = {
+        "software": chaos_file.software(),
+        "plan": str(plan),
+        "problem": repr(problem),
+        **more["about"],
+    }
+    kind = about["kind"]
+    interfaces = {}
+    for name, interface in problem.interfaces.items():
+        surface = surface_of(interface, plan.times)
+        node = interface_tree(problem, name, surface)
+        node["bolt"] = -1 if surface.bolt is None else surface.bolt
+        contact = law_contact(problem, plan, name) if kind in ("deterministic", "history") else None
+        if contact is not None:
+            known = {key: getattr(contact, key) for key in ("clearance", "friction", "threshold")}
+            node["contact"] = {key: values for key, values in known.items() if values is not None}
+        interfaces[name] = node
+    parts = {
+        name: {"nodes": part.dof_coordinates, "mesh": part_arrays(part.part, part.V, part.material)}
+        for name, part in problem.substructures.items()
+    }
+    tree = {"active": list(plan.active), "interfaces": interfaces, "substructures": parts}
+    if plan.times is not None:
+        tree["times"] = np.asarray(plan.times, dtype=np.float64)
+        if plan.history != "steps":
+            tree["in_time"] = np.moveaxis(plan.in_time(np.eye(len(plan.patterns))), 0, -1)
+    return {**tree, **more, "about": about}
+
+
+def _write(folder: Path, described: bridge.Description, tree: Tree) -> None:
+    file = folder / "problem.h5"
+    made_folder(folder / "matrices")
+    try:
+        file.unlink(missing_ok=True)  # its matrices are about to be others
+    except OSError as error:
+        raise FileError(f"{file} cannot be replaced ({error})") from error
+    matrices = _Matrices(folder)
+    bodies = [_body_tree(body, matrices) for body in described.bodies]
+    interfaces = [
+        _interface_tree(each, described.fields[each["name"]].kind, matrices)
+        for each in described.interfaces
+    ]
+    tree = tree | {
+        "bodies": _numbered(bodies),
+        "interfaces": _numbered(interfaces),
+        "matrices": {"files": matrices.files, "sha256": matrices.checksums},
+    }
+    for stale in set((folder / "matrices").glob("*.petsc")) - {folder / name for name in matrices.files}:
+        stale.unlink()
+    with replaced(file) as temporary:
+        hdf5.write_tree(temporary, {"format": FORMAT, "version": VERSION}, tree)

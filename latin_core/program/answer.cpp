@@ -1,0 +1,288 @@
+#include "answer.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "latin/common/error.hpp"
+#include "latin/iteration/solver.hpp"
+#include "latin/substructure/global_stage.hpp"
+#include "latin/substructure/local_stage.hpp"
+
+namespace latin::program {
+namespace {
+
+using iteration::State;
+using iteration::Status;
+using iteration::Summary;
+using substructure::LocalFields;
+using substructure::LocalStage;
+using substructure::Structure;
+
+/// Fields of all ranks on rank 0, by name; each is on one rank.
+class Gathered {
+ public:
+  explicit Gathered(const Communicator& communicator) : communicator_(communicator) {}
+
+  struct Field {
+    std::string name;
+    std::vector<Index> shape;  ///< row-major
+    std::vector<double> values;
+  };
+
+  /// Collective. @param fields of this rank
+  void add(const std::vector<Field>& fields) {
+    std::vector<std::string> names;
+    std::vector<double> numbers;
+    for (const Field& each : fields) {
+      names.push_back(each.name);
+      numbers.push_back(static_cast<double>(each.shape.size()));
+      numbers.insert(numbers.end(), each.shape.begin(), each.shape.end());
+      numbers.insert(numbers.end(), each.values.begin(), each.values.end());
+    }
+    const auto all_names = communicator_.gather(names);
+    const auto all_numbers = communicator_.gather(numbers);
+    if (communicator_.rank() != 0) {
+      return;
+    }
+    for (std::size_t rank = 0; rank < all_names.size(); ++rank) {
+      auto at = all_numbers[rank].begin();
+      for (const std::string& name : all_names[rank]) {
+        Field& field = fields_.emplace_back();
+        field.name = name;
+        Index size = 1;
+        for (auto left = static_cast<Index>(*at++); left > 0; --left) {
+          field.shape.push_back(static_cast<Index>(*at++));
+          size *= field.shape.back();
+        }
+        field.values.assign(at, at + size);
+        at += size;
+      }
+    }
+  }
+  [[nodiscard]] const std::vector<Field>& fields() const { return fields_; }
+
+ private:
+  const Communicator& communicator_;
+  std::vector<Field> fields_;
+};
+
+/// One rank has the first side of an interface: it speaks for it.
+bool speaks_for(const Structure& structure, std::size_t interface) {
+  return structure.interface(interface).rows.front() >= 0;
+}
+
+std::vector<double> by_rows(ConstMatrixRef block) {
+  std::vector<double> values;
+  values.reserve(static_cast<std::size_t>(block.size()));
+  for (Index row = 0; row < block.rows(); ++row) {
+    for (Index column = 0; column < block.cols(); ++column) {
+      values.push_back(block(row, column));
+    }
+  }
+  return values;
+}
+
+Gathered::Field whole(const std::string& name, ConstMatrixRef block) {
+  return {name, {block.rows(), block.cols()}, by_rows(block)};
+}
+
+/// A file with what the frontend has put into the folder, and the numbers of a run.
+class Answer {
+ public:
+  Answer(const Folder& folder, const std::filesystem::path& target)
+      : writer_(target, answer_format, answer_version) {
+    if (folder.root().has("face")) {
+      const Node face = folder.root().group("face");
+      for (const std::string& name : face.names()) {
+        writer_.copy(face, name);
+      }
+    }
+  }
+  [[nodiscard]] Writer& writer() { return writer_; }
+  void fields(const std::string& where, const std::vector<Gathered::Field>& fields) {
+    Index number = 0;
+    std::string last;
+    for (const Gathered::Field& each : fields) {
+      // "name\nforce" and "name\njump" follow each other
+      const std::size_t cut = each.name.find('\n');
+      const std::string name = each.name.substr(0, cut);
+      if (number == 0 || name != last) {
+        last = name;
+        writer_.text(group(where, number++), "name", name);
+      }
+      writer_.numbers(group(where, number - 1), each.name.substr(cut + 1), each.shape, each.values);
+    }
+  }
+  void outcome(const Outcome& outcome) {
+    writer_.text("run", "status", outcome.status);
+    writer_.integer("run", "iterations", outcome.iterations);
+    writer_.number("run", "error", outcome.error);
+  }
+
+ private:
+  static std::string group(const std::string& where, Index number) {
+    return where + "/" + std::to_string(number);
+  }
+  Writer writer_;
+};
+
+/// Force and jump of every interface that this rank speaks for. Collective.
+std::vector<Gathered::Field> interface_fields(const substructure::Laws& laws, const State& state) {
+  std::vector<Gathered::Field> found;
+  LocalStage stage(laws, state.data.cols());
+  for (std::size_t i = 0; i < laws.structure().interfaces().size(); ++i) {
+    const LocalFields fields = stage.fields(i, state.data, state.traces);
+    if (speaks_for(laws.structure(), i)) {
+      const std::string& name = laws.structure().interface(i).name();
+      found.push_back(whole(name + "\nforce", fields.force));
+      found.push_back(whole(name + "\njump", fields.jump));
+    }
+  }
+  return found;
+}
+
+constexpr std::array by_severity{Status::converged, Status::inexact,  Status::max_iterations,
+                                 Status::stagnated, Status::diverged, Status::interrupted};
+
+double known(double error) {
+  return std::isfinite(error) ? error : std::numeric_limits<double>::quiet_NaN();
+}
+
+/// What a sweep leaves on this rank.
+struct Points {
+  std::vector<std::string> status;
+  std::vector<Index> iterations;
+  std::vector<double> error;
+  std::vector<Gathered::Field> fields;  ///< of interfaces, (points, columns, rows)
+  Outcome outcome;
+
+  explicit Points(const SweepRequest& request)
+      : status(static_cast<std::size_t>(request.points)),
+        iterations(static_cast<std::size_t>(request.points), -1),
+        error(static_cast<std::size_t>(request.points), std::numeric_limits<double>::quiet_NaN()),
+        outcome{to_string(Status::converged), 0, 0.0, request.points} {}
+
+  void add(Index point, const Summary& summary, const std::vector<Gathered::Field>& found) {
+    const auto p = static_cast<std::size_t>(point);
+    status[p] = to_string(summary.status);
+    iterations[p] = summary.iterations;
+    error[p] = known(summary.error);
+    const auto severity = [](const std::string& text) {
+      return std::ranges::find(by_severity, text, [](Status s) { return to_string(s); }) -
+             by_severity.begin();
+    };
+    if (severity(status[p]) > severity(outcome.status)) {
+      outcome.status = status[p];
+    }
+    outcome.iterations += summary.iterations;
+    outcome.error = error[p] > outcome.error || std::isnan(error[p]) ? error[p] : outcome.error;
+    if (fields.empty()) {
+      for (const Gathered::Field& each : found) {
+        fields.push_back({each.name, {outcome.points, each.shape[1], each.shape[0]}, {}});
+        fields.back().values.assign(each.values.size() * status.size(),
+                                    std::numeric_limits<double>::quiet_NaN());
+      }
+    }
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      const auto rows = static_cast<std::size_t>(found[i].shape[0]);
+      const auto columns = static_cast<std::size_t>(found[i].shape[1]);
+      double* const to = fields[i].values.data() + p * rows * columns;
+      for (std::size_t row = 0; row < rows; ++row) {
+        for (std::size_t column = 0; column < columns; ++column) {
+          to[column * rows + row] = found[i].values[row * columns + column];
+        }
+      }
+    }
+  }
+};
+
+}  // namespace
+
+Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
+  const substructure::Laws laws = folder.laws();
+  const Matrix amplitudes = folder.amplitudes();
+  const iteration::Options options = folder.options();
+  State state;
+  const Summary summary = iteration::solve(laws, options, amplitudes, state, {}, {});
+
+  const Communicator& communicator = folder.communicator();
+  Gathered interfaces(communicator);
+  interfaces.add(interface_fields(laws, state));
+  Gathered parts(communicator);
+  std::vector<Gathered::Field> displacements;
+  for (const auto& [name, values] : substructure::displacements(laws, state.data, amplitudes)) {
+    displacements.push_back(whole(name + "\ndisplacement", values));
+  }
+  parts.add(displacements);
+  Gathered errors(communicator);
+  errors.add({whole("errors", summary.errors)});
+
+  const Outcome outcome{to_string(summary.status), summary.iterations, known(summary.error), 1};
+  communicator.together([&] {
+    if (communicator.rank() != 0) {
+      return;
+    }
+    Answer answer(folder, target);
+    answer.outcome(outcome);
+    answer.writer().number("run", "indicator", summary.indicator);
+    answer.writer().number("run", "energy", summary.energy);
+    // groups x bodies: the bodies of the ranks one after the other
+    Matrix all(0, 0);
+    for (const Gathered::Field& each : errors.fields()) {
+      const Matrix block = Eigen::Map<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>(
+          each.values.data(), each.shape[0], each.shape[1]);
+      const Index before = all.cols();
+      all.conservativeResize(block.rows(), before + block.cols());
+      all.rightCols(block.cols()) = block;
+    }
+    answer.writer().matrix("run", "errors", all);
+    answer.fields("run/interfaces", interfaces.fields());
+    answer.fields("run/parts", parts.fields());
+    answer.writer().finish();
+  });
+  return outcome;
+}
+
+Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
+                    const std::filesystem::path& target) {
+  const substructure::Laws laws = folder.laws();
+  const Matrix amplitudes = folder.amplitudes();
+  const iteration::Options options = folder.options();
+  Points points(request);
+  iteration::sweep(laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
+                   [&points](Index point, const substructure::Laws& of_point,
+                             const Summary& summary, const State& state) {
+                     points.add(point, summary, interface_fields(of_point, state));
+                   });
+
+  const Communicator& communicator = folder.communicator();
+  Gathered interfaces(communicator);
+  interfaces.add(points.fields);
+  communicator.together([&] {
+    if (communicator.rank() != 0) {
+      return;
+    }
+    Answer answer(folder, target);
+    answer.outcome(points.outcome);
+    Writer& writer = answer.writer();
+    writer.texts("run/points", "status", points.status);
+    writer.integers("run/points", "iterations", points.iterations);
+    writer.numbers("run/points", "error", {request.points}, points.error);
+    std::vector<std::string> names;
+    for (const auto& [name, values] : request.axes) {
+      writer.numbers("run/axes/" + std::to_string(names.size()), "values",
+                     {static_cast<Index>(values.size())}, values);
+      names.push_back(name);
+    }
+    if (!names.empty()) {
+      writer.texts("run/axes", "names", names);
+    }
+    answer.fields("run/interfaces", interfaces.fields());
+    writer.finish();
+  });
+  return points.outcome;
+}
+
+}  // namespace latin::program

@@ -1,0 +1,406 @@
+#include "folder.hpp"
+
+#include <petscviewer.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <set>
+#include <utility>
+
+#include "latin/common/error.hpp"
+#include "latin/interface/interface.hpp"
+#include "sha256.hpp"
+
+namespace latin::program {
+namespace {
+
+using algebra::check;
+using ViewerHandle = algebra::Handle<PetscViewer, PetscViewerDestroy>;
+
+/// Errors of PETSc are told by exceptions, once.
+class QuietPetsc {
+ public:
+  QuietPetsc() { PetscPushErrorHandler(PetscReturnErrorHandler, nullptr); }
+  QuietPetsc(const QuietPetsc&) = delete;
+  QuietPetsc& operator=(const QuietPetsc&) = delete;
+  QuietPetsc(QuietPetsc&&) = delete;
+  QuietPetsc& operator=(QuietPetsc&&) = delete;
+  ~QuietPetsc() { PetscPopErrorHandler(); }
+};
+
+/// The root of the description, which rank 0 reads first: what all would say is said once.
+Node open_root(const std::filesystem::path& folder, const Communicator& communicator) {
+  const std::filesystem::path file = folder / "problem.h5";
+  const auto read = [&file] {
+    Node root = Node::root(file, folder_format);
+    const Index version = root.integer("version");
+    if (version != folder_version) {
+      root.fail("it has version " + std::to_string(version) + ", this program reads version " +
+                std::to_string(folder_version));
+    }
+    return root;
+  };
+  std::error_code failed;
+  communicator.together([&] {
+    if (communicator.rank() == 0) {
+      if (!std::filesystem::is_directory(folder, failed)) {
+        throw InputError(folder.string() + " is no folder: give one that problem.export has made");
+      }
+      static_cast<void>(read());
+    }
+  });
+  return read();
+}
+
+template <class Value>
+Value choice(const Node& node, const std::string& name,
+             const std::vector<std::pair<std::string, Value>>& known) {
+  const std::string found = node.text(name);
+  for (const auto& [text, value] : known) {
+    if (text == found) {
+      return value;
+    }
+  }
+  node.fail(name + " '" + found + "' is not known");
+}
+
+/// Directory that must not lead out of the folder.
+bool is_plain(const std::string& name) {
+  return !name.empty() && name.find("..") == std::string::npos && name.front() != '/';
+}
+
+}  // namespace
+
+Folder::Folder(const std::filesystem::path& folder, const Communicator& communicator)
+    : folder_(folder), communicator_(communicator), root_(open_root(folder, communicator)) {
+  communicator_.together([this] {
+    const Node matrices = root_.group("matrices");
+    files_ = matrices.texts("files");
+    checksums_ = matrices.texts("sha256");
+    if (files_.size() != checksums_.size() || !std::ranges::all_of(files_, is_plain)) {
+      matrices.fail("its files and checksums do not fit each other");
+    }
+    bodies_ = root_.list("bodies");
+    if (bodies_.empty()) {
+      root_.fail("there are no bodies in it");
+    }
+    if (static_cast<int>(bodies_.size()) < communicator_.size()) {
+      throw InputError("the problem has " + std::to_string(bodies_.size()) +
+                       " bodies, each on one rank: run it on so many ranks at most, not " +
+                       std::to_string(communicator_.size()));
+    }
+    find_owners();
+  });
+}
+
+void Folder::find_owners() {
+  std::vector<double> sizes;
+  double total = 0.0;
+  for (const Node& body : bodies_) {
+    const Index size = body.integer("size");
+    if (size < 1) {
+      body.fail("it has no unknowns");
+    }
+    sizes.push_back(static_cast<double>(size));
+    total += sizes.back();
+  }
+  const int ranks = communicator_.size();
+  int rank = 0;
+  double before = 0.0;
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    // the next rank begins where its part of the unknowns does, and early enough to leave one for each
+    const int left = static_cast<int>(bodies_.size() - b);
+    const bool full = before + 0.5 * sizes[b] > total * (rank + 1) / ranks;
+    if (b > 0 && rank + 1 < ranks && (full || left < ranks - rank) && rank_of_.back() == rank) {
+      ++rank;
+    }
+    rank_of_.push_back(rank);
+    before += sizes[b];
+    for (const Node& member : bodies_[b].list("members")) {
+      owner_.emplace(member.text("name"), rank);
+    }
+  }
+}
+
+algebra::MatHandle Folder::matrix(Index number) const {
+  if (number < 0 || number >= static_cast<Index>(files_.size())) {
+    root_.fail("there is no matrix " + std::to_string(number));
+  }
+  const auto place = static_cast<std::size_t>(number);
+  const std::filesystem::path path = folder_ / files_[place];
+  std::error_code failed;
+  if (!std::filesystem::is_regular_file(path, failed)) {
+    throw InputError(path.string() + " does not exist or is no file");
+  }
+  if (sha256_of_file(path) != checksums_[place]) {
+    throw InputError(path.string() + " is truncated or damaged: its checksum is another one");
+  }
+  const algebra::PetscLock lock;
+  const QuietPetsc quiet;
+  const std::string doing = "read " + path.string();
+  ViewerHandle viewer;
+  check(PetscViewerCreate(PETSC_COMM_SELF, viewer.out()), doing);
+  check(PetscViewerSetType(viewer.get(), PETSCVIEWERBINARY), doing);
+  check(PetscViewerBinarySetSkipInfo(viewer.get(), PETSC_TRUE), doing);
+  check(PetscViewerBinarySetSkipOptions(viewer.get(), PETSC_TRUE), doing);
+  check(PetscViewerFileSetMode(viewer.get(), FILE_MODE_READ), doing);
+  check(PetscViewerFileSetName(viewer.get(), path.c_str()), doing);
+  algebra::MatHandle matrix;
+  check(MatCreate(PETSC_COMM_SELF, matrix.out()), doing);
+  check(MatSetType(matrix.get(), MATSEQAIJ), doing);
+  check(MatLoad(matrix.get(), viewer.get()), doing);
+  return matrix;
+}
+
+SparseRows Folder::trace(const Node& node, Index number) const {
+  return algebra::to_sparse(matrix(number).get(), node.place());
+}
+
+substructure::Spring Folder::spring(const Node& node) const {
+  substructure::Spring spring;
+  spring.name = node.text("name");
+  spring.members = node.integers("members");
+  const Matrix frames = node.matrix("frames");
+  for (const Index number : node.integers("traces")) {
+    spring.traces.push_back(interface::to_local_frame(trace(node, number), frames, spring.name));
+  }
+  spring.stiffness = node.vector("stiffness");
+  spring.jump = node.matrix("jump");
+  return spring;
+}
+
+substructure::BodyDescription Folder::body(const Node& node) const {
+  substructure::BodyDescription body{node.text("name"), node.integer("size"), {}, {}};
+  for (const Node& each : node.list("members")) {
+    const std::string name = each.text("name");
+    const Index prolongation = each.integer("prolongation");
+    body.members.push_back(
+        {name, algebra::view_sparse(matrix(each.integer("stiffness")).get(), name),
+         prolongation < 0 ? SparseRows() : trace(each, prolongation), each.matrix("load"),
+         each.has("offset") ? each.matrix("offset") : Matrix()});
+  }
+  for (const Node& each : node.list("springs")) {
+    body.springs.push_back(spring(each));
+  }
+  return body;
+}
+
+substructure::InterfaceDescription Folder::interface(const Node& node) const {
+  std::vector<substructure::SideDescription> sides;
+  for (const Node& each : node.list("sides")) {
+    const std::string member = each.text("member");
+    const auto owner = owner_.find(member);
+    if (owner == owner_.end()) {
+      each.fail("there is no member '" + member + "'");
+    }
+    if (owner->second == communicator_.rank()) {
+      sides.push_back({member, trace(each, each.integer("trace")), each.vector("direction"),
+                       each.number("scale")});
+    } else {
+      sides.push_back({member, {}, {}, 0.0});
+    }
+  }
+  return {node.text("name"),          node.text("law"),
+          node.vector("weights"),     node.matrix("frames"),
+          std::move(sides),           node.has("basis") ? node.matrix("basis") : Matrix(),
+          node.integer("paired") != 0};
+}
+
+substructure::Laws Folder::laws() const {
+  std::vector<substructure::BodyDescription> bodies;
+  std::vector<substructure::InterfaceDescription> interfaces;
+  substructure::OperatorOptions options;
+  communicator_.together([&] {
+    for (std::size_t b = 0; b < bodies_.size(); ++b) {
+      if (rank_of_[b] == communicator_.rank()) {
+        bodies.push_back(body(bodies_[b]));
+      }
+    }
+    for (const Node& each : root_.list("interfaces")) {
+      const std::vector<Node> sides = each.list("sides");
+      if (std::ranges::any_of(sides, [this](const Node& side) {
+            const auto owner = owner_.find(side.text("member"));
+            return owner == owner_.end() || owner->second == communicator_.rank();
+          })) {
+        interfaces.push_back(interface(each));
+      }
+    }
+    using substructure::OperatorKind;
+    using algebra::FactorBackend;
+    const Node node = root_.group("options");
+    options.kind = choice<OperatorKind>(node, "operator",
+                                        {{"automatic", OperatorKind::automatic},
+                                         {"condensed", OperatorKind::condensed},
+                                         {"factored", OperatorKind::factored}});
+    options.backend = choice<FactorBackend>(node, "backend",
+                                            {{"automatic", FactorBackend::automatic},
+                                             {"cholmod", FactorBackend::cholmod},
+                                             {"mumps", FactorBackend::mumps}});
+    options.memory_limit = node.number("memory_limit");
+    if (!(options.memory_limit >= 0.0)) {
+      node.fail("memory_limit is negative");
+    }
+  });
+  const auto structure = std::make_shared<const substructure::Structure>(
+      std::move(bodies), std::move(interfaces), options, communicator_);
+  substructure::Laws laws(structure);
+  communicator_.together([&] { laws = with_values(std::move(laws)); });
+  return laws;
+}
+
+substructure::Laws Folder::with_values(substructure::Laws laws) const {
+  const substructure::Structure& structure = laws.structure();
+  const Node node = root_.group("laws");
+  laws = laws.with_steps(node.integer("steps")).with_modes(node.integer("modes"));
+  std::vector<substructure::LawParameter> parameters;
+  std::set<std::string> names;
+  for (const Node& each : root_.list("interfaces")) {
+    names.insert(each.text("name"));
+  }
+  // of an interface that is on other ranks only nothing is to be set
+  const auto here = [&](const Node& each) {
+    const std::string name = each.text("interface");
+    return structure.has_interface(name) || !names.contains(name);
+  };
+  for (const Node& each : node.list("parameters")) {
+    if (here(each)) {
+      parameters.push_back({each.text("interface"), each.text("parameter"), each.matrix("values")});
+    }
+  }
+  laws = laws.with_parameters(parameters);
+  for (const Node& each : node.list("columns")) {
+    if (here(each)) {
+      laws = laws.with_columns(each.text("interface"), columns(each));
+    }
+  }
+  return laws;
+}
+
+std::vector<substructure::LawColumns> Folder::columns(const Node& node) const {
+  std::vector<substructure::LawColumns> groups;
+  for (const Node& each : node.list("groups")) {
+    substructure::LawColumns& group = groups.emplace_back();
+    group.begin = each.integer("begin");
+    group.end = each.integer("end");
+    if (each.has("forward")) {
+      std::vector<Matrix> forward = each.matrices("forward");
+      std::vector<Matrix> backward(forward.size());
+      if (each.has("backward")) {
+        backward = each.matrices("backward");
+      }
+      if (forward.size() != backward.size()) {
+        each.fail("one backward matrix for each forward one is wanted");
+      }
+      for (std::size_t i = 0; i < forward.size(); ++i) {
+        group.transforms.push_back({std::move(forward[i]), std::move(backward[i]), {}, {}, {}});
+      }
+    }
+    for (const Node& given : each.list("parameters")) {
+      group.parameters.emplace_back(given.text("name"),
+                                    latin::interface::ParameterField(given.matrix("values")));
+    }
+  }
+  return groups;
+}
+
+iteration::Options Folder::options() const {
+  iteration::Options options;
+  communicator_.together([&] {
+    const Node node = root_.group("options");
+    options.rtol = node.number("rtol");
+    options.stop_on_indicator =
+        choice<bool>(node, "criterion", {{"error", false}, {"indicator", true}});
+    options.max_iterations = node.integer("max_iterations");
+    options.acceleration = node.integer("acceleration");
+    options.relaxation = node.number("relaxation");
+    options.stagnation_window = node.integer("stagnation_window");
+    options.newton = node.integer("newton");
+    options.snapshots = node.integer("snapshots");
+    options.together = node.integer("together");
+    options.scatter = node.integer("scatter") != 0;
+    options.single_precision =
+        choice<bool>(node, "precision", {{"double", false}, {"single", true}});
+    options.check();
+  });
+  return options;
+}
+
+Matrix Folder::amplitudes() const {
+  Matrix amplitudes;
+  communicator_.together([&] {
+    amplitudes = root_.matrix("amplitudes");
+    if (amplitudes.cols() < 1 || !amplitudes.allFinite()) {
+      root_.fail("'amplitudes' are no finite numbers with a column at least");
+    }
+  });
+  return amplitudes;
+}
+
+SweepRequest Folder::sweep() const {
+  SweepRequest request;
+  communicator_.together([&] {
+    const Node node = root_.group("sweep");
+    request.order = node.integers("order");
+    for (const Node& each : node.list("parameters")) {
+      request.parameters.push_back({each.text("interface"), each.text("parameter"),
+                                    each.matrix("pattern"), each.matrix("values"),
+                                    each.integer("columns")});
+    }
+    if (request.parameters.empty()) {
+      node.fail("no parameter changes");
+    }
+    request.points = request.parameters.front().values.cols();
+    if (request.points < 1 || !request.parameters.front().values.allFinite()) {
+      node.fail("it has no points");
+    }
+  });
+  return request;
+}
+
+SweepRequest grid(const std::vector<std::string>& axes) {
+  SweepRequest request;
+  std::vector<Index> shape;
+  for (const std::string& axis : axes) {
+    const std::size_t equals = axis.find('=');
+    const std::size_t dot = axis.rfind('.', equals);
+    const auto refuse = [&axis]() {
+      return InputError("--sweep " + axis +
+                        ": give INTERFACE.PARAMETER=VALUE,VALUE,... with finite numbers");
+    };
+    if (equals == std::string::npos || dot == std::string::npos || dot == 0 || dot + 1 == equals) {
+      throw refuse();
+    }
+    std::vector<double> values;
+    const char* at = axis.data() + equals;
+    const char* const end = axis.data() + axis.size();
+    while (at != end) {
+      double value = 0.0;
+      const auto [next, error] = std::from_chars(at + 1, end, value);
+      if (error != std::errc() || !std::isfinite(value) || (next != end && *next != ',')) {
+        throw refuse();
+      }
+      values.push_back(value);
+      at = next;
+    }
+    shape.push_back(static_cast<Index>(values.size()));
+    request.axes.emplace_back(axis.substr(0, equals), std::move(values));
+  }
+  request.order = iteration::snake_order(shape);
+  request.points = static_cast<Index>(request.order.size());
+  Index repeats = request.points;
+  for (std::size_t a = 0; a < axes.size(); ++a) {
+    const auto& [name, values] = request.axes[a];
+    repeats /= shape[a];  // points until the value changes, the last axis fastest
+    Matrix at_points(1, request.points);
+    for (Index point = 0; point < request.points; ++point) {
+      at_points(0, point) = values[static_cast<std::size_t>((point / repeats) % shape[a])];
+    }
+    const std::size_t dot = name.rfind('.');
+    request.parameters.push_back(
+        {name.substr(0, dot), name.substr(dot + 1), Matrix::Ones(1, 1), std::move(at_points), 1});
+  }
+  return request;
+}
+
+}  // namespace latin::program

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "latin/algebra/handle.hpp"
+#include "latin/common/communicator.hpp"
+#include "latin/iteration/options.hpp"
+#include "latin/iteration/sweep.hpp"
+#include "latin/substructure/laws.hpp"
+#include "tree.hpp"
+
+namespace latin::program {
+
+/// Form of an exported problem, and the version that is read.
+constexpr const char* folder_format = "latin-problem";
+constexpr Index folder_version = 1;
+
+/// A sweep as the folder, or the command line, describes it.
+struct SweepRequest {
+  std::vector<iteration::SweptParameter> parameters;
+  std::vector<Index> order;  ///< points in the order of solution
+  Index points = 0;
+  /// Axes of the grid: name and values; empty: the folder has them among what it has for the frontend.
+  std::vector<std::pair<std::string, std::vector<double>>> axes;
+};
+
+/// An exported problem: what the kernel is to be given, on the ranks that share it.
+///
+/// The bodies are spread over the ranks in their order, about the same number of unknowns on each.
+class Folder {
+ public:
+  /// Collective. @throws InputError on all ranks if the folder is damaged, or none
+  Folder(const std::filesystem::path& folder, const Communicator& communicator);
+
+  /// The factorised bodies of this rank with their laws. Collective.
+  [[nodiscard]] substructure::Laws laws() const;
+  [[nodiscard]] iteration::Options options() const;
+  /// (load patterns, columns)
+  [[nodiscard]] Matrix amplitudes() const;
+  /// Whether a sweep was exported.
+  [[nodiscard]] bool has_sweep() const { return root_.has("sweep"); }
+  [[nodiscard]] SweepRequest sweep() const;
+  [[nodiscard]] const Node& root() const { return root_; }
+  [[nodiscard]] const Communicator& communicator() const { return communicator_; }
+
+ private:
+  /// A matrix of PETSc from its file, once its checksum is known to be right.
+  [[nodiscard]] algebra::MatHandle matrix(Index number) const;
+  [[nodiscard]] SparseRows trace(const Node& node, Index number) const;
+  [[nodiscard]] substructure::BodyDescription body(const Node& node) const;
+  [[nodiscard]] substructure::Spring spring(const Node& node) const;
+  [[nodiscard]] substructure::InterfaceDescription interface(const Node& node) const;
+  [[nodiscard]] std::vector<substructure::LawColumns> columns(const Node& node) const;
+  [[nodiscard]] substructure::Laws with_values(substructure::Laws laws) const;
+  void find_owners();
+
+  std::filesystem::path folder_;
+  Communicator communicator_;
+  Node root_;
+  std::vector<std::string> files_;
+  std::vector<std::string> checksums_;
+  std::vector<Node> bodies_;          ///< of all ranks
+  std::map<std::string, int> owner_;  ///< of every member, a rank
+  std::vector<int> rank_of_;          ///< of every body
+};
+
+/// A grid given on the command line: "interface.parameter=1,2,3" for each axis.
+/// @throws InputError on a text of another form
+SweepRequest grid(const std::vector<std::string>& axes);
+
+}  // namespace latin::program

@@ -1,0 +1,127 @@
+// latin_run: solves a problem that was exported to a folder, without Python. docs/kernel.md describes the folder
+// and the file of the answer.
+
+#include <petscsys.h>
+
+#include <chrono>
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "answer.hpp"
+#include "folder.hpp"
+#include "latin/common/communicator.hpp"
+#include "latin/common/error.hpp"
+#include "latin/common/threads.hpp"
+
+namespace {
+
+constexpr const char* usage =
+    R"(usage: [mpirun -n RANKS] latin_run FOLDER [--output FILE] [--sweep INTERFACE.PARAMETER=VALUE,VALUE,...] ...
+
+Solves the problem that problem.export(FOLDER) wrote, as it was exported: once, a history, a chaos, or a sweep.
+
+  --output FILE   where the answer is written, which the frontend reads (load); FOLDER/result.h5 by default
+  --sweep AXIS    instead: a grid of values of kernel parameters of interface laws, one option for each axis
+
+Exit code 0: converged; 2: the answer is written, but did not converge; 1: an error, which is named.
+)";
+
+struct Request {
+  std::filesystem::path folder;
+  std::filesystem::path output;
+  std::vector<std::string> axes;
+};
+
+/// @return nothing if help is wanted  @throws InputError
+std::optional<Request> request_of(const std::vector<std::string>& arguments) {
+  Request request;
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    const std::string& each = arguments[i];
+    if (each == "-h" || each == "--help") {
+      return std::nullopt;
+    }
+    if (each == "--output" || each == "--sweep") {
+      if (i + 1 == arguments.size()) {
+        throw latin::InputError(each + ": a value is wanted behind it");
+      }
+      ++i;
+      if (each == "--output") {
+        request.output = arguments[i];
+      } else {
+        request.axes.push_back(arguments[i]);
+      }
+    } else if (each.rfind("--", 0) == 0) {
+      throw latin::InputError("there is no option " + each + ": latin_run --help lists them");
+    } else if (!request.folder.empty()) {
+      throw latin::InputError("one folder is wanted, got " + request.folder.string() + " and " +
+                              each);
+    } else {
+      request.folder = each;
+    }
+  }
+  if (request.folder.empty()) {
+    throw latin::InputError("give the folder that problem.export has made: latin_run FOLDER");
+  }
+  if (request.output.empty()) {
+    request.output = request.folder / "result.h5";
+  }
+  return request;
+}
+
+int run(const std::vector<std::string>& arguments, const latin::Communicator& communicator) {
+  const auto request = request_of(arguments);
+  if (!request) {
+    if (communicator.rank() == 0) {
+      std::fputs(usage, stdout);
+    }
+    return 0;
+  }
+  const auto began = std::chrono::steady_clock::now();
+  if (!communicator.alone()) {
+    latin::bound_threads(communicator);
+  }
+  const latin::program::Folder folder(request->folder, communicator);
+  const bool sweeps = !request->axes.empty() || folder.has_sweep();
+  const latin::program::Outcome outcome =
+      !sweeps ? latin::program::solve_once(folder, request->output)
+              : latin::program::solve_sweep(
+                    folder,
+                    request->axes.empty() ? folder.sweep() : latin::program::grid(request->axes),
+                    request->output);
+  if (communicator.rank() == 0) {
+    const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - began;
+    const std::string points =
+        sweeps ? " at " + std::to_string(outcome.points) + " points" : std::string();
+    std::printf("%s after %td iterations%s, estimated error %.2g, %.2f s: %s\n",
+                outcome.status.c_str(), outcome.iterations, points.c_str(), outcome.error,
+                spent.count(), request->output.c_str());
+  }
+  return outcome.status == "converged" ? 0 : 2;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::vector<std::string> arguments(argv + 1, argv + argc);
+  int none = 0;  // the options are this program's, and none of PETSc's
+  if (PetscInitialize(&none, nullptr, nullptr, nullptr) != PETSC_SUCCESS) {
+    return 1;
+  }
+  int code = 1;
+  {
+    const latin::Communicator communicator(PETSC_COMM_WORLD);
+    try {
+      code = run(arguments, communicator);
+    } catch (const std::exception& error) {
+      // what fails, fails on all ranks; the first says what it was
+      if (communicator.rank() == 0) {
+        std::fprintf(stderr, "latin_run: %s\n", error.what());
+      }
+    }
+  }
+  return PetscFinalize() == PETSC_SUCCESS ? code : 1;
+}

@@ -1,0 +1,136 @@
+#include "latin/stochastic/coupling.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "latin/common/error.hpp"
+#include "latin/stochastic/galerkin.hpp"
+
+namespace latin::stochastic {
+namespace {
+
+std::size_t at(Index i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+Coupling::Coupling(const ChaosBasis& basis, ConstMatrixRef coefficients,
+                   const MultiIndexSet& property) {
+  if (coefficients.rows() < 1 || coefficients.cols() != property.size()) {
+    throw InputError("coefficients of shape (" + std::to_string(coefficients.rows()) + ", " +
+                     std::to_string(coefficients.cols()) + ") do not fit a property of " +
+                     std::to_string(property.size()) + " modes");
+  }
+  // E[Psi_i Psi_j Psi_k] of the modes i that the property has somewhere
+  std::vector<std::pair<Index, SparseColumns>> triples;
+  std::vector<Index> places;  // column * c + row
+  const Index c = basis.size();
+  for (Index i = 0; i < property.size(); ++i) {
+    if ((coefficients.col(i).array() != 0.0).any()) {
+      const SparseColumns& triple =
+          triples
+              .emplace_back(i, galerkin_matrix(basis, Vector::Unit(property.size(), i), property))
+              .second;
+      for (Index column = 0; column < c; ++column) {
+        for (SparseColumns::InnerIterator entry(triple, column); entry; ++entry) {
+          places.push_back(column * c + entry.row());
+        }
+      }
+    }
+  }
+  std::ranges::sort(places);
+  places.erase(std::ranges::unique(places).begin(), places.end());
+  starts_.assign(at(c) + 1, 0);
+  for (const Index place : places) {
+    first_.push_back(place % c);
+    ++starts_[at(place / c) + 1];
+  }
+  std::partial_sum(starts_.begin(), starts_.end(), starts_.begin());
+  values_ = Matrix::Zero(static_cast<Index>(places.size()), coefficients.rows());
+  for (const auto& [i, triple] : triples) {
+    for (Index column = 0; column < c; ++column) {
+      for (SparseColumns::InnerIterator entry(triple, column); entry; ++entry) {
+        const auto found = std::ranges::lower_bound(places, column * c + entry.row());
+        values_.row(found - places.begin()) += entry.value() * coefficients.col(i).transpose();
+      }
+    }
+  }
+}
+
+std::vector<Index> Coupling::second() const {
+  std::vector<Index> columns;
+  for (Index k = 0; k < modes(); ++k) {
+    columns.insert(columns.end(), at(starts_[at(k) + 1] - starts_[at(k)]), k);
+  }
+  return columns;
+}
+
+Matrix Coupling::matrix(Index point) const {
+  if (point < 0 || point >= points()) {
+    throw InputError("point " + std::to_string(point) + " is none of " + std::to_string(points()));
+  }
+  Matrix dense = Matrix::Zero(modes(), modes());
+  for (Index k = 0; k < modes(); ++k) {
+    for (Index e = starts_[at(k)]; e < starts_[at(k) + 1]; ++e) {
+      dense(first_[at(e)], k) = values_(e, point);
+    }
+  }
+  return dense;
+}
+
+void Coupling::apply(ConstModeRowsRef u, Index components, ModeRowsRef v) const {
+  const bool fits = components >= 1 && u.cols() == modes() && u.rows() % components == 0 &&
+                    (points() == 1 || u.rows() == points() * components);
+  if (!fits || v.rows() != u.rows() || v.cols() != u.cols()) {
+    throw InputError("fields of shape (" + std::to_string(u.rows()) + ", " +
+                     std::to_string(u.cols()) + ") do not fit " + std::to_string(points()) +
+                     " points of " + std::to_string(components) + " components and " +
+                     std::to_string(modes()) + " modes");
+  }
+  for (Index row = 0; row < u.rows(); ++row) {
+    const double* const given = u.data() + row * u.outerStride();
+    double* const found = v.data() + row * v.outerStride();
+    const double* const values = values_.col(points() == 1 ? 0 : row / components).data();
+    for (Index k = 0; k < modes(); ++k) {
+      double sum = 0.0;
+      for (Index e = starts_[at(k)]; e < starts_[at(k) + 1]; ++e) {
+        sum += values[e] * given[first_[at(e)]];
+      }
+      found[k] = sum;
+    }
+  }
+}
+
+Vector Coupling::bounds() const {
+  Vector bounds = Vector::Constant(points(), std::numeric_limits<double>::infinity());
+  for (Index point = 0; point < points(); ++point) {
+    for (Index k = 0; k < modes(); ++k) {
+      double bound = 0.0;
+      for (Index e = starts_[at(k)]; e < starts_[at(k) + 1]; ++e) {
+        const double value = values_(e, point);
+        bound += first_[at(e)] == k ? value : -std::abs(value);
+      }
+      bounds(point) = std::min(bounds(point), bound);
+    }
+  }
+  return bounds;
+}
+
+double Coupling::smallest() const {
+  const Vector bound = bounds();
+  std::vector<Index> order(at(points()));
+  std::iota(order.begin(), order.end(), Index{0});
+  std::ranges::sort(order, {}, [&bound](Index point) { return bound(point); });
+  double smallest = std::numeric_limits<double>::infinity();
+  for (const Index point : order) {
+    if (bound(point) >= smallest) {
+      break;
+    }
+    smallest = std::min(smallest, smallest_eigenvalue(matrix(point).sparseView()));
+  }
+  return smallest;
+}
+
+}  // namespace latin::stochastic

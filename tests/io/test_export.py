@@ -1,0 +1,345 @@
+"""Problems as folders, solved by ``latin_run`` without Python: the same digits, or one clear error."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dolfinx_frontend as lt
+
+h5py = pytest.importorskip("h5py")
+PROGRAM = shutil.which("latin_run")
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="latin_run was built without HDF5")
+
+FUZZED = int(os.environ.get("LATIN_FUZZED_FOLDERS", "24"))
+"""Damaged folders of each kind."""
+
+
+def run(folder: Path, *more: str, ranks: int = 1) -> subprocess.CompletedProcess[str]:
+    start = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+    command = [*start, str(PROGRAM), str(folder), *more]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=120)
+
+
+def solved(folder: Path, *more: str, ranks: int = 1) -> lt.SavedResult:
+    done = run(folder, *more, ranks=ranks)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return lt.load(folder / "result.h5")
+
+
+def blocks(law: Any = None, count: int = 3, force: Any = 0.2) -> lt.Scene:
+    """Blocks in a row, clamped at the left and pulled, or pushed, at the right."""
+    scene = lt.Scene()
+    for k in range(count):
+        block = lt.geometry.box((1.0, 1.0, 1.0), (2, 2, 2), origin=(k, 0, 0), cell="hexahedron")
+        scene.substructure(f"block {k}", block, lt.LinearElastic(E=1.0, nu=0.2), degree=1)
+    for k in range(count - 1):
+        last = k == count - 2 and law is not None
+        joint = law if last else lt.Elastic(normal=1.0, tangential=0.5)
+        scene.interface(f"joint/{k}", f"block {k}:x1", f"block {k + 1}:x0", joint)
+    scene.fix("block 0:x0")
+    scene.pressure(f"block {count - 1}:x1", force)
+    if law is not None:
+        scene.interface("ground", f"block {count - 1}:x1", lt.Elastic(normal=0.1, tangential=0.1))
+    return scene
+
+
+def same(reference: Any, found: lt.SavedResult, tolerance: float = 0.0, parts: bool = True) -> None:
+    """Force, jump and displacements agree, relative to the largest of each field."""
+
+    def close(one: Any, other: Any) -> None:
+        assert one.shape == other.shape
+        assert np.abs(one - other).max() <= tolerance * np.abs(one).max()
+
+    for name in reference.plan.active:
+        close(reference.force(name), found.force(name))
+        close(reference.jump(name), found.jump(name))
+    for name in reference.problem.substructures if parts else ():
+        close(reference.unknowns(name), found.unknowns(name))
+
+
+@pytest.fixture(scope="module")
+def elastic() -> lt.Problem:
+    return lt.assemble(blocks())
+
+
+# --- the same digits -------------------------------------------------------------------------------
+
+
+def test_one_solution(elastic: lt.Problem, tmp_path: Path) -> None:
+    assert elastic.export(tmp_path / "made" / "here", "accelerated") == tmp_path / "made" / "here"
+    reference, found = lt.solve(elastic, "accelerated"), solved(tmp_path / "made" / "here")
+    same(reference, found)
+    assert (found.kind, found.status) == ("deterministic", "converged")
+    assert found.iterations == reference.iterations
+    assert found.error == reference.error
+    # the same row of the table, and a displacement on the mesh
+    (row,), (wanted,) = (each.table("joint/0").rows() for each in (found, reference))
+    assert row == pytest.approx(wanted, rel=1e-10, abs=1e-14, nan_ok=True)
+    assert found.displacement("block 1").x.array.shape == reference.displacement("block 1").x.array.shape
+
+
+def test_direct_solution(elastic: lt.Problem, tmp_path: Path) -> None:
+    """Without the corrections that solve makes: rounding differs by the condition number, here some 1e4."""
+    elastic.export(tmp_path)
+    reference = lt.solve(elastic)
+    assert reference.plan.method == "direct"
+    same(reference, solved(tmp_path), 1e-11)
+
+
+@pytest.mark.mpi
+def test_ranks_share_the_bodies(elastic: lt.Problem, tmp_path: Path) -> None:
+    elastic.export(tmp_path, "accelerated", options=lt.Options(rtol=1e-12))
+    reference = lt.solve(elastic, "accelerated", options=lt.Options(rtol=1e-12))
+    for ranks in (2, 3):
+        same(reference, solved(tmp_path, ranks=ranks), 1e-11)
+
+
+def test_friction_over_time(tmp_path: Path) -> None:
+    times = np.linspace(0.0, 1.0, 4)
+    ramp = lt.Amplitude([0.0, 1.0], [0.0, 1.0])
+    scene = blocks(lt.Contact(friction=0.3, gap=0.01), force=ramp * 0.2)
+    problem = lt.assemble(scene)
+    problem.export(tmp_path, times=times)
+    reference, found = lt.solve(problem, times=times), solved(tmp_path)
+    same(reference, found)
+    assert found.kind == "history" and np.array_equal(found.times, times)
+
+
+def test_linear_history(elastic: lt.Problem, tmp_path: Path) -> None:
+    """Load patterns are superposed by the reader, as by the result."""
+    scene = blocks(force=lt.Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, 4.0]) * 0.2)
+    problem = lt.assemble(scene)
+    times = [0.5, 1.0, 2.0]
+    problem.export(tmp_path, "accelerated", times=times)
+    same(lt.solve(problem, "accelerated", times=times), solved(tmp_path))
+
+
+def test_sweep(elastic: lt.Problem, tmp_path: Path) -> None:
+    grid = {"joint/0.normal": [1.0, 2.0, 4.0], "joint/1.normal": [0.5, 1.5]}
+    elastic.export(tmp_path, grid=grid)
+    reference, found = lt.sweep(elastic, grid, progress=False), solved(tmp_path)
+    same(reference, found, parts=False)
+    assert found.shape == (3, 2) and list(found.axes) == list(grid)
+    assert found.iterations == reference.iterations.sum()
+    assert found.point(1, 1).status == "converged"
+
+
+def test_sweep_of_the_command_line(elastic: lt.Problem, tmp_path: Path) -> None:
+    """A uniform stiffness per area: for faces of area 1 what the scene's sweep takes."""
+    elastic.export(tmp_path, "accelerated", active=["joint/0", "joint/1"])
+    found = solved(tmp_path, "--sweep", "joint/0.normal=1,2,4")
+    plan = lt.make_plan(elastic, "accelerated", active=["joint/0", "joint/1"])
+    reference = lt.sweep(elastic, {"joint/0.normal": [1.0, 2.0, 4.0]}, plan=plan, progress=False)
+    same(reference, found, parts=False)
+
+
+def random_scene(law: Any) -> lt.Problem:
+    return lt.assemble(blocks(law))
+
+
+def test_chaos(tmp_path: Path) -> None:
+    stiffness = lt.LogNormal(mean=1.0, cov=0.2, name="stiffness")
+    problem = random_scene(lt.Elastic(normal=stiffness, tangential=0.5))
+    problem.export(tmp_path, chaos=3)
+    reference, found = lt.solve(problem, chaos=3), solved(tmp_path)
+    same(reference, found)
+    points = reference.space.sample(7, 1)
+    name = "joint/1"
+    for what in ("force", "jump"):
+        here, there = (getattr(each.at(points), what)(name) for each in (reference, found))
+        assert np.allclose(here, there, rtol=1e-13, atol=0.0)
+    assert np.allclose(reference.deviation("block 2"), found.deviation("block 2"), rtol=1e-13, atol=0.0)
+    assert found.table(name, samples=50).columns
+
+
+def test_chaos_of_a_nonlinear_law(tmp_path: Path) -> None:
+    gap = lt.Normal(mean=0.02, std=0.005, name="gap")
+    problem = random_scene(lt.Contact(gap=gap))
+    chaos = lt.Chaos(2, check_points=0)
+    problem.export(tmp_path, chaos=chaos)
+    same(lt.solve(problem, chaos=chaos), solved(tmp_path))
+
+
+# --- what cannot be exported -----------------------------------------------------------------------
+
+
+def test_laws_of_users_are_named(tmp_path: Path) -> None:
+    law = lt.UserLaw(force=lambda jump, k: k[:, None] * jump, values={"k": 1.0}, name="mine")
+    problem = lt.assemble(blocks(law))
+    with pytest.raises(lt.SceneError, match=r"interface 'joint/1': its law 'mine' is written in Python"):
+        problem.export(tmp_path)
+
+
+def test_one_computation_a_folder(elastic: lt.Problem, tmp_path: Path) -> None:
+    with pytest.raises(lt.SceneError, match="chaos and grid are two computations"):
+        elastic.export(tmp_path, chaos=2, grid={"joint/0.normal": [1.0]})
+
+
+# --- one clear error -------------------------------------------------------------------------------
+
+
+def refused(done: subprocess.CompletedProcess[str]) -> str:
+    """What the program says: one line."""
+    assert done.returncode == 1, (done.returncode, done.stdout, done.stderr[-2000:])
+    assert done.stderr.startswith("latin_run: ") and done.stderr.count("\n") == 1, done.stderr[-2000:]
+    return done.stderr
+
+
+def test_wrong_calls(elastic: lt.Problem, tmp_path: Path) -> None:
+    elastic.export(tmp_path, "accelerated")
+    assert "is no folder" in refused(run(tmp_path / "nothing"))
+    (tmp_path / "empty").mkdir()
+    assert "does not exist" in refused(run(tmp_path / "empty"))
+    assert "no option --fast" in refused(run(tmp_path, "--fast"))
+    for axis in ("joint", "joint/0.normal=", "joint/0.normal=1,,2", "joint/0.normal=nan", ".=1"):
+        assert "INTERFACE.PARAMETER=VALUE" in refused(run(tmp_path, "--sweep", axis))
+    assert "nothere" in refused(run(tmp_path, "--sweep", "nothere.normal=1"))
+    assert "strength" in refused(run(tmp_path, "--sweep", "joint/0.strength=1"))
+    assert "cannot be written" in refused(run(tmp_path, "--output", str(tmp_path / "no" / "x.h5")))
+    assert "usage:" in run(tmp_path, "--help").stdout
+
+
+@pytest.mark.mpi
+def test_too_many_ranks(elastic: lt.Problem, tmp_path: Path) -> None:
+    elastic.export(tmp_path, "accelerated")
+    done = run(tmp_path, ranks=4)
+    assert done.returncode and "bodies, each on one rank" in done.stderr
+    assert done.stderr.count("latin_run:") == 1
+
+
+def test_foreign_files(elastic: lt.Problem, tmp_path: Path) -> None:
+    elastic.export(tmp_path / "folder", "accelerated")
+    lt.solve(elastic).save(tmp_path / "result.h5")
+    shutil.copy(tmp_path / "result.h5", tmp_path / "folder" / "problem.h5")
+    assert "no latin-problem file" in refused(run(tmp_path / "folder"))
+    with pytest.raises(lt.ResultFileError):
+        lt.load(tmp_path / "folder" / "matrices" / "0000.petsc")
+
+
+def flip(path: Path, dice: random.Random) -> None:
+    data = bytearray(path.read_bytes())
+    for _ in range(dice.choice((1, 1, 8, 64))):
+        data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
+    path.write_bytes(data)
+
+
+def cut(path: Path, dice: random.Random) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: dice.randrange(len(data))])
+
+
+def lengthen(path: Path, dice: random.Random) -> None:
+    path.write_bytes(path.read_bytes() + dice.randbytes(dice.randrange(1, 99)))
+
+
+def lose(path: Path, dice: random.Random) -> None:
+    path.unlink()
+
+
+@pytest.mark.slow
+def test_damaged_folders(elastic: lt.Problem, tmp_path: Path) -> None:
+    """Any bit that changes anywhere is found before PETSc or HDF5 see it."""
+    whole = elastic.export(tmp_path / "whole", "accelerated")
+    dice = random.Random(5)
+    for _ in range(FUZZED):
+        folder = tmp_path / "damaged"
+        shutil.copytree(whole, folder)
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        path = dice.choice([folder / "problem.h5", *files])
+        damage: Callable[[Path, random.Random], None] = dice.choice((flip, cut, lengthen, lose))
+        damage(path, dice)
+        # a flip may be undone by the next, and some bytes of the first 512 say nothing
+        if damage is flip and run(folder).returncode == 0:
+            before, after = (each.read_bytes() for each in (whole / path.relative_to(folder), path))
+            assert before[:90] == after[:90] and before[512:] == after[512:]
+        else:
+            refused(run(folder))
+        shutil.rmtree(folder)
+
+
+def seal(path: Path) -> None:
+    """As if the content were meant."""
+    data = path.read_bytes()
+    line = f"latin-problem sha256 {hashlib.sha256(data[512:]).hexdigest()}\n".encode()
+    path.write_bytes(line + data[len(line) :])
+
+
+def places(file: Any) -> list[tuple[str, str | None]]:
+    """Groups and datasets without those of the frontend, and attributes."""
+    found: list[tuple[str, str | None]] = []
+
+    def visit(name: str, node: Any) -> None:
+        if not name.startswith("face"):
+            found.append((name, None))
+            found.extend((name, key) for key in node.attrs)
+
+    file.visititems(visit)
+    return found
+
+
+def mutate(file: Any, dice: random.Random) -> str:
+    """Change one thing of a file; what it was."""
+    name, key = dice.choice(places(file))
+    node = file[name]
+    kind = dice.randrange(4)
+    if key is not None:
+        value = dice.choice((-1, 2**40, 7, "word", 1.5e300, float("nan"), "", -1e-3))
+        if kind == 0:
+            del node.attrs[key]
+        else:
+            node.attrs[key] = value
+        return f"{name}@{key} {kind} {value}"
+    if isinstance(node, h5py.Group) or kind == 0:
+        del file[name]
+        return f"{name} deleted"
+    values = np.array(node[()])
+    del file[name]
+    if kind == 1 or values.dtype.kind == "O":
+        file[name] = values[: len(values) // 2]
+        return f"{name} halved"
+    if kind == 2:
+        file[name] = values[None]
+        return f"{name} with another axis"
+    flat = values.reshape(-1)
+    if flat.size:
+        flat[dice.randrange(flat.size)] = dice.choice((-1, 2**31, 7)) if flat.dtype.kind == "i" else (
+            dice.choice((np.nan, np.inf, -1e300, 1e300, 0.0))
+        )
+    file[name] = values
+    return f"{name} with a wrong number"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["solution", "sweep", "chaos"])
+def test_contradictory_folders(elastic: lt.Problem, tmp_path: Path, kind: str) -> None:
+    """Files that are whole but say what cannot be: an error or an answer, no crash."""
+    whole = tmp_path / "whole"
+    if kind == "chaos":
+        stiffness = lt.LogNormal(mean=1.0, cov=0.2, name="stiffness")
+        random_scene(lt.Elastic(normal=stiffness, tangential=0.5)).export(whole, chaos=2)
+    else:
+        grid = {"joint/0.normal": [1.0, 2.0]} if kind == "sweep" else None
+        elastic.export(whole, "accelerated", grid=grid)
+    dice = random.Random(7)
+    for _ in range(FUZZED):
+        folder = tmp_path / "changed"
+        shutil.copytree(whole, folder)
+        with h5py.File(folder / "problem.h5", "r+") as file:
+            what = mutate(file, dice)
+        seal(folder / "problem.h5")
+        done = run(folder)
+        assert done.returncode in (0, 1, 2), (what, done.returncode, done.stderr[-2000:])
+        if done.returncode == 1:
+            assert "latin_run: " in done.stderr and done.stderr.count("\n") == 1, (what, done.stderr)
+        shutil.rmtree(folder)
