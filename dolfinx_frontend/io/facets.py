@@ -148,12 +148,14 @@ class InterfaceWriter:
         single = mean.nnz == mean.shape[0] == mean.shape[1]
         out: dict[str, Values] = {"area": (self._mesh.area, "")}
         for name, (values, labels) in self._data(step).items():
-            if name == "state" and not single:
+            if name == "area":
+                continue
+            if single:
+                out[name] = (values[mean.indices], labels)
+            elif name == "state":
                 out["open share"] = (mean @ (values == OPEN), "")
                 out["slip share"] = (mean @ (values == SLIPS), "")
-            elif name == "state":
-                out[name] = ((mean @ values).astype(np.int64), "")
-            elif name != "area":
+            else:
                 out[name] = (mean @ values, labels)
         return out
 

@@ -55,8 +55,13 @@ bool Multipliers::suits(const substructure::Laws& laws) {
          !laws.linear() && Tangent::possible(laws.structure());
 }
 
-Multipliers::Multipliers(const substructure::Laws& laws)
-    : laws_(laws), system_(laws), tangent_(laws.structure()) {
+Multipliers::Multipliers(const substructure::Laws& laws,
+                         std::shared_ptr<const substructure::Joined> joined)
+    : laws_(laws),
+      system_(laws),
+      tangent_(laws.structure(),
+               joined ? std::move(joined)
+                      : std::make_shared<const substructure::Joined>(laws.structure())) {
   const substructure::Structure& structure = laws.structure();
   areas_.resize(system_.unknowns());
   softness_ = Vector::Zero(system_.unknowns());

@@ -393,7 +393,7 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     return false;
   }
   try {
-    Multipliers multipliers(stages_.laws());
+    Multipliers multipliers(stages_.laws(), linear_->joined());
     found = multipliers.solve(better_, most);
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);

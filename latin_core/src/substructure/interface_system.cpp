@@ -107,15 +107,19 @@ Matrix InterfaceSystem::free_jumps(ConstMatrixRef data, ConstMatrixRef traces) c
 }
 
 InterfaceSystem::Memory InterfaceSystem::blank() const {
-  Memory memory;
-  for (std::size_t i = 0; i < laws_.structure().interfaces().size(); ++i) {
-    const interface::Interface& geometry = laws_.structure().interface(i).geometry;
-    const Index rows = geometry.points * geometry.components;
-    memory.kept.emplace_back(Matrix::Zero(laws_.of(i).law->memory(), geometry.points));
-    memory.jumps.emplace_back(rows, 0);
-    memory.forces.emplace_back(rows, 0);
+  const std::size_t count = laws_.structure().interfaces().size();
+  Memory memory{std::vector<Matrix>(count), std::vector<Matrix>(count), std::vector<Matrix>(count)};
+  for (std::size_t i = 0; i < count; ++i) {
+    forget(i, memory);
   }
   return memory;
+}
+
+void InterfaceSystem::forget(std::size_t i, Memory& memory) const {
+  const interface::Interface& geometry = laws_.structure().interface(i).geometry;
+  memory.kept[i] = Matrix::Zero(laws_.of(i).law->memory(), geometry.points);
+  memory.jumps[i].resize(geometry.points * geometry.components, 0);
+  memory.forces[i].resize(geometry.points * geometry.components, 0);
 }
 
 interface::LocalProblem InterfaceSystem::problem(std::size_t i, ConstMatrixRef jump,
@@ -212,13 +216,13 @@ std::vector<Matrix> InterfaceSystem::slopes_of_all(ConstMatrixRef jumps,
   const auto& interfaces = laws_.structure().interfaces();
   std::vector<Matrix> result(static_cast<std::size_t>(jumps.cols()),
                              Matrix::Zero(unknowns(), most_components()));
+  Memory memory = blank();
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     const auto rows = Eigen::seqN(interfaces[i].first_unknown, interfaces[i].size());
     const auto components = Eigen::seqN(0, interfaces[i].geometry.components);
     const Matrix own_jumps = jumps(rows, every);
     const Vector own = flexibility(rows);
     const interface::Law& law = *laws_.of(i).law;
-    Memory memory = blank();
     Matrix first(own_jumps.rows(), interfaces[i].geometry.components);
     if (!law.history() && jumps.cols() > 1 &&
         !law.slopes(problem(i, own_jumps.col(0), own, laws_.steps()), 0, memory.kept[i], first)) {
@@ -237,7 +241,7 @@ std::vector<Matrix> InterfaceSystem::slopes_of_all(ConstMatrixRef jumps,
     }
     for (Index column = 0; column < jumps.cols(); ++column) {
       if (law.history() && column % laws_.steps() == 0) {
-        memory = blank();
+        forget(i, memory);
       }
       slopes_of_one(i, column, memory, own_jumps.col(column), own,
                     result[static_cast<std::size_t>(column)](rows, components));

@@ -47,6 +47,10 @@ class Linearisation {
   const Matrix& rounding(const substructure::Laws& laws, const State& state, const Whole& whole);
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
+  /// The condensed structure, null before tangents were first taken.
+  [[nodiscard]] std::shared_ptr<const substructure::Joined> joined() const {
+    return tangents_.empty() ? nullptr : tangents_.front()->shared_joined();
+  }
   /// Forces per area (rows, c) as the meshes see them, on the active unknowns of the bodies, (active, c).
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     return tangents_.front()->nodal(forces);

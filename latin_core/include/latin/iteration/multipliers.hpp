@@ -1,5 +1,6 @@
 #pragma once
 
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -28,7 +29,9 @@ class Multipliers {
   [[nodiscard]] static bool suits(const substructure::Laws& laws);
 
   /// @param laws of the run; they must outlive this object
-  explicit Multipliers(const substructure::Laws& laws);
+  /// @param joined the structure, condensed; null: it is condensed here
+  explicit Multipliers(const substructure::Laws& laws,
+                       std::shared_ptr<const substructure::Joined> joined = nullptr);
 
   /// Replace the data and traces of a state by those of the answer, column by column.
   /// @param state whose traces are those of its data

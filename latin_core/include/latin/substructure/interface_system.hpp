@@ -75,6 +75,8 @@ class InterfaceSystem {
   /// Forces (rows, c) for free jumps (rows, c) of an interface.
   using Asked = std::function<Matrix(const Matrix& jumps)>;
 
+  /// An interface is before the first column of a history.
+  void forget(std::size_t interface, Memory& memory) const;
   /// What a law keeps of its column of a history. @return its forces
   Vector advance_one(std::size_t interface, Index column, Memory& memory, const Vector& jump,
                      const Vector& flexibility) const;
