@@ -7,7 +7,6 @@ the traces, weights and frames of every interface.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -40,7 +39,7 @@ from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Perfect
@@ -127,11 +126,10 @@ def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm
 
 def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
-        warnings.warn(
+        warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
             "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
             SceneWarning,
-            stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
     if comm is not None:

@@ -154,6 +154,11 @@ class Problem(OneProcess):
         for each in self.substructures.values() if part is None else [self.substructures[part]]:
             each.check_sources()
 
+    def check_mesh(self, part: str | None = None) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_mesh()
+
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -32,13 +31,16 @@ from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.describe import short
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import OneProcess, locked, locked_matrix, read_only
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
 __all__ = ["Substructure"]
+
+
+_REMEDY = "after it was assembled: put it back, or assemble the scene again"
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,22 +74,25 @@ class Sources:
             tuple((each, _checksum(each.x.array)) for each in fields),
         )
 
+    def check_mesh(self, where: str) -> None:
+        """Raise SceneError if the nodes of the mesh were moved."""
+        if _checksum(self.mesh.geometry.x) != self.nodes:
+            raise SceneError(f"{where}: the nodes of its mesh were moved {_REMEDY}")
+
     def check(self, where: str) -> None:
         """Raise SceneError if something was written to."""
-        remedy = "after it was assembled: put it back, or assemble the scene again"
-        if _checksum(self.mesh.geometry.x) != self.nodes:
-            raise SceneError(f"{where}: the nodes of its mesh were moved {remedy}")
+        self.check_mesh(where)
         for constant, value in self.constants:
             if not np.array_equal(constant.value, value):
                 now = short(np.asarray(constant.value).tolist())
                 raise SceneError(
                     f"{where}: a Constant of its material was changed from {short(value.tolist())} to {now} "
-                    f"{remedy}"
+                    f"{_REMEDY}"
                 )
         for function, known in self.functions:
             if _checksum(function.x.array) != known:
                 what = f"the Function {function.name!r} of its material"
-                raise SceneError(f"{where}: {what} was changed {remedy}")
+                raise SceneError(f"{where}: {what} was changed {_REMEDY}")
 
 
 def _checksum(values: Array) -> int:
@@ -157,6 +162,11 @@ class Substructure(OneProcess):
         """
         if self.sources is not None:
             self.sources.check(f"substructure {self.name!r}")
+
+    def check_mesh(self) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        if self.sources is not None:
+            self.sources.check_mesh(f"substructure {self.name!r}")
 
     def check_unchanged(self) -> None:
         """Raise SceneError if somebody has written to the stiffness."""
@@ -275,7 +285,7 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
         if worst < _LOST:
             raise SceneError(f"{text}: rounding leaves nothing of their stiffness; fix the mesh")
         text += ": rounding may be seen in the answer; mesh it again"
-        warnings.warn(text, SceneWarning, stacklevel=7)
+        warn(text, SceneWarning)
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 

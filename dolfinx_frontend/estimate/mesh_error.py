@@ -154,7 +154,7 @@ def discretisation_error(
         value = _value(result, quantity, step, fields)
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
-    with agreement(problem.comm):
+    with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
         found = {
             name: _Errors.of(part, fields[name], z.get(name))
             for name, part in problem.own.substructures.items()
@@ -163,6 +163,11 @@ def discretisation_error(
         found = {n: each for some in exchanged(problem.comm, found) for n, each in some.items()}
     found = {name: found[name] for name in problem.parts}
     whole = float(np.sqrt(sum(each.norm for each in found.values())))
+    if not np.isfinite(whole):
+        raise SceneError(
+            "discretisation_error: the energies of the result leave the range of numbers; scale the loads, "
+            "or choose units that fit them"
+        )
     parts = {n: float(np.sqrt(each.error)) / whole if whole else 0.0 for n, each in found.items()}
     seconds = {"dual": solved - began, "recovery": perf_counter() - solved}
     total = sum(found.values(), start=_Errors())

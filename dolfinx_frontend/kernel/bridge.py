@@ -58,7 +58,7 @@ SOFTEST = 1e-3
 GIVEN_REACH = 1e10
 """As :data:`dolfinx_frontend.plan.plan.REACH`, of one interface, whose own springs may be soft or stiff."""
 
-LARGEST = 1e290
+LARGEST = 1e300
 """Largest force or displacement of a direct solution: sums of them must fit into double precision."""
 
 RANGE = 1e130

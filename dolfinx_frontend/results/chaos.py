@@ -669,6 +669,11 @@ class ChaosResult(Result, StochasticResult):
             decay = by_degree[-1] * ratio / np.sqrt(1.0 - ratio**2) / deviation
         return float(decay), deviation
 
+    @property
+    def points_of_misfit(self) -> Array:
+        """Points (N, L) of the germs at which :meth:`misfit` asks the laws."""
+        return self.space.sample_sobol(POINTS_OF_MISFIT, 1)
+
     def misfit(self, interface: str) -> float:
         """How far the chaos is from the linear law of an interface with something random.
 
@@ -678,7 +683,7 @@ class ChaosResult(Result, StochasticResult):
         answer as their search directions say. What the chaos cannot represent is orthogonal to it, and adds
         its square to the variance.
         """
-        germs = self.space.sample_sobol(POINTS_OF_MISFIT, 1)
+        germs = self.points_of_misfit
         weights = self.problem.interfaces[interface].weights[:, None, None, None]
         fields = bridge.active_fields(self.problem.interfaces[interface], self.plan)
         flexible = self._flexibility(interface)[..., None, None]

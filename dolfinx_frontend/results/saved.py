@@ -191,6 +191,9 @@ class SavedProblem:
     def check_sources(self, part: str | None = None) -> None:
         """Nobody has its meshes."""
 
+    def check_mesh(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
     @property
     def comm(self) -> None:
         """None: all is on one rank."""

@@ -28,7 +28,6 @@ count unless it is an interface of the scene.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -43,7 +42,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
@@ -378,12 +377,11 @@ def _check_slip(
         return False
     who, how = _names(motions, motion)
     events = "; ".join(_events(bounded, motion)) or "no interface holds it"
-    warnings.warn(
+    warn(
         f"{who} has lost its support{when}: with the normal forces that the iteration has reached, "
         f"friction does not balance the loads, which move it by {how}: {events}; "
         f"raise preload or friction, or {_MEND}",
         SceneWarning,
-        stacklevel=7,
     )
     return True
 
@@ -408,11 +406,10 @@ def _check_undetermined(
     how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
     open_ones = [name for name, each in reached.items() if not each.closed]
     where = f": {quoted(open_ones)} is open everywhere" if open_ones else ""
-    warnings.warn(
+    warn(
         f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
         f"one of many ({how}); hold it if that is not meant",
         SceneWarning,
-        stacklevel=7,
     )
     return True
 

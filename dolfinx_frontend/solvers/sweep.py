@@ -45,8 +45,11 @@ Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
 
 
+_GRID = "give {'interface.parameter': values}"
+
+
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
-    check_kind("sweep", "grid", grid, Mapping, "give {'interface.parameter': values}")
+    check_kind("sweep", "grid", grid, Mapping, _GRID)
     axes = {}
     for key, values in grid.items():
         names = (key,) if isinstance(key, str) else tuple(checked_names("sweep", "axis", key))
@@ -240,6 +243,7 @@ def _check_request(
     settings: Mapping[str, Any],
 ) -> None:
     check_problem("sweep", problem, plan)
+    check_kind("sweep", "grid", grid, Mapping, _GRID)  # before grids of ranks are compared
     check_settings("sweep", plan, method, **settings)
     check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
     for name, function in outputs.items() if isinstance(outputs, Mapping) else ():

@@ -17,6 +17,7 @@ from dolfinx_frontend import (
     SceneError,
     assemble,
     discretisation_error,
+    figures,
     geometry,
     io,
     solve,
@@ -82,7 +83,8 @@ def test_a_mesh_that_was_moved_is_refused_where_it_is_read(tmp_path: Path) -> No
     mesh, result = pulled(lambda _: LinearElastic(1e3, 0.3))
     table = result.table().to_csv()
     mesh.geometry.x[:] *= 2.0
-    for read in readers(result, tmp_path):
+    drawn = [lambda: figures.deformed_figure(result, tmp_path / "out.png")]
+    for read in readers(result, tmp_path) + drawn:
         with pytest.raises(SceneError, match="'strip': the nodes of its mesh were moved"):
             read()
     assert result.table().to_csv() == table

@@ -141,6 +141,27 @@ def refused() -> None:
     raises(lambda: io.write_fields(run, "never.vtm", step=one(4, -1)), "4")
     raises(lambda: io.write_interfaces(run, "never.vtm", interfaces=one("j9")), "interfaces differs", "'j9'")
     assert solve(problem).converged and run.tightened(1e-7).converged
+
+    # a callback that fails on one rank ends all; the other is told, and the next call works
+    def only_here(iteration: Any) -> None:
+        if bad:
+            raise RuntimeError("only here")
+
+    for call in (solve, lambda p, **k: sweep(p, grid, **k), lambda p, **k: monte_carlo(p, 2, **k)):
+        try:
+            call(problem, callback=only_here)
+        except RuntimeError as error:
+            assert "only here" in str(error) and ("rank 1" in str(error) or bad), error
+        else:
+            raise AssertionError(call)
+        assert solve(problem).converged
+    # a quantity is read where its interface is; elsewhere it is refused, and nobody waits
+    told = ""
+    try:
+        run.quantity(lambda fields: fields.force("j3").max(axis=(1, 2)))
+    except SceneError as error:
+        told = str(error)
+    assert ("is on rank 1" in told) == (not bad), told
     loose = Options(rtol=one(1e-4, 1e-5))
     raises(lambda: solve(problem, options=loose), "options differs", "rtol = 0.0001 on rank 1")
 
