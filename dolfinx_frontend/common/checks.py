@@ -12,7 +12,7 @@ import os
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,7 @@ __all__ = [
     "checked_seed",
     "checked_whole",
     "checked_word",
+    "is_list",
     "is_masked",
     "is_real",
     "is_whole",
@@ -195,9 +196,16 @@ def check_known(kind: str, name: Any, known: Iterable[str], where: str = "") -> 
         raise unknown_name(kind, name, known, where)
 
 
+def is_list(value: Any) -> TypeGuard[Sequence[Any]]:
+    """Whether a value is a list, a tuple, or an array that has one axis at least."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
 def checked_names(where: str, what: str, given: Any, others: str = "") -> list[str]:
     """A list of names; `others` is what else would do."""
-    if isinstance(given, Iterable) and not isinstance(given, (str, bytes)):
+    # an array without axes says that it can be gone through, and cannot
+    listed = is_list(given) if isinstance(given, np.ndarray) else isinstance(given, Iterable)
+    if listed and not isinstance(given, (str, bytes)):
         names = list(given)
         if all(isinstance(name, str) for name in names):
             return names

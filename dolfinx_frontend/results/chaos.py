@@ -15,7 +15,7 @@ from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_kind, check_known, checked_whole
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_names, checked_whole
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -547,6 +547,7 @@ class ChaosResult(Result, StochasticResult):
 
     def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
         """Fields and notes of the file that :meth:`save_chaos` writes."""
+        substructures = checked_names("save_chaos", "substructures", substructures)
         return self._fields_of(self.plan.active, substructures)
 
     def _fields_of(
@@ -678,15 +679,16 @@ class ChaosResult(Result, StochasticResult):
         """How far the chaos is from the linear law of an interface with something random.
 
         Equilibrium holds for every mode, the law for as many as there are: at points of the germs it fails by
-        what the truncation left out. One local stage there gives the force that the law wants; the result is
-        the larger relative change of mean and standard deviation, which is that of the force if the parts
-        answer as their search directions say. What the chaos cannot represent is orthogonal to it, and adds
-        its square to the variance.
+        what the truncation left out. One local stage there, and the answer of the parts to it, give the force
+        that the law wants; the result is the larger relative change of mean and standard deviation. The parts
+        answer to a change as they do to what is random, see :meth:`_compliance`. What the chaos cannot
+        represent is orthogonal to it, and adds its square to the variance.
         """
         germs = self.points_of_misfit
         weights = self.problem.interfaces[interface].weights[:, None, None, None]
         fields = bridge.active_fields(self.problem.interfaces[interface], self.plan)
         flexible = self._flexibility(interface)[..., None, None]
+        compliance = self._compliance(interface)
         chunk = max(1, CHUNK // self.steps)
         own, better, square = [], [], 0.0
         for i in range(0, len(germs), chunk):
@@ -695,8 +697,14 @@ class ChaosResult(Result, StochasticResult):
             force, jump = (_at_points(block, psi) for block in self._columns_of(interface))
             parameters = sampled_parameters(self.random, interface, points, fields, self.steps)
             free = np.asfortranarray((jump + flexible * force).reshape(force.shape[0] * force.shape[1], -1))
-            found = self.solver.resolve_samples(self.laws, interface, free, parameters)[0]
-            wanted = found.reshape(force.shape)
+            shift = float(np.abs(free).max()) or 1.0
+            found, there = (
+                self.solver.resolve_samples(self.laws, interface, each, parameters)[0].reshape(force.shape)
+                for each in (free, free + shift)
+            )
+            # laws are linear: 1 where the jump is given, 0 where the force is
+            given = np.clip(flexible * (there - found) / shift, 0.0, 1.0)
+            wanted = force + (found - force) / ((1.0 - given) + given * compliance)
             square += float(np.sum(weights * (wanted - force) ** 2)) / len(germs)
             own.append(force)
             better.append(wanted)
@@ -710,6 +718,22 @@ class ChaosResult(Result, StochasticResult):
             return of_mean
         of_std = _relative(whole.std(axis=2) - deviation, deviation, scale)
         return max(of_mean, of_std, square / spread)
+
+    def _compliance(self, interface: str) -> Array:
+        """What the jump varies by for a force that varies by 1, relative to the search directions.
+
+        That of the parts where only the law of the interface is random; (m, components, 1, 1).
+        """
+        weights = self.problem.interfaces[interface].weights[:, None, None, None]
+        force, jump = (
+            np.sqrt(np.sum(weights * block[:, :, 1:] ** 2, axis=(0, 2, 3)))
+            for block in self._columns_of(interface)
+        )
+        flexible = self._flexibility(interface)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = jump / (force * flexible)
+        usual = np.where(np.isnan(found), 1.0, np.clip(found, 1e-8, 1e8))  # 0 / 0: nothing varies
+        return np.asarray(usual[..., None, None], dtype=np.float64)
 
     def compared(self, interface: str, truth: Sequence[SampleResult]) -> TruncationError:
         """The chaos against deterministic solves."""

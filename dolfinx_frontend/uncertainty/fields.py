@@ -22,6 +22,7 @@ from dolfinx_frontend.common.checks import (
     checked_number,
     checked_numbers,
     checked_whole,
+    is_list,
     told_call,
 )
 from dolfinx_frontend.common.describe import record
@@ -270,11 +271,12 @@ class RandomField:
         lowest = 0.0 if self.distribution == "lognormal" else -math.inf
         mean = checked_number(where, "mean", self.mean, above=lowest)
         deviation(where, mean, self.cov, self.std)
-        lengths = self.length if isinstance(self.length, (list, tuple, np.ndarray)) else [self.length]
+        lengths = self.length if is_list(self.length) else [self.length]
         for value in lengths:
             checked_number(where, "length", value, above=0.0)
         if not np.isscalar(self.length):
-            object.__setattr__(self, "length", tuple(np.asarray(self.length).tolist()))
+            given = np.asarray(self.length, dtype=np.float64)
+            object.__setattr__(self, "length", tuple(map(float, given)) if given.ndim else float(given))
         _correlation(where, self.covariance, self.nu)
         if self.variance_captured is None and self.modes is None:
             object.__setattr__(self, "variance_captured", 0.95)

@@ -15,7 +15,7 @@ from scipy import linalg, special
 from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole
+from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole, is_list
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict
@@ -460,7 +460,7 @@ class RandomSpace:
 
     def tensor_gauss(self, counts: int | Sequence[int], memory_limit: float = 0.0) -> Rule:
         """Tensor Gauss rule with this many points in each germ."""
-        if isinstance(counts, (list, tuple, np.ndarray)):
+        if is_list(counts):
             wanted = [checked_whole("tensor quadrature", "points", c, 1) for c in counts]
         else:
             wanted = [checked_whole("tensor quadrature", "points", counts, 1)] * self.dimension
