@@ -172,8 +172,8 @@ def columns() -> None:
     assert all(each.converged for each in expanded), expanded
     for name in ("bed", "j1", "j2"):
         mine = both[0].everywhere(name, lambda: samples[0].force(name))
-        # what the iteration is asked for is an energy: totals have its digits, the forces at single points of a rigid
-        # contact (j2), which hardly move anything, four fewer (6e-9 with dolfinx 0.9, 1.3e-8 with 0.11)
+        # what the iteration is asked for is an energy: totals have its digits, the forces at single points of
+        # a rigid contact (j2), which hardly move anything, four fewer (6e-9 on dolfinx 0.9, 1.3e-8 on 0.11)
         weights = both[0].interfaces[name].weights
         total, exact = (np.einsum("p,npc->nc", weights, f) for f in (mine, samples[1].force(name)))
         same(total, exact, f"total of samples {name}", 1e-9)
