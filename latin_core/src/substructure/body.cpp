@@ -339,20 +339,27 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
-/// The largest entry of its members and springs; 0 of a single member without springs.
-double stiffest_of(const BodyDescription& description) {
-  double largest = 0.0;
-  if (description.members.size() > 1 || !description.springs.empty()) {
-    for (const Member& member : description.members) {
-      const Eigen::Map<const Vector> entries(member.stiffness->valuePtr(),
-                                             member.stiffness->nonZeros());
-      largest = entries.size() > 0 ? std::max(largest, entries.cwiseAbs().maxCoeff()) : largest;
+using Longer = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
+
+/// out += sign * a x
+template <class Sparse>
+void add_product(const Sparse& a, const Longer& x, Longer& out, long double sign = 1.0L) {
+  for (int row = 0; row < a.outerSize(); ++row) {
+    long double sum = 0.0L;
+    for (typename Sparse::InnerIterator it(a, row); it; ++it) {
+      sum += static_cast<long double>(it.value()) * x(it.col());
     }
-    for (const Spring& spring : description.springs) {
-      largest = std::max(largest, spring.stiffness.size() > 0 ? spring.stiffness.maxCoeff() : 0.0);
+    out(row) += sign * sum;
+  }
+}
+
+/// out += sign * a^T x
+void add_transposed(const SparseRows& a, const Longer& x, Longer& out, long double sign = 1.0L) {
+  for (int row = 0; row < a.outerSize(); ++row) {
+    for (SparseRows::InnerIterator it(a, row); it; ++it) {
+      out(it.col()) += sign * static_cast<long double>(it.value()) * x(row);
     }
   }
-  return largest;
 }
 
 }  // namespace
@@ -370,11 +377,20 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   order_active_last(sides);
   stack_sides(sides);
-  const std::vector<SparseRows> jumps =
+  std::vector<SparseRows> jumps =
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
   const SparseColumns lower = assemble_operator(description, jumps);
-  stiffest_ = stiffest_of(description);
+  if (description.members.size() > 1 || !description.springs.empty()) {
+    for (const Member& member : description.members) {
+      glued_.stiffnesses.push_back(member.stiffness);
+    }
+    for (Spring& spring : description.springs) {
+      glued_.springs.push_back(std::move(spring.stiffness));
+    }
+    glued_.jumps = std::move(jumps);
+  }
+  active_stiffness_ = stiffness_of_active(description.members);
   for (Member& member : description.members) {
     member.stiffness.reset();  // before the factorisation takes its memory
     offsets_.push_back(std::move(member.offset));
@@ -491,6 +507,26 @@ SparseColumns Body::assemble_operator(const BodyDescription& description,
   return sum.build();
 }
 
+/// The diagonal of Z^T K Z, as far as it comes from that of K.
+Vector Body::stiffness_of_active(const std::vector<Member>& members) const {
+  Vector sum = Vector::Zero(size_);
+  for (std::size_t e = 0; e < members.size(); ++e) {
+    const SparseView& matrix = *members[e].stiffness;
+    Vector diagonal = Vector::Zero(matrix.rows());
+    for (int row = 0; row < matrix.outerSize(); ++row) {
+      for (SparseView::InnerIterator it(matrix, row); it; ++it) {
+        diagonal(row) += it.col() == row ? it.value() : 0.0;
+      }
+    }
+    for (int row = 0; row < prolongations_[e].outerSize(); ++row) {
+      for (SparseRows::InnerIterator it(prolongations_[e], row); it; ++it) {
+        sum(it.col()) += it.value() * it.value() * diagonal(row);
+      }
+    }
+  }
+  return sum.tail(active_);
+}
+
 bool Body::wants_condensation(const OperatorOptions& options) const {
   if (active_ == 0 || options.kind == OperatorKind::factored) {
     return false;
@@ -523,7 +559,9 @@ void Body::keep_loads(const Loads& loads, const std::vector<BodySide>& sides) {
   }
   const Vector robin = weights_.cwiseProduct(direction_);
   load_ = loads.load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
+  active_patterns_ = loads.load.bottomRows(active_);
   if (loads.of_offset.size() > 0) {
+    active_patterns_ += loads.of_offset.bottomRows(active_);
     work_ = loads.load + 2.0 * loads.of_offset;
   }
   offset_energy_ = loads.offset_energy;
@@ -646,6 +684,10 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   multiply_sparse(active_traces_, unknowns, traces);
 }
 
+void Body::gather(ConstMatrixRef forces, MatrixRef on_unknowns) const {
+  multiply_sparse(active_loads_, forces, on_unknowns);
+}
+
 double Body::rounding() const {
   // of many sums, which grows like a random walk
   const double sums = 2.0 * std::sqrt(static_cast<double>(size()));
@@ -691,21 +733,83 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   return unit.transpose() * unit;
 }
 
+Matrix Body::forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                       const LoadResponse& loads) const {
+  Matrix forces = load_ * amplitudes;
+  if (loads.extra.size() > 0) {
+    forces += loads.extra * amplitudes;
+  }
+  if (rows() > 0) {
+    forces += traces_.transpose() * (weights_.asDiagonal() * data);
+  }
+  return forces;
+}
+
+Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRef amplitudes,
+                      const LoadResponse& loads) const {
+  const auto longer = [](const auto& values) -> Longer {
+    return values.template cast<long double>();
+  };
+  const Longer u = longer(unknowns);
+  const Longer sizes = longer(amplitudes);
+  Longer left = load_.cast<long double>() * sizes;
+  if (loads.extra.size() > 0) {
+    left += loads.extra.cast<long double>() * sizes;
+  }
+  Longer moved = Longer::Zero(rows());
+  add_product(traces_, u, moved);
+  const Longer pushed = longer(weights_).cwiseProduct(
+      longer(data) - longer(direction_).cwiseProduct(moved));
+  add_transposed(traces_, pushed, left);
+  for (std::size_t e = 0; e < prolongations_.size(); ++e) {
+    Longer of_member = Longer::Zero(prolongations_[e].rows());
+    add_product(prolongations_[e], u, of_member);
+    Longer forces = Longer::Zero(of_member.size());
+    add_product(*glued_.stiffnesses[e], of_member, forces);
+    add_transposed(prolongations_[e], forces, left, -1.0L);
+  }
+  for (std::size_t i = 0; i < glued_.jumps.size(); ++i) {
+    Longer jump = Longer::Zero(glued_.jumps[i].rows());
+    add_product(glued_.jumps[i], u, jump);
+    add_transposed(glued_.jumps[i], longer(glued_.springs[i]).cwiseProduct(jump), left, -1.0L);
+  }
+  return left.cast<double>();
+}
+
+Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                    const LoadResponse& loads) const {
+  const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
+  Matrix left(size_, data.cols());
+  for (Index column = 0; column < data.cols(); ++column) {
+    left.col(column) = residual(unknowns.col(column), data.col(column), amplitudes.col(column), loads);
+  }
+  // the stage moves them a little otherwise than the solution that is corrected here
+  Matrix of_loads = load_;
+  if (loads.extra.size() > 0) {
+    of_loads += loads.extra;
+  }
+  Matrix by_stage = active_loads_ * data;
+  if (condensed()) {
+    condensed_.triangularView<Eigen::Lower>().solveInPlace(by_stage);
+    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(by_stage);
+  } else {
+    Matrix all = Matrix::Zero(size_, data.cols());
+    all.bottomRows(active_) = by_stage;
+    by_stage = factor_->solve(all).bottomRows(active_);
+  }
+  if (this->loads() > 0) {
+    by_stage += factor_->solve(of_loads).bottomRows(active_) * amplitudes;
+  }
+  const Matrix wrong = unknowns.bottomRows(active_) - by_stage +
+                       factor_->solve(left).bottomRows(active_);
+  return schur().selfadjointView<Eigen::Lower>() * wrong;
+}
+
 std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                         const LoadResponse& loads) const {
-  Matrix unknowns;
-  if (loads.unknowns.size() > 0) {
-    unknowns = loads.unknowns * amplitudes;
-  } else {
-    unknowns = load_ * amplitudes;
-    if (loads.extra.size() > 0) {
-      unknowns += loads.extra * amplitudes;
-    }
-    if (rows() > 0) {
-      unknowns += traces_.transpose() * (weights_.asDiagonal() * data);
-    }
-    unknowns = factor_->solve(unknowns);
-  }
+  const Matrix unknowns = loads.unknowns.size() > 0
+                              ? Matrix(loads.unknowns * amplitudes)
+                              : factor_->solve(forces_of(data, amplitudes, loads));
   std::vector<Matrix> fields;
   fields.reserve(prolongations_.size());
   for (std::size_t e = 0; e < prolongations_.size(); ++e) {
