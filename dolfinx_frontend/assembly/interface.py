@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 import scipy.sparse as sp
@@ -57,6 +57,17 @@ class Side:
     def __post_init__(self) -> None:
         locked(self)
         noted(self.trace)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Side:
+        return self  # nothing in it changes
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        if self.trace is not None:
+            raise TypeError(
+                f"the side {self.substructure}:{self.face} of an interface cannot be pickled: its matrices "
+                "live in this process; assemble its scene where it is needed"
+            )
+        return super().__reduce_ex__(protocol)
 
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"

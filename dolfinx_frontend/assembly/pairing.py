@@ -8,7 +8,6 @@ case and not another path.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,7 +33,7 @@ from dolfinx_frontend.assembly.overlap import (
     shape_of,
 )
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
@@ -210,11 +209,10 @@ def _check_pairing(
     along = np.einsum("pi,pi->p", offset, n2)[:, None] * n2
     beside = np.linalg.norm(offset - along, axis=1) > 0.02 * sizes
     if weights[beside].sum() > 0.01 * total:
-        warnings.warn(
+        warn(
             f"{where}: {100 * weights[beside].sum() / total:.3g} % of {names[0]} lies beside "
             f"{names[1]}; it is joined to the edge of it",
             SceneWarning,
-            stacklevel=6,
         )
 
 
@@ -573,20 +571,18 @@ def _check_space(pair: _Pair, space: Space, points: int, sides: tuple[Side, Side
             "jump locks there; use space='mortar', or give the substructures degree=2"
         )
     if space == "points" and law.unilateral and not _opposite(pair, sides):
-        warnings.warn(
+        warn(
             f"{pair.where}: contact in the space 'points' on meshes that do not match: its pressures are "
             "wrong by tens of percent and do not converge; use space='mortar'",
             SceneWarning,
-            stacklevel=5,
         )
 
 
 def _warn_of_areas(where: str, names: Sequence[str], sides: Sequence[Side]) -> None:
     ratio = sides[1].area / sides[0].area
     if abs(ratio - 1.0) > 0.01:
-        warnings.warn(
+        warn(
             f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
             f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
             SceneWarning,
-            stacklevel=5,
         )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike
+from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -99,7 +99,7 @@ class Problem(OneProcess):
         """What the ranks know of interfaces, put together, in the scene's order; collective."""
         known = dict(own)
         if self.comm is not None:
-            known = {n: each for found in self.comm.allgather(known) for n, each in found.items()}
+            known = {n: each for found in exchanged(self.comm, known) for n, each in found.items()}
         return {name: known[name] for name in self.interfaces if name in known}
 
     def everywhere(self, name: str, read: Callable[[], T]) -> T:
@@ -139,6 +139,25 @@ class Problem(OneProcess):
             part.check_unchanged()
         for interface in self.interfaces.values():
             interface.check_unchanged()
+
+    def check_here(self, part: str) -> None:
+        """Raise SceneError if a part of the scene is on another rank, and say on which."""
+        if self.distribution is not None and self.distribution.owner.get(part, self.rank) != self.rank:
+            raise SceneError(
+                f"substructure {part!r} is on rank {self.distribution.owner[part]}, this is rank "
+                f"{self.rank}: ask there"
+            )
+
+    def check_sources(self, part: str | None = None) -> None:
+        """Raise SceneError if the mesh or the material of a part (None: of any of this rank) was changed, see
+        :meth:`Substructure.check_sources`."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_sources()
+
+    def check_mesh(self, part: str | None = None) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_mesh()
 
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.

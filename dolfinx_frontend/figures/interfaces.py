@@ -88,6 +88,8 @@ def interface_figure(
     normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
     own = problem.substructures[side.substructure]
     names = _drawn(problem, interface, normal, hide)
+    for name in names:
+        problem.check_mesh(name)
     functions = {name: result.displacement(name, step) for name in names}
     skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
     scale = _visible_scale(skins) if scale is None else checked_number("interface_figure", "scale", scale)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +36,7 @@ from dolfinx_frontend.common.checks import (
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name, warn
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.away import away, check_timeout
@@ -482,10 +481,9 @@ def read_step(
         "survey", file, "cannot be read as STEP", "export it again", timeout, source=source, gap=gap
     )
     if found.lost:
-        warnings.warn(
+        warn(
             f"{file.name!r}: solids that cannot be read, or not in full: {'; '.join(found.lost)}",
             SceneWarning,
-            stacklevel=2,
         )
     touches = {t.name: t for t in found.touches}
     return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)

@@ -185,6 +185,19 @@ class SavedProblem:
     def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
 
+    def check_here(self, part: str) -> None:
+        """All is on one rank."""
+
+    def check_sources(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    def check_mesh(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    @property
+    def comm(self) -> None:
+        """None: all is on one rank."""
+
     def __repr__(self) -> str:
         return self.text
 

@@ -35,6 +35,7 @@ def save(answer: Any, path: str | Path, fields: bool, samples: int | None, seed:
     """Write an answer, see :meth:`dolfinx_frontend.results.face.Face.save`."""
     target = _target(path)
     answer.problem.on_one_rank("save")
+    answer.problem.check_sources()
     write(target, _tree(answer, answer.readings(None, samples, seed), fields, samples, seed))
 
 

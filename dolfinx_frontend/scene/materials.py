@@ -7,6 +7,7 @@ share one compiled form.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -93,8 +94,9 @@ class LinearElastic:
                     f"LinearElastic: {name} = {short(getattr(self, name))} is neither a number nor a UFL "
                     "expression; give one"
                 )
-        if is_real(self.E) and not 0.0 < self.E < np.inf:
-            raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
+        shown = short(self.E) if isinstance(self.E, int) else repr(self.E)
+        if is_real(self.E) and not 0.0 < self.E <= sys.float_info.max:
+            raise SceneError(f"LinearElastic: E = {shown}; Young's modulus is positive, finite")
         if is_real(self.nu) and not -1.0 < self.nu < 0.5:
             raise SceneError(f"LinearElastic: nu = {self.nu!r}; admissible: -1 < nu < 0.5")
 

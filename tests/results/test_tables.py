@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from dolfinx_frontend import (
     SceneError,
     Uniform,
     assemble,
+    discretisation_error,
     geometry,
     load,
     monte_carlo,
@@ -515,3 +517,26 @@ def test_random_files_of_version_1_are_read() -> None:
     area = found.interfaces["joint"].weights
     total = found.quantity(lambda f: f.force("joint")[..., 0] @ area)
     assert len(total) == 4 and total.mean().value == pytest.approx(-4.0373, rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-150, 1e160, 1e290])
+def test_forces_whose_squares_are_no_numbers(size: float) -> None:
+    """Tables have no squares to overflow; what has some says so."""
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        part = geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
+        scene.substructure(name, part, LinearElastic(E=100.0, nu=0.3), degree=2)
+    scene.fix("left:x0", name="wall")
+    scene.interface("joint", "left:x1", "right:x0", Elastic(normal=50.0, tangential=20.0))
+    scene.traction("right:x1", (3.0 * size, 4.0 * size))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = solve(assemble(scene))
+        table = result.table()
+        for name in ("wall", "joint"):
+            assert abs(table.value("shear", name) - 4.0 * size) < 1e-9 * size
+        assert abs(table.value("shear_max", "joint") / size) < 50.0
+        if size > 1.0:
+            with pytest.raises(SceneError, match="the energies of the result leave the range of numbers"):
+                discretisation_error(result)
+            assert result.errors().discretisation is None

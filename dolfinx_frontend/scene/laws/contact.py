@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -10,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, positive, resolve
 from dolfinx_frontend.scene.values import is_zero
@@ -137,10 +136,9 @@ class Contact(Law):
         remedy = "use curved (quadratic) cells, or smaller ones, or state the interference, gap=-..."
         if chords > USELESS * depth:
             raise SceneError(f"{what}: the mesh cannot tell the interference; {remedy}")
-        warnings.warn(
+        warn(
             f"{what}: the interference is uncertain by {100.0 * chords / depth:.2g} %; {remedy}",
             SceneWarning,
-            stacklevel=7,
         )
 
     def holds(self, dim: int) -> tuple[bool, ...]:
