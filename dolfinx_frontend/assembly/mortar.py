@@ -163,19 +163,20 @@ def multipliers(
     weights = merging @ weights
     inverse = sp.diags(1.0 / weights) @ merging
     mean = found.mean[facets][:, :, None]
-    plane = float(np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max()) < _PLANE
+    plane = not len(found.own_normal) or bool(
+        np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max() < _PLANE
+    )
     shapes, along = [], []
-    sides = [(carrier, dual, facets, corners, found.own[facets], found.own_normal[facets])]
+    sides = [(carrier, dual, facets, facets, corners, found.own, found.own_normal)]
     if other is not None:
-        sides.append(
-            (other, of_pairs, found.second[pairs], here, found.other[pairs], found.other_normal[pairs])
-        )
-    for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
+        sides.append((other, of_pairs, pairs, found.second[pairs], here, found.other, found.other_normal))
+    for (face, psi, taken, which, rows, few, several), v in zip(sides, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
-        shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
+        shapes.append((inverse @ _assembled(psi @ few[taken], rows, nodes, m, count)).tocsr())
         if plane:
             continue
-        several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
+        several = several[taken, :, :, :d]
+        several = psi @ several.reshape(*several.shape[:2], -1)
         unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
         along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
     areas = sp.csr_matrix(

@@ -32,7 +32,8 @@ py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index sha
   out["mean"] = array(std::move(o.mean), {n1, chi});
   out["mass"] = array(std::move(o.mass), {n1, chi, chi});
   out["own"] = array(std::move(o.own), {n1, chi, shapes1});
-  out["own_normal"] = array(std::move(o.own_normal), {n1, chi, shapes1, 3});
+  const bool plane = o.own_normal.empty();
+  out["own_normal"] = array(std::move(o.own_normal), {plane ? 0 : n1, chi, shapes1, 3});
   out["gap"] = array(std::move(o.gap), {n1, chi});
   out["place"] = array(std::move(o.place), {n1, chi, 3});
   out["normal"] = array(std::move(o.normal), {n1, chi, 3});
@@ -41,7 +42,7 @@ py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index sha
   out["second"] = array(std::move(o.second), {pairs});
   out["area"] = array(std::move(o.area), {pairs});
   out["other"] = array(std::move(o.other), {pairs, chi, shapes2});
-  out["other_normal"] = array(std::move(o.other_normal), {pairs, chi, shapes2, 3});
+  out["other_normal"] = array(std::move(o.other_normal), {plane ? 0 : pairs, chi, shapes2, 3});
   out["distance"] = array(std::move(o.distance), {pairs});
   out["farthest"] = o.farthest;
   return out;
@@ -66,7 +67,7 @@ void bind_mortar(py::module_& m) {
       "integrate",
       [](const mortar::Face& first, const mortar::Face& second, int degree,
          latin::Matrix multipliers, latin::Matrix points, latin::Vector weights,
-         latin::Vector near_first, latin::Vector near_second, double opposed) {
+         latin::Vector near_first, latin::Vector near_second, double opposed, int threads) {
         const Index chi = multipliers.rows();
         const mortar::Functions functions{degree, {std::move(multipliers)}};
         const mortar::Rule rule{std::move(points), std::move(weights)};
@@ -74,10 +75,10 @@ void bind_mortar(py::module_& m) {
         mortar::Overlap found;
         {
           const py::gil_scoped_release release;
-          found = mortar::integrate(first, second, functions, rule, near);
+          found = mortar::integrate(first, second, functions, rule, near, threads);
         }
         return arrays(std::move(found), first.facets(), chi, first.functions(), second.functions());
       },
       "first"_a, "second"_a, py::kw_only(), "degree"_a, "multipliers"_a, "points"_a, "weights"_a,
-      "near_first"_a, "near_second"_a, "opposed"_a);
+      "near_first"_a, "near_second"_a, "opposed"_a, "threads"_a = 1);
 }

@@ -312,6 +312,7 @@ class mortar:
         near_first: Array,
         near_second: Array,
         opposed: float,
+        threads: int = 1,
     ) -> dict[str, Any]: ...
 
 class stochastic:
