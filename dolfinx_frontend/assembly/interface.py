@@ -15,7 +15,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -240,27 +240,3 @@ def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:
     out[:, 1] = t / np.linalg.norm(t, axis=1)[:, None]
     out[:, 2] = np.cross(normals, out[:, 1])
     return out, axis
-
-
-def nodal_normals(shape: sp.csr_matrix, weights: Array, normals: Array, nodes: Ints) -> Array:
-    """Area-weighted unit normals at nodes.
-
-    Parameters
-    ----------
-    shape
-        (m, all nodes), shape functions at the points.
-    weights, normals
-        (m,), (m, d) at the points.
-    nodes
-        Nodes wanted.
-
-    Returns
-    -------
-    Array
-        (len(nodes), d).
-    """
-    share = abs(shape[:, nodes])  # |N|: quadratic vertex functions have zero mean on triangles
-    mean = share.T @ (weights[:, None] * normals)
-    length = np.linalg.norm(mean, axis=1)
-    out: Array = mean / np.where(length > 0.0, length, 1.0)[:, None]
-    return out

@@ -3,8 +3,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <span>
 #include <vector>
 
+#include "latin/common/error.hpp"
+#include "latin/mortar/blocks.hpp"
 #include "latin/mortar/face.hpp"
 #include "latin/mortar/overlap.hpp"
 
@@ -22,6 +25,14 @@ py::array_t<T> array(std::vector<T> values, const std::vector<Index>& shape) {
   auto* held = new std::vector<T>(std::move(values));
   const py::capsule owner(held, [](void* p) { delete static_cast<std::vector<T>*>(p); });
   return py::array_t<T>(shape, held->data(), owner);
+}
+
+template <class T>
+using Dense = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+template <class T>
+std::span<const T> span(const Dense<T>& values) {
+  return {values.data(), static_cast<std::size_t>(values.size())};
 }
 
 py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index shapes2) {
@@ -63,6 +74,22 @@ void bind_mortar(py::module_& m) {
            }),
            py::kw_only(), "shape"_a, "parts"_a, "nodes"_a, "variants"_a, "orientation"_a,
            "map_degree"_a, "map"_a, "shape_degree"_a, "shapes"_a);
+  s.def(
+      "sum_of",
+      [](const Dense<double>& values, const Dense<Index>& rows, const Dense<Index>& columns,
+         Index row_count, Index column_count) {
+        if (values.ndim() != 3) {
+          throw latin::InputError("blocks: values (count, height, width) are wanted");
+        }
+        const mortar::Blocks blocks{values.shape(1), values.shape(2), span(values), span(rows),
+                                    span(columns)};
+        mortar::CompressedRows sum = mortar::sum_of(blocks, row_count, column_count);
+        const auto entries = static_cast<Index>(sum.values.size());
+        return py::make_tuple(array(std::move(sum.starts), {row_count + 1}),
+                              array(std::move(sum.columns), {entries}),
+                              array(std::move(sum.values), {entries}));
+      },
+      "values"_a, "rows"_a, "columns"_a, "row_count"_a, "column_count"_a);
   s.def(
       "integrate",
       [](const mortar::Face& first, const mortar::Face& second, int degree,

@@ -301,6 +301,10 @@ class mortar:
         ) -> None: ...
 
     @staticmethod
+    def sum_of(
+        values: Array, rows: Ints, columns: Ints, row_count: int, column_count: int
+    ) -> tuple[Ints, Ints, Array]: ...
+    @staticmethod
     def integrate(
         first: mortar.Face,
         second: mortar.Face,

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from latin_core import _core
 
-__all__ = ["Array", "Face", "Functions", "Ints", "Overlap", "Shape", "integrate", "monomials"]
+__all__ = ["Array", "Face", "Functions", "Ints", "Overlap", "Shape", "integrate", "monomials", "sum_of"]
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
@@ -180,3 +180,19 @@ def integrate(
         threads=threads,
     )
     return Overlap(**found)
+
+
+def sum_of(
+    values: Array, rows: Ints, columns: Ints, shape: tuple[int, int]
+) -> tuple[Ints, Ints, Array]:
+    """The sparse sum of dense blocks (count, height, width) at rows (count, height) and columns (count, width).
+
+    Entries below 1e-15 of the largest one are left out: integrals that are zero.
+
+    Returns
+    -------
+    indptr, indices, data
+        Compressed rows of a matrix of a shape, columns ascending.
+    """
+    out: tuple[Ints, Ints, Array] = _native.sum_of(values, rows, columns, *shape)
+    return out

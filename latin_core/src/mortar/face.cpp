@@ -273,7 +273,13 @@ Face::Place Face::at(Index facet, const Point2& s) const {
   map_monomials_.values(s, values);
   map_monomials_.gradients(s, first, second);
   const Eigen::Matrix3Xd& map = maps_[facet];
-  return {map * values, map * first, map * second};
+  Place place{Vector3d::Zero(), Vector3d::Zero(), Vector3d::Zero()};
+  for (Index k = 0; k < map.cols(); ++k) {
+    place.x += values[k] * map.col(k);
+    place.first += first[k] * map.col(k);
+    place.second += second[k] * map.col(k);
+  }
+  return place;
 }
 
 Vector3d Face::area_vector(Index facet, const Place& place) const {
@@ -286,7 +292,12 @@ Vector3d Face::area_vector(Index facet, const Place& place) const {
 Vector3d Face::point(Index facet, const Point2& s) const {
   Values values;
   map_monomials_.values(s, values);
-  return maps_[facet] * values;
+  const Eigen::Matrix3Xd& map = maps_[facet];
+  Vector3d x = Vector3d::Zero();
+  for (Index k = 0; k < map.cols(); ++k) {
+    x += values[k] * map.col(k);
+  }
+  return x;
 }
 
 }  // namespace latin::mortar

@@ -135,7 +135,7 @@ Point2 dropped(const Face& face, Index facet, const Plane& plane, const Vector3d
     const Point2 moved = (s + step).cwiseMax(-3.0).cwiseMin(4.0);
     step = moved - s;
     s = moved;
-    if (step.cwiseAbs().maxCoeff() < 1e-14) {
+    if (step.cwiseAbs().maxCoeff() < 1e-8) {  // the next one would be its square
       break;
     }
   }
