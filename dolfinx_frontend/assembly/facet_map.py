@@ -352,7 +352,7 @@ class FacetMap:
         n, v = len(self), len(corners)
         normals = self.alike_surface(corners)[0].reshape(n * v, -1)
         if np.ptp(normals, axis=0).max() < EPS:
-            return np.zeros(n)  # a plane
+            return 1e-9 * self.sizes  # a plane
         x = self.alike(corners).reshape(n * v, -1)
         grid = np.round((x - x.min(axis=0)) / (1e-7 * self.sizes.max())).astype(np.int64)
         vertex = _numbered(grid)

@@ -363,7 +363,7 @@ class Integrator {
     }
     Point2 s2 = pair.map2.affine ? Point2(pair.map2.origin + pair.map2.slope * y)
                                  : mapped(pair.two.reference, inverted(pair.subject, y));
-    if (second_.curved() && !pair.flat2) {
+    if (second_.curved() && !(pair.flat1 && pair.flat2)) {
       s2 = dropped(second_, facet2, pair.plane, x, s2);
     }
     const Vector3d offset = second_.point(facet2, s2) - x;
