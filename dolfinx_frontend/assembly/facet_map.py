@@ -20,6 +20,10 @@ from dolfinx_frontend.scene.specs import PartLike
 __all__ = ["FaceCopy", "FacetMap", "face_copy"]
 
 
+_KINK = 1e-6
+"""Turns between facets that are rounding, rad."""
+
+
 @dataclass(frozen=True)
 class FaceCopy:
     """The cells along a face with their unknowns: what another rank needs to pair it. Plain data.
@@ -342,17 +346,13 @@ class FacetMap:
         return areas
 
     @cached_property
-    def sags(self) -> Array:
-        """(facets,), estimated distance of the facets from the smooth face that they stand for, length.
-
-        A chord of length h with the turn phi to its neighbours is h phi / 8 from the arc; curved facets
-        have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
-        """
+    def _turns(self) -> tuple[Array, Array]:
+        """(facets,) each, angles: between the normals of a facet and those of its neighbours, and within it."""
         corners = np.asarray(basix.geometry(self.facet_cell))
         n, v = len(self), len(corners)
         normals = self.alike_surface(corners)[0].reshape(n * v, -1)
         if np.ptp(normals, axis=0).max() < EPS:
-            return 1e-9 * self.sizes  # a plane
+            return np.zeros(n), np.zeros(n)  # a plane
         x = self.alike(corners).reshape(n * v, -1)
         grid = np.round((x - x.min(axis=0)) / (1e-7 * self.sizes.max())).astype(np.int64)
         vertex = _numbered(grid)
@@ -362,8 +362,27 @@ class FacetMap:
         cosine = np.einsum("pi,pi->p", normals, mean[vertex])
         turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
         turn = np.where(turn > np.pi / 4, 0.0, turn).reshape(n, v).max(axis=1)
-        sag: Array = self.sizes * turn / 8.0
+        own = normals.reshape(n, v, -1)
+        middle = own.mean(axis=1, keepdims=True)
+        middle /= np.linalg.norm(middle, axis=2, keepdims=True)
+        inner = 2.0 * np.arccos(np.clip((own * middle).sum(axis=2), -1.0, 1.0)).max(axis=1)
+        return turn, inner
+
+    @cached_property
+    def sags(self) -> Array:
+        """(facets,), estimated distance of the facets from the smooth face that they stand for, length.
+
+        A chord of length h with the turn phi to its neighbours is h phi / 8 from the arc; curved facets
+        have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
+        """
+        sag: Array = self.sizes * self._turns[0] / 8.0
         return sag
+
+    @cached_property
+    def chords(self) -> Array:
+        """(facets,), the same where facets are straight and the face is not; 0 elsewhere."""
+        turn, inner = self._turns
+        return np.where((turn > _KINK) & (turn > inner), self.sags, 0.0)
 
     def clamp(self, s: Array) -> Array:
         """The nearest point of the reference facet (in its own coordinates)."""

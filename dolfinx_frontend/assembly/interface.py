@@ -126,6 +126,8 @@ class Interface(PointFrames):
     sag
         (m,), how far the meshed faces may be from the smooth ones, length: an estimate from the kinks
         between facets, see :meth:`FacetMap.sags`.
+    chords
+        (m,), the same where facets are straight and the face is not; 0 elsewhere.
     matching
         None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
     tangent_axis
@@ -158,6 +160,7 @@ class Interface(PointFrames):
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    chords: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     why: str = field(default="", repr=False)
     carrier: int = 0
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)

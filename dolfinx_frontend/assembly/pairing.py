@@ -245,13 +245,17 @@ def _check_pairing(
         )
 
 
-def _sag(first: FacetMap, second: FacetMap | None, points: Array) -> Array:
-    """The larger sag of both sides at the interface points, (m,), length, with a fifth for safety."""
-    out = np.zeros(len(points))
-    for facets in (first,) if second is None else (first, second):
+def _sag(faces: Sequence[FacetMap], points: Array) -> tuple[Array, Array]:
+    """(m,) each, length: the larger sag of both sides at the interface points, with a fifth for safety, and
+    that of straight facets of round faces."""
+    sag, chords = np.zeros(len(points)), np.zeros(len(points))
+    for facets in faces:
+        if not facets.sags.any():
+            continue
         _, nearest = cKDTree(facets.samples.mean(axis=1)).query(points)
-        out = np.maximum(out, 1.2 * facets.sags[nearest])
-    return out
+        sag = np.maximum(sag, 1.2 * facets.sags[nearest])
+        chords = np.maximum(chords, 1.2 * facets.chords[nearest])
+    return sag, chords
 
 
 def _match(
@@ -548,6 +552,7 @@ def make_interface(
             matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
         if matching is None:
             _check_space(pair, space, len(sampled.weights), (sides[0], sides[1]))
+    sag, chords = _sag(faces, sampled.points)
     return Interface(
         name=name,
         law=law,
@@ -559,7 +564,8 @@ def make_interface(
         matching=matching,
         tangent_axis=axis,
         space=space,
-        sag=np.maximum(_sag(faces[0], faces[1] if two else None, sampled.points), sampled.bulge),
+        sag=np.maximum(sag, sampled.bulge),
+        chords=chords,
         why=why,
         carrier=carrier,
         facets=sampled.facets,
