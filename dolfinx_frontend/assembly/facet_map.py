@@ -225,7 +225,7 @@ class FacetMap:
         return self._alike(s)[:, :, 0].swapaxes(1, 2)
 
     def alike_normals(self, s: Array) -> tuple[Array, Array]:
-        """(facets, q, d) normals of the map (tangent turned by 90 degrees; t_0 x t_1), whose length is the area
+        """(facets, q, d) normals of the map (tangent turned by 90 degrees; t_0 x t_1), as long as the area
         per area of the reference facet, and (facets, q), 1, or -1 where they point into the part."""
         both = self._alike(s).transpose(1, 2, 0, 3)  # (d, tangents, facets, q)
         t, outward = both[:, 1:-1], both[:, -1]
@@ -347,7 +347,7 @@ class FacetMap:
 
     @cached_property
     def _turns(self) -> tuple[Array, Array]:
-        """(facets,) each, angles: between the normals of a facet and those of its neighbours, and within it."""
+        """(facets,) each, angles between the normals of a facet and of its neighbours, and within it."""
         corners = np.asarray(basix.geometry(self.facet_cell))
         n, v = len(self), len(corners)
         normals = self.alike_surface(corners)[0].reshape(n * v, -1)
@@ -366,7 +366,7 @@ class FacetMap:
         middle = own.mean(axis=1, keepdims=True)
         middle /= np.linalg.norm(middle, axis=2, keepdims=True)
         inner = 2.0 * np.arccos(np.clip((own * middle).sum(axis=2), -1.0, 1.0)).max(axis=1)
-        return turn, inner
+        return turn, np.asarray(inner, dtype=np.float64)
 
     @cached_property
     def sags(self) -> Array:
@@ -375,8 +375,7 @@ class FacetMap:
         A chord of length h with the turn phi to its neighbours is h phi / 8 from the arc; curved facets
         have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
         """
-        sag: Array = self.sizes * self._turns[0] / 8.0
-        return sag
+        return np.asarray(self.sizes * self._turns[0] / 8.0, dtype=np.float64)
 
     @cached_property
     def chords(self) -> Array:

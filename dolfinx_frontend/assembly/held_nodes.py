@@ -98,10 +98,10 @@ def held_by(name: str, law: Law, label: tuple[str, str], sides: int, facets: Fac
     both = np.einsum("mri,mrj->mij", rows, rows).reshape(len(facets), -1, d * d)
     nodes, at = np.unique(facets.closure_dofs(space), return_inverse=True)
     parts = (np.swapaxes(share, 1, 2) @ both).reshape(-1, d * d)
-    gram = np.stack([np.bincount(at.ravel(), parts[:, k]) for k in range(d * d)], axis=1)
-    gram /= np.maximum(np.bincount(at.ravel(), share.sum(axis=1).ravel()), 1e-300)[:, None]
-    gram = gram.reshape(-1, d, d)
-    return Held(nodes, _projectors(gram, 0.3))
+    several = [np.bincount(at.ravel(), parts[:, k]) for k in range(d * d)]
+    weight = np.maximum(np.bincount(at.ravel(), share.sum(axis=1).ravel()), 1e-300)
+    gram = np.asarray(np.stack(several, axis=1) / weight[:, None], dtype=np.float64)
+    return Held(nodes, _projectors(gram.reshape(-1, d, d), 0.3))
 
 
 def joined_holds(several: list[Held]) -> Held | None:

@@ -167,7 +167,8 @@ def common(
         )
     cell = basix.CellType.interval if faces[0].dim == 2 else basix.CellType.triangle
     first, second = (_face(face, v) for face, v in zip(faces, spaces, strict=True))
-    return mortar.integrate(first, second, multipliers, quadrature(cell, degree), near, OPPOSED, own_threads())
+    rule = quadrature(cell, degree)
+    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, own_threads())
 
 
 def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int | None) -> mortar.Overlap:

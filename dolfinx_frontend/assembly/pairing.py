@@ -60,8 +60,8 @@ def _side(
 ) -> Side:
     """A side with its trace.
 
-    `degree`: of the rule for its area and normals; `along`: the trace along the normals of the places, and the
-    normals of the points.
+    `degree`: of the rule for its area and normals; `along`: the trace along the normals of the places, and
+    the normals of the points.
     """
     s, w = facets.rule(degree)
     normals, area = facets.alike_surface(s)
@@ -89,10 +89,12 @@ def _nodal_normals(
 ) -> tuple[Ints, Array]:
     """The nodes on a face, sorted, and area-weighted unit normals there, from those at a rule's points s."""
     nodes, at = np.unique(facets.closure_dofs(space), return_inverse=True)
-    share = np.abs(facets.alike_shapes(space, s))  # |N|: quadratic vertex functions have zero mean on triangles
+    # |N|: quadratic vertex functions have zero mean on triangles
+    share = np.abs(facets.alike_shapes(space, s))
     parts = np.swapaxes(share, 1, 2) @ (weights[:, :, None] * normals)
     flat = parts.reshape(-1, facets.dim)
-    total = np.stack([np.bincount(at.ravel(), flat[:, k]) for k in range(facets.dim)], axis=1)
+    several = [np.bincount(at.ravel(), flat[:, k]) for k in range(facets.dim)]
+    total = np.stack(several, axis=1).astype(np.float64)
     return nodes, unit_rows(total)
 
 

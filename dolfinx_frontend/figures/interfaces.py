@@ -125,7 +125,8 @@ def interface_figure(
     if solids:
         draw_solid(figure, [axis], joined(solids), [_onto(normal) if view is None else view], renderer)
     else:
-        _facet_lines(axis, own, side.face, numbers, values, quantity, functions[own.name], scale, norm, colours)
+        moved = functions[own.name]
+        _facet_lines(axis, own, side.face, numbers, values, quantity, moved, scale, norm, colours)
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
     if quantity == "state":
         bar.set_ticks([OPEN, CLOSED, SLIPS], labels=["open", "closed", "slips"])

@@ -67,7 +67,8 @@ def from_gmsh(model: Any, gdim: int | None = None, *, order: int | None = None) 
     Raises
     ------
     SceneError
-        Cells that curving folds, no mesh, no part, a group without a name, a face without its part or without facets on it,
+        Cells that curving folds, no mesh, no part, a group without a name, a face without its part or
+        without facets on it,
         a facet in two faces of a part or inside a part, mixed or unsupported cells.
     """
     if not hasattr(model, "getPhysicalGroups"):

@@ -370,7 +370,7 @@ class StepAssembly:
             matches = touch.kind != "near"
             settings = dict(join.settings)
             if not matches and "max_distance" not in settings:
-                # relative to the largest facet; the usual distance, which refining does not change, if it is enough
+                # relative to the largest facet; the usual one, which refining keeps, if it is enough
                 size = min(self._size(p) for p in touch.parts)
                 if 4.0 * touch.widest > 0.25 * size:
                     settings["max_distance"] = 4.0 * touch.widest / size

@@ -56,7 +56,8 @@ def test_chords_that_cross_are_no_interpenetration(
     cell: str, order: int, counts: tuple[int, int], space: Space
 ) -> None:
     if order == 1:  # a fit is stated, since straight cells cannot tell it
-        with pytest.raises(SceneError, match=r"'fit': the distance of the faces as meshed, .* of straight facets"):
+        message = r"'fit': the distance of the faces as meshed, .* of straight facets"
+        with pytest.raises(SceneError, match=message):
             rings(cell, order, counts, space)
     problem = rings(cell, order, counts, space, law=Contact(gap=0.0 if order == 1 else None))
     fit = problem.interfaces["fit"]

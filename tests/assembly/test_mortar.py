@@ -305,7 +305,8 @@ def test_round_parts_that_touch_in_a_line_or_a_point():
 
         def arch(x):
             out = x.copy()
-            out[:, -1] = x[:, -1] + (2.0 - x[:, -1]) * (1.0 - np.sqrt(1.0 - 0.25 * (x[:, : d - 1] ** 2).sum(axis=1)))
+            rise = 1.0 - np.sqrt(1.0 - 0.25 * (x[:, : d - 1] ** 2).sum(axis=1))
+            out[:, -1] = x[:, -1] + (2.0 - x[:, -1]) * rise
             return out
 
         low, high = -0.5 * np.ones(d), 0.5 * np.ones(d)

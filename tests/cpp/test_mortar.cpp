@@ -317,8 +317,7 @@ TEST(Mortar, TheNumberOfThreadsDoesNotMatter) {
 TEST(Mortar, NormalsOfPlaneFacesAreLeftOut) {
   const Face lower = sheet(2, 0.0, true);
   const Face upper = sheet(3, 0.0, false);
-  const Overlap o =
-      integrate(lower, upper, on_triangles(), on_middles(), near(lower, upper, 0.2));
+  const Overlap o = integrate(lower, upper, on_triangles(), on_middles(), near(lower, upper, 0.2));
   EXPECT_TRUE(o.own_normal.empty());
   EXPECT_TRUE(o.other_normal.empty());
 }
@@ -331,7 +330,8 @@ TEST(Mortar, SumOfBlocks) {
   const CompressedRows sum = sum_of({2, 3, values, rows, columns}, 4, 5);
   EXPECT_EQ(sum.starts, (std::vector<Index>{0, 3, 7, 7, 10}));
   EXPECT_EQ(sum.columns, (std::vector<Index>{0, 1, 2, 0, 1, 2, 4, 0, 2, 4}));
-  EXPECT_EQ(sum.values, (std::vector<double>{1.0, 2.0, 3.0, 13.0, 5.0, 13.0, 8.0, 0.25, -4.0, 0.5}));
+  EXPECT_EQ(sum.values,
+            (std::vector<double>{1.0, 2.0, 3.0, 13.0, 5.0, 13.0, 8.0, 0.25, -4.0, 0.5}));
 
   const std::vector<double> cancel = {1.0, 3.0, -1.0 + 1e-16, 2.0};
   const std::vector<Index> one_row = {0, 0};

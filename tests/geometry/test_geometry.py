@@ -261,7 +261,8 @@ def test_from_gmsh_curves_cells_along_the_model(dim: int) -> None:
     areas = []
     for order in (None, 2, 1):
         with geometry.gmsh_session("round", {"Mesh.MeshSizeMax": 0.5}) as g:
-            tag = g.model.occ.addDisk(0, 0, 0, 1, 1) if dim == 2 else g.model.occ.addCylinder(0, 0, 0, 0, 0, 1, 1)
+            occ = g.model.occ
+            tag = occ.addDisk(0, 0, 0, 1, 1) if dim == 2 else occ.addCylinder(0, 0, 0, 0, 0, 1, 1)
             g.model.occ.synchronize()
             g.model.addPhysicalGroup(dim, [tag], name="disc")
             g.model.mesh.generate(dim)

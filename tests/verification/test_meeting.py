@@ -9,7 +9,6 @@ is that of the iteration, elsewhere errors must fall with the order of the eleme
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -58,7 +57,7 @@ def stress_of(strain: Array, E: float, nu: float) -> Array:
 # ---------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1)])
 def test_three_tied_parts_around_an_edge(cell: str, degree: int) -> None:
-    """Two blocks beside each other on a third one, in mm and MPa: a linear field passes with its tractions."""
+    """Two blocks beside each other on a third one, in mm and MPa: a linear field passes."""
     E, nu = 70e3, 0.33
     gradient = 1e-4 * np.array([[3.0, 1.0, -2.0], [0.5, -4.0, 1.0], [2.0, -1.0, 1.5]])
     stress = stress_of(0.5 * (gradient + gradient.T), E, nu)
@@ -173,7 +172,7 @@ def twisted(cell: str, n: int, shear: float, slip: float, law: Law) -> float:
 
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_a_shaft_that_friction_holds(cell: str) -> None:
-    """A shear stress of 0.2 p, friction of 0.3: the twist passes, with the order 1.5 in L2 (1 along the rims)."""
+    """A shear stress of 0.2 p, friction of 0.3: the twist passes, with order 1.5 in L2 (1 at the rims)."""
     errors = [twisted(cell, n, 0.2 * PRESSURE, 0.0, Contact(gap=0.0, friction=0.3)) for n in (1, 2)]
     assert errors[1] < 0.01 and np.log2(errors[0] / errors[1]) > 1.4
 
@@ -215,7 +214,8 @@ def shells(cell: str, n: int, law: Law, opening: float) -> float:
         low, high, count = (inside, middle, 3 * n) if name == "core" else (middle, outside, 2 * n)
         part = block(cell, [n, count, count], [low, -0.4, -0.3], [high, 0.5, 0.4], bend, 2)
         scene.substructure(name, part, LinearElastic(E, nu), degree=2)
-        scene.fix([f"{name}:{f}" for f in ("x0" if name == "core" else "x1", "y0", "y1", "z0", "z1")], value=field)
+        outer = ("x0" if name == "core" else "x1", "y0", "y1", "z0", "z1")
+        scene.fix([f"{name}:{face}" for face in outer], value=field)
     scene.interface("joint", "coat:x0", "core:x1", law)
     problem = assemble(scene)
     result = solve(problem, options=USUAL)
@@ -268,7 +268,8 @@ def test_an_inclined_face_slides(cell: str, degree: int) -> None:
 
         part = block(cell, [count, count + 1, 2][:d], low, high, tilt)
         scene.substructure(name, part, LinearElastic(E, nu), degree=degree)
-        ends = [f"{a}{k}" for a in "xyz"[: d - 1] for k in (0, 1)] + ["xyz"[d - 1] + str(int(name == "upper"))]
+        ends = [f"{a}{k}" for a in "xyz"[: d - 1] for k in (0, 1)]
+        ends.append("xyz"[d - 1] + str(int(name == "upper")))
         scene.fix([f"{name}:{face}" for face in ends], value=lambda x, s=moved: x @ strain + s * t)
     axis = "xyz"[d - 1]
     scene.interface("slide", f"lower:{axis}1", f"upper:{axis}0", Contact(friction=friction))
@@ -323,7 +324,7 @@ def bars(size: float, other: float) -> dict[str, Part]:
 
 
 def sheared(size: float) -> float:
-    """Tied bars of two shear moduli in torsion: the error of the shear stress G alpha r between their ends."""
+    """Tied bars of two shear moduli in torsion: the error of the shear stress between their ends."""
     twist = 0.01
     scene = Scene()
     moduli = {"one": (3.0, 0.2), "two": (1.0, 0.4)}
@@ -387,7 +388,7 @@ def test_the_torque_of_a_clutch() -> None:
 
 @pytest.mark.parametrize(("cell", "degree"), [("triangle", 1), ("triangle", 2), ("quadrilateral", 2)])
 def test_a_beam_on_supports_that_it_covers_partly(cell: str, degree: int) -> None:
-    """Forces and moments of a tie and a contact hold a load beside the middle, whatever their pressures are."""
+    """Forces and moments of a tie and a contact hold a load beside the middle."""
     scene = Scene()
     for name, n, low, high in (
         ("beam", (23, 3), (0.0, 0.0), (10.0, 1.0)),

@@ -302,8 +302,8 @@ class mortar:
 
     @staticmethod
     def sum_of(
-        values: Array, rows: Ints, columns: Ints, row_count: int, column_count: int
-    ) -> tuple[Ints, Ints, Array]: ...
+        values: Array, rows: Any, columns: Any, row_count: int, column_count: int
+    ) -> tuple[Any, Any, Array]: ...
     @staticmethod
     def integrate(
         first: mortar.Face,

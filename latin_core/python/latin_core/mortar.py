@@ -185,7 +185,7 @@ def integrate(
 def sum_of(
     values: Array, rows: Ints, columns: Ints, shape: tuple[int, int]
 ) -> tuple[Ints, Ints, Array]:
-    """The sparse sum of dense blocks (count, height, width) at rows (count, height) and columns (count, width).
+    """The sparse sum of dense blocks (count, height, width) at rows (count, height), columns (count, width).
 
     Entries below 1e-15 of the largest one are left out: integrals that are zero.
 

@@ -597,7 +597,8 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
         here.distance.push_back(distance);
       }
     };
-    const auto each = static_cast<Index>(first.pieces().size()) / std::max<Index>(first.facets(), 1);
+    const auto each =
+        static_cast<Index>(first.pieces().size()) / std::max<Index>(first.facets(), 1);
     const Index end = first.facets() * (block + 1) / blocks;
     for (Index facet = first.facets() * block / blocks; facet < end; ++facet) {
       integrator.clear();

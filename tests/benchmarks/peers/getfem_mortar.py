@@ -1,8 +1,9 @@
 """A plane contact scene in GetFEM: ``python getfem_mortar.py SCENE ANSWER``.
 
 Its brick for integral contact between meshes that need not match, with multipliers P1 on the first face and
-quadratic displacements on the same, curved or straight, triangles. Scene (npz): for body 0 and 1 ``xK`` (cells,
-nodes, 2) in the order of GetFEM's lattice, ``materialK`` (E, nu), ``faceK`` (nodes, 2) of the contact,
+quadratic displacements on the same, curved or straight, triangles. Scene (npz): for body 0 and 1 ``xK``
+(cells, nodes, 2) in the order of GetFEM's lattice, ``materialK`` (E, nu), ``faceK`` (nodes, 2) of the
+contact,
 ``held`` rows (body, axis, value of the displacement) with ``heldN`` (nodes, 2), ``load`` (a, b): the pressure
 a + b cos 2 theta on the nodes ``loaded`` of body 0. Answer: ``x`` and ``pressure`` at the vertices of the
 contact, ``steps``.
