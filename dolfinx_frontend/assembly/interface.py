@@ -145,6 +145,9 @@ class Interface(PointFrames):
         (k, m), area of each facet that belongs to each point.
     covered
         Fraction of side 1 that side 2 covers.
+    places, mean_normals
+        (m, d), of ``"mortar"``: the mean place of each point's force, and the mean of the normal there, which
+        is shorter than 1 on a curved face: what resultants are made of. None: the points, and their normals.
     vertices
         Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
@@ -167,6 +170,8 @@ class Interface(PointFrames):
     areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
     vertices: Vertices | None = field(default=None, repr=False)
     covered: float = 1.0
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)

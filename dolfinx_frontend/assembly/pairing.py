@@ -555,6 +555,15 @@ def make_interface(
         if matching is None:
             _check_space(pair, space, len(sampled.weights), (sides[0], sides[1]))
     sag, chords = _sag(faces, sampled.points)
+    places, mean_normals = None, None
+    if space == "mortar":
+        x = np.asarray(spaces[carrier].tabulate_dof_coordinates())[:, : faces[0].dim]
+        places = np.asarray(sampled.shapes[carrier] @ x[: sampled.shapes[carrier].shape[1]])
+        mean_normals = sampled.normals
+        if sampled.along:
+            d = faces[0].dim
+            parts_of = [sampled.along[carrier][:, k::d].sum(axis=1) for k in range(d)]
+            mean_normals = np.asarray(np.hstack(parts_of))
     return Interface(
         name=name,
         law=law,
@@ -574,6 +583,8 @@ def make_interface(
         areas=sampled.areas,
         vertices=sampled.vertices,
         covered=sampled.covered,
+        places=places,
+        mean_normals=mean_normals,
     )
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pytest
 
 from dolfinx_frontend import Result, Scene, assemble, geometry, solve
+from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Contact, Elastic, Law, Perfect
@@ -38,9 +39,7 @@ def vectors(problem: Problem, result: Result, name: str) -> Array:
 
 def places(problem: Problem, name: str) -> Array:
     """(m, d), the mean place of every multiplier, to which its force and its frame belong."""
-    i = problem.interfaces[name]
-    side = i.sides[i.carrier]
-    return np.asarray(side.shape @ problem.substructures[side.substructure].dof_coordinates)
+    return np.asarray(problem.interfaces[name].places)
 
 
 def lame_constants(E: float, nu: float) -> tuple[float, float]:
@@ -415,3 +414,35 @@ def test_a_beam_on_supports_that_it_covers_partly(cell: str, degree: int) -> Non
         assert i.area == pytest.approx(0.7 if name == "tie" else 1.7, rel=1e-10)
     assert np.abs(force - [0.0, 0.05]).max() < 1e-9
     assert moment == pytest.approx(1e-3 * 1000.0 / 3.0, rel=1e-8)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_resultants_of_a_round_face(degree: int) -> None:
+    """A pin in an eye carries what pulls at it, with few facets: the table has it."""
+    pull, radius = 0.02, 3.0
+    scene = Scene()
+    # half a disc and half a ring: their plane of symmetry is x = 0
+    for name, low, high, n in (("pin", 1.0, radius, 9), ("eye", radius, 6.0, 6)):
+
+        def bend(x: Array) -> Array:
+            return np.column_stack([x[:, 0] * np.cos(x[:, 1]), x[:, 0] * np.sin(x[:, 1])])
+
+        part = block("triangle", [3, n], [low, -np.pi / 2], [high, np.pi / 2], bend, 2)
+        scene.substructure(name, part, LinearElastic(10.0, 0.3), degree=degree)
+        scene.symmetry([f"{name}:y0", f"{name}:y1"])
+    scene.interface("round", "pin:x1", "eye:x0", Contact(gap=0.0, friction=0.2))
+    scene.fix("eye:x1")
+    scene.traction("pin:x0", (0.0, -pull))
+    problem = assemble(scene)
+    result = solve(problem, options=TIGHT)
+    assert result.converged
+    i = problem.interfaces["round"]
+    force = {axis: result.table().value(f"force_{axis}", "round") for axis in "xy"}
+    # the traction acts on the bore of radius 1 as it is meshed, pi up to the order 4 of its chords
+    bore = problem.substructures["pin"].part.face_area("x0")
+    assert force["y"] == pytest.approx(pull * bore, rel=1e-4)
+    # the same from the forces on the nodes, which are what the parts feel
+    weighed = (i.frames.transpose(0, 2, 1) @ result.force("round")[:, :, None])[:, :, 0] * i.weights[:, None]
+    for side in i.sides:
+        nodal = csr(side.trace).T @ weighed.ravel()
+        assert nodal.reshape(-1, 2).sum(axis=0) == pytest.approx([force["x"], force["y"]], rel=1e-6)
