@@ -86,7 +86,8 @@ class Surface:
 
     @property
     def acting(self) -> tuple[Array, Array]:
-        """(m, d) places, and (m, components, d), what a unit of each component adds to the resultant per area."""
+        """(m, d) places, and (m, components, d), what a unit of each component adds to the resultant, per
+        area."""
         places = self.points if self.places is None else self.places
         if self.mean_normals is None:
             return places, self.frames

@@ -1,11 +1,11 @@
 """Contact pressures on meshes that do not match, beside GetFEM: errors against unknowns.
 
 ``./run bench mortar_getfem --json FILE`` writes a list of rows: ``scene``, ``unknowns`` of the
-displacements, and for ``ours`` (space ``"mortar"``) and ``getfem`` (its integral contact brick, multipliers P1
-on the side with the smaller facets) the error of the pressure at the vertices of that side in L2 and the largest
-one, relative to the mean pressure. Meshes and displacements (quadratic triangles) are the same. Where GetFEM is
-missing its numbers are null and ``reason`` says so. The table of docs/interfaces.md is the output with
-``--markdown``.
+displacements, and for ``ours`` (space ``"mortar"``) and ``getfem`` (its integral contact brick,
+multipliers P1 on the side with the smaller facets) the error of the pressure at the vertices of that side
+in L2 and the largest one, relative to the mean pressure. Meshes and displacements (quadratic triangles)
+are the same. Where GetFEM is missing its numbers are null and ``reason`` says so. The table of
+docs/interfaces.md is the output with ``--markdown``.
 
 Scenes: ``patch``, two squares between guides, pressed evenly; ``rings``, a quarter of two rings under an even
 pressure (Lame);
