@@ -15,7 +15,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,6 +137,8 @@ class Interface(PointFrames):
     sag
         (m,), how far the meshed faces may be from the smooth ones, length: an estimate from the kinks
         between facets, see :meth:`FacetMap.sags`.
+    chords
+        (m,), the same where facets are straight and the face is not; 0 elsewhere.
     matching
         None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
     tangent_axis
@@ -154,6 +156,9 @@ class Interface(PointFrames):
         (k, m), area of each facet that belongs to each point.
     covered
         Fraction of side 1 that side 2 covers.
+    places, mean_normals
+        (m, d), of ``"mortar"``: the mean place of each point's force, and the mean of the normal there, which
+        is shorter than 1 on a curved face: what resultants are made of. None: the points, and their normals.
     vertices
         Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
@@ -169,12 +174,15 @@ class Interface(PointFrames):
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    chords: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     why: str = field(default="", repr=False)
     carrier: int = 0
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
     areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
     vertices: Vertices | None = field(default=None, repr=False)
     covered: float = 1.0
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -251,27 +259,3 @@ def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:
     out[:, 1] = t / np.linalg.norm(t, axis=1)[:, None]
     out[:, 2] = np.cross(normals, out[:, 1])
     return out, axis
-
-
-def nodal_normals(shape: sp.csr_matrix, weights: Array, normals: Array, nodes: Ints) -> Array:
-    """Area-weighted unit normals at nodes.
-
-    Parameters
-    ----------
-    shape
-        (m, all nodes), shape functions at the points.
-    weights, normals
-        (m,), (m, d) at the points.
-    nodes
-        Nodes wanted.
-
-    Returns
-    -------
-    Array
-        (len(nodes), d).
-    """
-    share = abs(shape[:, nodes])  # |N|: quadratic vertex functions have zero mean on triangles
-    mean = share.T @ (weights[:, None] * normals)
-    length = np.linalg.norm(mean, axis=1)
-    out: Array = mean / np.where(length > 0.0, length, 1.0)[:, None]
-    return out

@@ -369,9 +369,10 @@ class StepAssembly:
             matches = touch.kind != "near"
             settings = dict(join.settings)
             if not matches and "max_distance" not in settings:
-                # relative to the largest facet, at least the usual quarter
+                # relative to the largest facet; the usual one, which refining keeps, if it is enough
                 size = min(self._size(p) for p in touch.parts)
-                settings["max_distance"] = max(0.25, 4.0 * touch.widest / size)
+                if 4.0 * touch.widest > 0.25 * size:
+                    settings["max_distance"] = 4.0 * touch.widest / size
             space: Space = join.space or "auto"
             partial = not matches and space != "points"
             scene.interface(

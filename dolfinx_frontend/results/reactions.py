@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.results.answer import Answer, Block, stepped
@@ -148,20 +149,20 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
     acting = []
     for other in answer.known:
         for sign, each in zip((1.0, -1.0), problem.interfaces[other].sides, strict=False):
-            if each.substructure == part.name and (shape := each.shape.tocsc()[:, nodes]).nnz:
-                acting.append((sign, answer.surface(other), shape.T.tocsr()))
+            if each.substructure == part.name and (trace := csr(each.trace).tocsc()[:, rows]).nnz:
+                acting.append((sign, answer.surface(other), trace.T.tocsr()))
 
     def forces(block: Block) -> Array:
         u = stepped(block.displacement(part.name, columns), times, 1)
         total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1) - load
         out: Array = total.reshape(*u.shape[:2], -1, d)
-        for sign, surface, shape in acting:
+        for sign, surface, trace in acting:
             given = answer.load(surface.name)
             force = block.force(surface.name) if given is None else given[None]
             force = surface.vectors(stepped(force, times, 1))
-            weighted = np.moveaxis(sign * surface.weights[:, None] * force, 2, 0)  # (m, n, T, d)
-            nodal = (shape @ weighted.reshape(len(weighted), -1)).reshape(-1, *weighted.shape[1:])
-            out = out - np.moveaxis(nodal, 0, 2)
+            weighted = np.moveaxis(sign * surface.weights[:, None] * force, (2, 3), (0, 1))  # (m, d, n, T)
+            nodal = trace @ weighted.reshape(trace.shape[1], -1)
+            out = out - np.moveaxis(nodal.reshape(-1, d, *weighted.shape[2:]), (0, 1), (2, 3))
         out = (1.0 - 2.0 * number) * out
         out[..., away] = 0.0
         return out

@@ -195,7 +195,8 @@ def measure(
     out = np.einsum("pcd,pd->pc", frames, surface.normals)  # what each component pushes out of side 1
     tangents = frames - out[:, :, None] * surface.normals[:, None]
     axes = {"xyz"[a]: tangents[:, :, a] for a in range(surface.dim)}
-    rows = {c: np.einsum("pcd,pd->pc", frames, r) for c, r in _levers(surface.points, surface.centre).items()}
+    places, acting = surface.acting
+    rows = {c: np.einsum("pcd,pd->pc", acting, r) for c, r in _levers(places, surface.centre).items()}
     rows |= {"normal": out} | axes
     sums = _summed(force, {column: weights[:, None] * row for column, row in rows.items()})
     values = {"area": np.full(force.shape[:-2], weights.sum())}

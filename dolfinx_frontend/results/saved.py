@@ -102,6 +102,8 @@ class SavedInterface(PointFrames):
         Whether it can open; its clearance, friction coefficient and threshold, where they are known.
     bolt
         The step that ends its tightening if it is a bolt in a load history, else None.
+    places, mean_normals
+        (m, d), of which resultants are made; None: the points, and their normals.
     """
 
     name: str
@@ -118,6 +120,8 @@ class SavedInterface(PointFrames):
     contact: ContactValues | None = field(default=None, repr=False)
     bolt: int | None = field(default=None, repr=False)
     carrier: int = 0
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
     _surface: _Surface | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -358,6 +362,8 @@ class SavedResult(Face):
             each.directions,
             each.is_contact,
             each.bolt,
+            each.places,
+            each.mean_normals,
         )
 
     def load(self, interface: str) -> Array | None:
@@ -721,6 +727,8 @@ def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInt
         _contact(node["contact"]) if "contact" in node else None,
         None if bolt < 0 else bolt,
         carrier,
+        _optional(node, "places"),
+        _optional(node, "mean_normals"),
         _read_surface(node, sides[carrier], len(points), parts),
     )
 

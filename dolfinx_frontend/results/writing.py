@@ -133,6 +133,9 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
         "areas": _sparse(interface.areas, "points"),
         "trace": _sparse(side.shape, "nodes"),
     }
+    for key in ("places", "mean_normals"):
+        if (values := getattr(surface, key)) is not None:
+            tree[key] = values
     if interface.vertices is not None:
         nodal = _sparse(interface.vertices.nodal, "points")
         tree["vertices"] = {"corners": interface.vertices.corners.astype(np.int64)} | nodal

@@ -31,6 +31,7 @@ from dolfinx_frontend import (
     assemble,
     discretisation_error,
     geometry,
+    io,
     load,
     monte_carlo,
     solve,
@@ -503,6 +504,25 @@ def test_deterministic_files_of_version_1_are_read() -> None:
     assert float(found.quantity(lambda f: f.force("joint")[..., 0].min(axis=1)).values[0]) < 0.0
     with pytest.raises(saved.ResultFileError, match="has no mesh here: it was saved by an older software"):
         found.displacement("right")
+
+
+def test_files_of_version_2_are_read(tmp_path: Path) -> None:
+    """Two bars end to end with a gap of 0.002, pushed by 0.01; made before points had several facets."""
+    found = load(OLD / "contact_2.h5")
+    joint = found.interfaces["joint"]
+    pressure = E * (0.01 - 0.002) / 40.0
+    np.testing.assert_allclose(found.force("joint")[:, 0], -pressure, rtol=1e-6)
+    assert found.converged and joint.carrier == 0
+    assert found.table().value("pressure_mean", "joint") == pytest.approx(pressure, rel=1e-6)
+    # each point has its facet, with all of its area
+    areas = joint.areas.toarray()
+    assert areas.shape == (2, 2) and areas.sum() == pytest.approx(5.0)
+    assert sorted(areas.max(axis=1)) == pytest.approx(sorted(joint.weights))
+    facets, fields = io.facet_fields(found, "joint")
+    assert len(facets) == 2 and fields["pressure"] == pytest.approx(pressure)
+    assert io.write(found, tmp_path / "fields")
+    with h5py.File(OLD / "contact_2.h5") as file:
+        assert file.attrs["version"] == 2
 
 
 def test_random_files_of_version_1_are_read() -> None:
