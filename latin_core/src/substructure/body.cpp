@@ -68,7 +68,7 @@ SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
 /// Lower triangle of sum_e B_e^T M_e B_e, with M_e symmetric.
 ///
 /// Gathered row by row of the sum, so that no list of entries is ever stored or sorted: a row collects its
-/// entries in a dense workspace, and one transposition of the rows gives sorted columns.
+/// entries in a dense workspace.
 class LowerSum {
  public:
   explicit LowerSum(Index size) : size_(size) {}
@@ -78,7 +78,8 @@ class LowerSum {
     terms_.push_back({middle, &b, SparseColumns(b)});
   }
 
-  [[nodiscard]] SparseColumns build() const {
+  /// The columns of a row are in no order.
+  [[nodiscard]] SparseRows build() const {
     SparseRows lower(size_, size_);
     std::vector<double> sum(static_cast<std::size_t>(size_), 0.0);
     std::vector<int> last(static_cast<std::size_t>(size_), -1);  // row that last touched a column
@@ -373,7 +374,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   const std::vector<SparseRows> jumps =
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
-  const SparseColumns lower = assemble_operator(description, jumps);
+  const SparseRows lower = assemble_operator(description, jumps);
   stiffest_ = stiffest_of(description);
   for (Member& member : description.members) {
     member.stiffness.reset();  // before the factorisation takes its memory
@@ -477,7 +478,7 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
 }
 
 /// Lower triangle of K + sum B^T kappa B + sum T^T W k T.
-SparseColumns Body::assemble_operator(const BodyDescription& description,
+SparseRows Body::assemble_operator(const BodyDescription& description,
                                       const std::vector<SparseRows>& jumps) const {
   LowerSum sum(size_);
   for (std::size_t e = 0; e < description.members.size(); ++e) {
@@ -501,7 +502,7 @@ bool Body::wants_condensation(const OperatorOptions& options) const {
           (options.memory_limit <= 0.0 || bytes <= options.memory_limit));
 }
 
-void Body::factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options) {
+void Body::factorise(const SparseRows& lower, bool condense, const OperatorOptions& options) {
   factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {

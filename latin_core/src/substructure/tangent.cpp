@@ -228,7 +228,7 @@ void Tangent::factorise_sparse() {
   sparse_lu_ = nullptr;
   if (symmetric_) {
     try {
-      factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+      factor_ = algebra::factorise(SparseRows(assemble()), 0, algebra::FactorBackend::automatic,
                                    "structure of the check");
       return;
     } catch (const NumericalError&) {
