@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <deque>
@@ -11,10 +10,13 @@
 #include <numeric>
 #include <utility>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
 namespace {
+
+using algebra::multiply_sparse;
 
 /// Seconds since the last time it was asked.
 class Watch {
@@ -170,38 +172,6 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
       here.noalias() += below.transpose() * x.col(c).tail(rest);
       out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
     }
-  }
-}
-
-/// Rows of out = a x for `width` columns at once: sums that do not wait for each other.
-template <int width>
-void multiply_columns(const SparseRows& a, const ConstMatrixRef& x, MatrixRef& out, Index column) {
-  const double* from = x.data() + column * x.outerStride();
-  for (int row = 0; row < a.outerSize(); ++row) {
-    std::array<double, width> sums{};
-    for (SparseRows::InnerIterator it(a, row); it; ++it) {
-      const double* entry = from + it.col();
-      for (std::size_t i = 0; i < width; ++i) {
-        sums[i] += it.value() * entry[static_cast<Index>(i) * x.outerStride()];
-      }
-    }
-    for (std::size_t i = 0; i < width; ++i) {
-      out(row, column + static_cast<Index>(i)) = sums[i];
-    }
-  }
-}
-
-/// out = a x. (Eigen takes one column after the other, each sum waiting for its last term.)
-void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out) {
-  Index column = 0;
-  for (; column + 8 <= x.cols(); column += 8) {
-    multiply_columns<8>(a, x, out, column);
-  }
-  for (; column + 2 <= x.cols(); column += 2) {
-    multiply_columns<2>(a, x, out, column);
-  }
-  for (; column < x.cols(); ++column) {
-    multiply_columns<1>(a, x, out, column);
   }
 }
 
