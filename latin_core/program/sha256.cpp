@@ -19,7 +19,8 @@ std::string sha256_of_file(const std::filesystem::path& path, std::size_t skippe
   std::vector<char> buffer(std::size_t{1} << 20U);
   while (file && worked) {
     file.read(buffer.data(), static_cast<std::streamsize>(buffer.size()));
-    worked = EVP_DigestUpdate(hash.get(), buffer.data(), static_cast<std::size_t>(file.gcount())) == 1;
+    worked =
+        EVP_DigestUpdate(hash.get(), buffer.data(), static_cast<std::size_t>(file.gcount())) == 1;
   }
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
   unsigned length = 0;

@@ -277,8 +277,7 @@ class CholmodFactor final : public Factor {
     return matrix;
   }
   static cholmod_sparse view(SparseColumns& upper) {
-    cholmod_sparse matrix =
-        square(upper.rows(), static_cast<std::size_t>(upper.nonZeros()));
+    cholmod_sparse matrix = square(upper.rows(), static_cast<std::size_t>(upper.nonZeros()));
     matrix.p = upper.outerIndexPtr();
     matrix.i = upper.innerIndexPtr();
     matrix.stype = 1;
@@ -380,9 +379,8 @@ class MumpsFactor final : public Factor {
     SparseColumns lower = by_rows;  // sorts the rows of every column
     // PETSc's symmetric format keeps the upper triangle by rows: the lower one by columns, unchanged
     check(MatCreateSeqSBAIJWithArrays(PETSC_COMM_SELF, 1, static_cast<PetscInt>(size_),
-                                      static_cast<PetscInt>(size_),
-                                      lower.outerIndexPtr(), lower.innerIndexPtr(),
-                                      lower.valuePtr(), matrix_.out()),
+                                      static_cast<PetscInt>(size_), lower.outerIndexPtr(),
+                                      lower.innerIndexPtr(), lower.valuePtr(), matrix_.out()),
           "wrap a matrix");
     check(MatSetOption(matrix_.get(), MAT_SPD, PETSC_TRUE), "mark a matrix as definite");
     check(MatSetOptionsPrefix(matrix_.get(), "latin_substructure_"), "prefix a matrix");

@@ -155,8 +155,8 @@ Measured Run::observe() {
   summary_.error = error;
   // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
   // one that is made for the sets to come is the answer
-  const bool first = summary_.history.empty() && known_ &&
-                     (known_->made() || Verification::exact(stages_.laws()));
+  const bool first =
+      summary_.history.empty() && known_ && (known_->made() || Verification::exact(stages_.laws()));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }

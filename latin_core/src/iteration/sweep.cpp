@@ -177,8 +177,8 @@ class Sweep {
     }
     direct_ = linear_ && most_together_ > 1 && Verification::exact(laws);
     if (direct_) {
-      most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)), most_together_,
-                                  many_together * most_together_);
+      most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)),
+                                  most_together_, many_together * most_together_);
     }
   }
 
@@ -277,8 +277,8 @@ class Sweep {
     set_tolerance();
     std::vector<Index> chosen;
     if (known_.empty() || !linear_->made()) {
-      chosen.push_back(take(std::ranges::min_element(
-          left, {}, [&](Index point) { return away(point, middle); })));
+      chosen.push_back(take(
+          std::ranges::min_element(left, {}, [&](Index point) { return away(point, middle); })));
       solve_alone(chosen.front(), true);
     }
     const Index far = std::min(most_far, static_cast<Index>(left.size()) / 2);
@@ -498,11 +498,10 @@ class Sweep {
       centre += where_.col(point) / static_cast<double>(points.size());
     }
     const auto sets = static_cast<Index>(points.size());
-    const std::vector<Advanced> answers =
-        advance_together(laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
-                         direct_ ? std::vector<const State*>{&known_.front()}
-                                 : nearest(centre, together_from_),
-                         linear_.get(), direct_ ? &basis_ : nullptr);
+    const std::vector<Advanced> answers = advance_together(
+        laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
+        direct_ ? std::vector<const State*>{&known_.front()} : nearest(centre, together_from_),
+        linear_.get(), direct_ ? &basis_ : nullptr);
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
         static_cast<double>(sets);
@@ -562,8 +561,9 @@ class Sweep {
   const PointCallback& point_callback_;
   Matrix where_;
   Index most_together_ = 1;
-  bool direct_ = false;  ///< all laws are linear: points are solved together, by conjugate gradients
-  Matrix basis_;         ///< of these: what points move by from the first known one
+  bool direct_ =
+      false;      ///< all laws are linear: points are solved together, by conjugate gradients
+  Matrix basis_;  ///< of these: what points move by from the first known one
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;

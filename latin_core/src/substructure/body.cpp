@@ -449,7 +449,7 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
 
 /// Lower triangle of K + sum B^T kappa B + sum T^T W k T.
 SparseRows Body::assemble_operator(const BodyDescription& description,
-                                      const std::vector<SparseRows>& jumps) const {
+                                   const std::vector<SparseRows>& jumps) const {
   LowerSum sum(size_);
   for (std::size_t e = 0; e < description.members.size(); ++e) {
     sum.add(*description.members[e].stiffness, prolongations_[e]);

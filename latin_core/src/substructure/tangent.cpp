@@ -380,8 +380,8 @@ bool Tangent::own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness)
     const Matrix& own = slopes[static_cast<std::size_t>(column)];
     for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
       const Index components = interface.components;
-      for (Index first = interface.first_unknown;
-           first < interface.first_unknown + interface.size; first += components) {
+      for (Index first = interface.first_unknown; first < interface.first_unknown + interface.size;
+           first += components) {
         const auto slope = own.block(first, 0, components, components);
         auto into = stiffness.block(first, column * most_components_, components, components);
         if (slope.isDiagonal(0.0)) {

@@ -167,7 +167,7 @@ class Body {
   [[nodiscard]] Loads assemble_loads(const BodyDescription& description,
                                      const std::vector<SparseRows>& jumps) const;
   [[nodiscard]] SparseRows assemble_operator(const BodyDescription& description,
-                                                const std::vector<SparseRows>& jumps) const;
+                                             const std::vector<SparseRows>& jumps) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
   void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);

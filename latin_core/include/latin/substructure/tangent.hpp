@@ -79,8 +79,8 @@ class Tangent {
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
     Matrix nodal(active_, forces.cols());
-    algebra::multiply_sparse(to_unknowns_, joined_->weights().asDiagonal() * joined_->of_rows(forces),
-                             nodal);
+    algebra::multiply_sparse(to_unknowns_,
+                             joined_->weights().asDiagonal() * joined_->of_rows(forces), nodal);
     return nodal;
   }
   /// u^T S u of a body of this rank, where all active unknowns move by (active).
@@ -113,8 +113,8 @@ class Tangent {
   void add_to_sides(const Matrix& between, Matrix& rows) const;
   void add_spring_forces(const Matrix& stiffness, const Matrix& jumps, Matrix& forces) const;
   void add_body_forces(const Matrix& moved, Matrix& forces) const;
-  [[nodiscard]] Matrix best_in(const Matrix& basis, const Matrix& stiffness,
-                               const Vector& holding, const Matrix& load) const;
+  [[nodiscard]] Matrix best_in(const Matrix& basis, const Matrix& stiffness, const Vector& holding,
+                               const Matrix& load) const;
   void combine();
   [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
