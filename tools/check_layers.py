@@ -150,8 +150,8 @@ FRONTEND: dict[str, tuple[str, ...]] = {
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 
 LAZY = {("assembly.problem", "solvers.export")}
-"""Imports that point upward on purpose, inside a function only: methods of what is below that are a call of what
-is above (:meth:`Problem.export`)."""
+"""Imports that point upward on purpose, inside a function only: methods of what is below that call what is
+above (:meth:`Problem.export`)."""
 
 PENDING: frozenset[tuple[str, str]] = frozenset()
 """Arrows up that are still there: methods of results that belong to higher layers, and types of results."""
