@@ -148,5 +148,3 @@ __all__ = [
     "sweep",
     "tensor_quadrature",
 ]
-
-Problem.exporter = staticmethod(export)

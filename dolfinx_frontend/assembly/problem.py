@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
@@ -32,10 +32,6 @@ _COVERED = 0.99
 T = TypeVar("T")
 
 
-def _not_exported(problem: Problem, folder: str | Path, *args: Any, **settings: Any) -> Path:
-    raise SceneError("export: import dolfinx_frontend, which has what writes a folder")
-
-
 @dataclass(frozen=True)
 class Problem(OneProcess):
     """An assembled scene.
@@ -51,12 +47,11 @@ class Problem(OneProcess):
     def __post_init__(self) -> None:
         locked(self)
 
-    exporter: ClassVar[Callable[..., Path]] = _not_exported
-    """What :meth:`export` calls: it plans the problem, which is above this layer."""
-
     def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
         """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
-        return type(self).exporter(self, folder, *args, **settings)
+        from dolfinx_frontend.solvers.export import export
+
+        return export(self, folder, *args, **settings)
 
     @property
     def _instead(self) -> str:

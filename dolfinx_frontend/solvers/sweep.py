@@ -123,7 +123,8 @@ def sweep(
 
     The grid is walked so that neighbours in the order differ in one parameter by one step; each
     point starts from the combination of the nearest solved interface states that leaves the
-    smallest residual.
+    smallest residual. Where all laws are linear there is nothing to iterate on: on one rank, the point in the
+    middle comes first and all others are solved together, by conjugate gradients on the condensed interfaces.
 
     Parameters
     ----------

@@ -299,4 +299,15 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
   }
 }
 
+Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& state,
+                                   const Matrix& basis, const Vector& fall, MatrixRef residual,
+                                   Matrix& moved) const {
+  if (tangents_.size() != 1 || !laws.structure().communicator().alone()) {
+    return {};
+  }
+  moved.resize(residual.rows(), residual.cols());
+  return tangents_.front()->correct_each(slopes_at(laws, state, tangents_.front()->joined()), basis,
+                                         fall, residual, moved);
+}
+
 }  // namespace latin::iteration

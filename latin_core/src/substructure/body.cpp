@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <deque>
@@ -11,10 +10,13 @@
 #include <numeric>
 #include <utility>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
 namespace {
+
+using algebra::multiply_sparse;
 
 /// Seconds since the last time it was asked.
 class Watch {
@@ -68,7 +70,7 @@ SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
 /// Lower triangle of sum_e B_e^T M_e B_e, with M_e symmetric.
 ///
 /// Gathered row by row of the sum, so that no list of entries is ever stored or sorted: a row collects its
-/// entries in a dense workspace, and one transposition of the rows gives sorted columns.
+/// entries in a dense workspace.
 class LowerSum {
  public:
   explicit LowerSum(Index size) : size_(size) {}
@@ -78,7 +80,8 @@ class LowerSum {
     terms_.push_back({middle, &b, SparseColumns(b)});
   }
 
-  [[nodiscard]] SparseColumns build() const {
+  /// The columns of a row are in no order.
+  [[nodiscard]] SparseRows build() const {
     SparseRows lower(size_, size_);
     std::vector<double> sum(static_cast<std::size_t>(size_), 0.0);
     std::vector<int> last(static_cast<std::size_t>(size_), -1);  // row that last touched a column
@@ -169,38 +172,6 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
       here.noalias() += below.transpose() * x.col(c).tail(rest);
       out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
     }
-  }
-}
-
-/// Rows of out = a x for `width` columns at once: sums that do not wait for each other.
-template <int width>
-void multiply_columns(const SparseRows& a, const ConstMatrixRef& x, MatrixRef& out, Index column) {
-  const double* from = x.data() + column * x.outerStride();
-  for (int row = 0; row < a.outerSize(); ++row) {
-    std::array<double, width> sums{};
-    for (SparseRows::InnerIterator it(a, row); it; ++it) {
-      const double* entry = from + it.col();
-      for (std::size_t i = 0; i < width; ++i) {
-        sums[i] += it.value() * entry[static_cast<Index>(i) * x.outerStride()];
-      }
-    }
-    for (std::size_t i = 0; i < width; ++i) {
-      out(row, column + static_cast<Index>(i)) = sums[i];
-    }
-  }
-}
-
-/// out = a x. (Eigen takes one column after the other, each sum waiting for its last term.)
-void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out) {
-  Index column = 0;
-  for (; column + 8 <= x.cols(); column += 8) {
-    multiply_columns<8>(a, x, out, column);
-  }
-  for (; column + 2 <= x.cols(); column += 2) {
-    multiply_columns<2>(a, x, out, column);
-  }
-  for (; column < x.cols(); ++column) {
-    multiply_columns<1>(a, x, out, column);
   }
 }
 
@@ -380,7 +351,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   std::vector<SparseRows> jumps =
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
-  const SparseColumns lower = assemble_operator(description, jumps);
+  const SparseRows lower = assemble_operator(description, jumps);
   if (description.members.size() > 1 || !description.springs.empty()) {
     for (const Member& member : description.members) {
       glued_.stiffnesses.push_back(member.stiffness);
@@ -493,8 +464,8 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
 }
 
 /// Lower triangle of K + sum B^T kappa B + sum T^T W k T.
-SparseColumns Body::assemble_operator(const BodyDescription& description,
-                                      const std::vector<SparseRows>& jumps) const {
+SparseRows Body::assemble_operator(const BodyDescription& description,
+                                   const std::vector<SparseRows>& jumps) const {
   LowerSum sum(size_);
   for (std::size_t e = 0; e < description.members.size(); ++e) {
     sum.add(*description.members[e].stiffness, prolongations_[e]);
@@ -537,7 +508,7 @@ bool Body::wants_condensation(const OperatorOptions& options) const {
           (options.memory_limit <= 0.0 || bytes <= options.memory_limit));
 }
 
-void Body::factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options) {
+void Body::factorise(const SparseRows& lower, bool condense, const OperatorOptions& options) {
   factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {

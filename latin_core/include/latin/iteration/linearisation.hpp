@@ -42,6 +42,9 @@ class Linearisation {
   /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, Matrix& moved) const;
+  /// The same with the tangents of every column's own, of linear laws on one rank: see Tangent::correct_each().
+  Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
+                      const Vector& fall, MatrixRef residual, Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
   /// again for another one, until other tangents are taken.
   const Matrix& rounding(const substructure::Laws& laws, const State& state,

@@ -186,11 +186,11 @@ class Body {
   void stack_sides(const std::vector<BodySide>& sides);
   [[nodiscard]] Loads assemble_loads(const BodyDescription& description,
                                      const std::vector<SparseRows>& jumps) const;
-  [[nodiscard]] SparseColumns assemble_operator(const BodyDescription& description,
-                                                const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] SparseRows assemble_operator(const BodyDescription& description,
+                                             const std::vector<SparseRows>& jumps) const;
   [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
-  void factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options);
+  void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
   /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
