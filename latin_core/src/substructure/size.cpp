@@ -65,14 +65,15 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double farthest = reach(component[static_cast<std::size_t>(b)]) * metric(b);
+    const double far = reach(component[static_cast<std::size_t>(b)]);
+    const double farthest = far * metric(b);
     const double noise = square(rounding) * farthest;
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
       const double strain_noise =
-          std::max(noise, square(rounding) * std::max(whole.strain(history, b).maxCoeff(),
-                                                      whole.work(history, b).maxCoeff()));
+          square(rounding) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
+                                       whole.work(history, b).maxCoeff()});
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
       const auto own = [&](const Matrix& sizes) {
@@ -126,7 +127,12 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
                     .segment(structure.body_rows()[at], structure.bodies()[at].rows())
                     .sum();
   }
-  return {groups, std::move(metric), structure.component(), Vector::Zero(structure.components())};
+  Vector stiffness(metric.size());
+  for (Index b = 0; b < metric.size(); ++b) {
+    stiffness(b) = structure.bodies()[static_cast<std::size_t>(b)].active_stiffness().sum();
+  }
+  return {groups, std::move(metric), std::move(stiffness), structure.component(),
+          Vector::Zero(structure.components())};
 }
 
 Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,
