@@ -22,6 +22,8 @@ constexpr double quiet_column = 1e-3;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
+/// Below this fraction of the tolerance a guess is enough.
+constexpr double negligible_rounding = 0.01;
 /// What was measured of one state and is said of others, too, in terms of itself.
 constexpr double measured_again = 2.0;
 
@@ -75,6 +77,16 @@ double contrast(double a, double b) {
   const double one = std::abs(a) / std::max(1.0 - std::abs(a), no_slope) + no_slope;
   const double two = std::abs(b) / std::max(1.0 - std::abs(b), no_slope) + no_slope;
   return std::max(one / two, two / one);
+}
+
+/// Sizes with any fixed signs without a pattern.
+void with_signs(Matrix& sizes, double unit) {
+  for (Index column = 0; column < sizes.cols(); ++column) {
+    for (Index row = 0; row < sizes.rows(); ++row) {
+      sizes(row, column) *=
+          std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+    }
+  }
 }
 
 }  // namespace
@@ -185,14 +197,26 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 }
 
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
-                                      ConstMatrixRef amplitudes, const Whole& whole) {
-  if (rounding_.rows() != whole.sizes.strain.rows()) {
-    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes));
+                                      ConstMatrixRef amplitudes, const Whole& whole, double rtol) {
+  if (rounding_.rows() == whole.sizes.strain.rows()) {
+    return rounding_;
+  }
+  Matrix guessed = tangents_.front()->inner_forces(state.traces);
+  with_signs(guessed, rounding_of_bodies);
+  rounding_ = whole.relative(rounding_sizes(laws, state, std::move(guessed)));
+  const double enough = negligible_rounding * rtol;
+  const auto& bodies = laws.structure().bodies();
+  const bool small = rounding_.size() == 0 || rounding_.maxCoeff() <= enough;
+  if (!laws.structure().communicator().everywhere(
+          small && std::ranges::all_of(bodies, [enough](const substructure::Body& body) {
+            return body.rounding() <= enough;
+          }))) {
+    rounding_ = whole.relative(rounding_sizes(laws, state, defects(laws, state, amplitudes)));
   }
   return rounding_;
 }
 
-/// What the global stages of glued bodies are wrong by, as forces on the active unknowns of all ranks.
+/// What the global stages are wrong by, as forces on the active unknowns of all ranks.
 Matrix Linearisation::defects(const substructure::Laws& laws, const State& state,
                               ConstMatrixRef amplitudes) const {
   const substructure::Structure& structure = laws.structure();
@@ -208,37 +232,24 @@ Matrix Linearisation::defects(const substructure::Laws& laws, const State& state
     if (body.rows() == 0) {
       continue;
     }
-    if (body.glued()) {
-      own.middleRows(first, body.active()) =
-          measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
-                                       amplitudes, laws.response(b));
-    }
+    own.middleRows(first, body.active()) =
+        measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
+                                     amplitudes, laws.response(b));
     first += body.active();
   }
   return tangents_.front()->joined().of_active(own);
 }
 
+/// @param forces what the bodies are wrong by, on their active unknowns, to which comes what the faces are
 substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
-                                                  const State& state,
-                                                  ConstMatrixRef amplitudes) const {
-  // any fixed signs without a pattern
-  const auto with_signs = [](Matrix& sizes, double unit) {
-    for (Index column = 0; column < sizes.cols(); ++column) {
-      for (Index row = 0; row < sizes.rows(); ++row) {
-        sizes(row, column) *=
-            std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
-      }
-    }
-  };
+                                                  const State& state, Matrix forces) const {
   const substructure::Structure& structure = laws.structure();
   const substructure::ColumnGroups groups = laws.groups();
   Tangent& tangent = *tangents_.front();
   Matrix data =
       state.data.cwiseAbs() + structure.directions().asDiagonal() * state.traces.cwiseAbs();
   with_signs(data, rounding_of_faces);
-  Matrix forces = tangent.inner_forces(state.traces);
-  with_signs(forces, rounding_of_bodies);
-  forces += tangent.nodal(data) + defects(laws, state, amplitudes);
+  forces += tangent.nodal(data);
   Matrix moved(data.rows(), data.cols());
   const Matrix answer = tangent.respond(forces, data, moved);
   substructure::Sizes sizes = substructure::Sizes::zero(

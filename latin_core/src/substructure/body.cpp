@@ -352,18 +352,13 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
   const SparseRows lower = assemble_operator(description, jumps);
-  if (description.members.size() > 1 || !description.springs.empty()) {
-    for (const Member& member : description.members) {
-      glued_.stiffnesses.push_back(member.stiffness);
-    }
-    for (Spring& spring : description.springs) {
-      glued_.springs.push_back(std::move(spring.stiffness));
-    }
-    glued_.jumps = std::move(jumps);
+  for (Spring& spring : description.springs) {
+    terms_.springs.push_back(std::move(spring.stiffness));
   }
+  terms_.jumps = std::move(jumps);
   active_stiffness_ = stiffness_of_active(description.members);
   for (Member& member : description.members) {
-    member.stiffness.reset();  // before the factorisation takes its memory
+    terms_.stiffnesses.push_back(std::move(member.stiffness));
     offsets_.push_back(std::move(member.offset));
   }
   cost_.assemble_s = watch.lap();
@@ -736,13 +731,13 @@ Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRe
     Longer of_member = Longer::Zero(prolongations_[e].rows());
     add_product(prolongations_[e], u, of_member);
     Longer forces = Longer::Zero(of_member.size());
-    add_product(*glued_.stiffnesses[e], of_member, forces);
+    add_product(*terms_.stiffnesses[e], of_member, forces);
     add_transposed(prolongations_[e], forces, left, -1.0L);
   }
-  for (std::size_t i = 0; i < glued_.jumps.size(); ++i) {
-    Longer jump = Longer::Zero(glued_.jumps[i].rows());
-    add_product(glued_.jumps[i], u, jump);
-    add_transposed(glued_.jumps[i], longer(glued_.springs[i]).cwiseProduct(jump), left, -1.0L);
+  for (std::size_t i = 0; i < terms_.jumps.size(); ++i) {
+    Longer jump = Longer::Zero(terms_.jumps[i].rows());
+    add_product(terms_.jumps[i], u, jump);
+    add_transposed(terms_.jumps[i], longer(terms_.springs[i]).cwiseProduct(jump), left, -1.0L);
   }
   return left.cast<double>();
 }

@@ -46,9 +46,10 @@ class Linearisation {
   Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
                       const Vector& fall, MatrixRef residual, Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
-  /// again for another one, until other tangents are taken.
+  /// again for another one, until other tangents are taken. Guessed, and measured where the guess is not far below
+  /// the tolerance.
   const Matrix& rounding(const substructure::Laws& laws, const State& state,
-                         ConstMatrixRef amplitudes, const Whole& whole);
+                         ConstMatrixRef amplitudes, const Whole& whole, double rtol);
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
   /// The condensed structure, null before tangents were first taken.
@@ -72,7 +73,7 @@ class Linearisation {
   [[nodiscard]] Matrix defects(const substructure::Laws& laws, const State& state,
                                ConstMatrixRef amplitudes) const;
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws, const State& state,
-                                                    ConstMatrixRef amplitudes) const;
+                                                    Matrix forces) const;
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
   void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
   void know_structure(const substructure::Laws& laws);

@@ -112,14 +112,12 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
-  /// Whether springs or several members are in it: its stiffness is a sum that rounds the softer ones.
-  [[nodiscard]] bool glued() const { return !glued_.stiffnesses.empty(); }
-  /// What rounding of the operator and its factor leaves of the global stage of a glued body: the forces on the
-  /// active unknowns, (active, c), that move them as far as the stage is wrong. Measured, with sums of higher
-  /// precision over members and springs apart.
+  /// What rounding of the operator and its factor leaves of the global stage: the forces on the active unknowns,
+  /// (active, c), that move them as far as the stage is wrong. Measured, with sums of higher precision over members
+  /// and springs apart, which softer ones were rounded by when they were added up.
   [[nodiscard]] Matrix defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
                               const LoadResponse& loads) const;
-  /// A correction of the displacements of a glued body, measured in the same way.
+  /// A correction of the displacements, measured in the same way.
   struct Correction {
     Vector strain;  ///< (c) twice its energy, with the search directions
     Matrix traces;  ///< (rows, c)
@@ -209,13 +207,13 @@ class Body {
 
   std::string name_;
   Index size_ = 0;
-  /// What a glued body is the sum of, in its unknowns; empty of others.
-  struct Glued {
+  /// What it is the sum of, in its unknowns.
+  struct Terms {
     std::vector<std::shared_ptr<const SparseView>> stiffnesses;
     std::vector<SparseRows> jumps;
     std::vector<Vector> springs;
   };
-  Glued glued_;
+  Terms terms_;
   Index active_ = 0;  ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;
