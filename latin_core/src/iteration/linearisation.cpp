@@ -22,8 +22,6 @@ constexpr double quiet_column = 1e-3;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
-/// Below this fraction of the tolerance a guess is enough.
-constexpr double negligible_rounding = 0.01;
 /// What was measured of one state and is said of others, too, in terms of itself.
 constexpr double measured_again = 2.0;
 
@@ -197,58 +195,62 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 }
 
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
-                                      ConstMatrixRef amplitudes, const Whole& whole, double rtol) {
-  if (rounding_.rows() == whole.sizes.strain.rows()) {
-    return rounding_;
-  }
-  Matrix guessed = tangents_.front()->inner_forces(state.traces);
-  with_signs(guessed, rounding_of_bodies);
-  rounding_ = whole.relative(rounding_sizes(laws, state, std::move(guessed)));
-  const double enough = negligible_rounding * rtol;
-  const auto& bodies = laws.structure().bodies();
-  const bool small = rounding_.size() == 0 || rounding_.maxCoeff() <= enough;
-  if (!laws.structure().communicator().everywhere(
-          small && std::ranges::all_of(bodies, [enough](const substructure::Body& body) {
-            return body.rounding() <= enough;
-          }))) {
-    rounding_ = whole.relative(rounding_sizes(laws, state, defects(laws, state, amplitudes)));
+                                      ConstMatrixRef amplitudes, const Whole& whole) {
+  if (rounding_.rows() != whole.sizes.strain.rows()) {
+    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes));
   }
   return rounding_;
 }
 
-/// What the global stages are wrong by, as forces on the active unknowns of all ranks.
-Matrix Linearisation::defects(const substructure::Laws& laws, const State& state,
-                              ConstMatrixRef amplitudes) const {
+/// Put what was measured in the place of what is guessed, in forces on the active unknowns of all ranks.
+void Linearisation::measure(const substructure::Laws& laws, const State& state,
+                            ConstMatrixRef amplitudes, Matrix& forces) const {
   const substructure::Structure& structure = laws.structure();
   const auto& bodies = structure.bodies();
+  if (structure.communicator().everywhere(
+          std::ranges::none_of(bodies, &substructure::Body::measurable))) {
+    return;
+  }
   Index active = 0;
   for (const substructure::Body& body : bodies) {
     active += body.rows() > 0 ? body.active() : 0;
   }
-  Matrix own = Matrix::Zero(active, state.data.cols());
+  Matrix own = Matrix::Zero(active, state.data.cols() + 1);  // the last column: whether it is known
   Index first = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     const substructure::Body& body = bodies[b];
     if (body.rows() == 0) {
       continue;
     }
-    own.middleRows(first, body.active()) =
-        measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
-                                     amplitudes, laws.response(b));
+    if (body.measurable()) {
+      auto rows = own.middleRows(first, body.active());
+      rows.leftCols(state.data.cols()) =
+          measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
+                                       amplitudes, laws.response(b));
+      rows.rightCols(1).setOnes();
+    }
     first += body.active();
   }
-  return tangents_.front()->joined().of_active(own);
+  const Matrix all = tangents_.front()->joined().of_active(own);
+  for (Index row = 0; row < all.rows(); ++row) {
+    if (all(row, state.data.cols()) > 0.0) {
+      forces.row(row) = all.row(row).head(state.data.cols());
+    }
+  }
 }
 
-/// @param forces what the bodies are wrong by, on their active unknowns, to which comes what the faces are
 substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
-                                                  const State& state, Matrix forces) const {
+                                                  const State& state,
+                                                  ConstMatrixRef amplitudes) const {
   const substructure::Structure& structure = laws.structure();
   const substructure::ColumnGroups groups = laws.groups();
   Tangent& tangent = *tangents_.front();
   Matrix data =
       state.data.cwiseAbs() + structure.directions().asDiagonal() * state.traces.cwiseAbs();
   with_signs(data, rounding_of_faces);
+  Matrix forces = tangent.inner_forces(state.traces);
+  with_signs(forces, rounding_of_bodies);
+  measure(laws, state, amplitudes, forces);
   forces += tangent.nodal(data);
   Matrix moved(data.rows(), data.cols());
   const Matrix answer = tangent.respond(forces, data, moved);

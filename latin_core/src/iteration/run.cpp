@@ -31,8 +31,6 @@ constexpr double longest_step = 1e7;
 constexpr Index steps_from_zero = 2;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
-/// Bounds of rounding below this fraction of the tolerance are said as they are.
-constexpr double negligible_rounding = 0.01;
 
 /// Whether a run ended without an answer, and not because someone wanted it to.
 bool gave_up(Status status) {
@@ -358,14 +356,14 @@ void Run::finish(Status status) {
       elapsed() - callback_s_ - summary_.global_s - summary_.local_s - summary_.newton_s;
 }
 
-/// A bound that would decide is replaced by what is measured. Collective.
+/// A bound that would decide is replaced by what is measured, of a body that can be. Collective.
 void Run::add_rounding_of_bodies() {
   const auto& bodies = structure_.bodies();
   std::vector<std::size_t> measured;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
     const double bound = std::min(bodies[b].rounding(), options_.rtol);
-    if (bound > errors.maxCoeff() && bound > negligible_rounding * options_.rtol) {
+    if (bodies[b].measurable() && bound > errors.maxCoeff()) {
       measured.push_back(b);
     } else {
       errors = errors.cwiseMax(bound);

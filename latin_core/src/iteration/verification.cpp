@@ -141,7 +141,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   if (imbalance > bearable_imbalance * rtol) {
     return std::nullopt;
   }
-  const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole, rtol);
+  const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole);
   if (largest(least_error) > rtol) {
     return std::nullopt;
   }
@@ -227,7 +227,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
         least_known =
-            (within_rounding * linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole, rtol)).cwiseMax(least);
+            (within_rounding * linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)).cwiseMax(least);
       }
       if (count >= first_of_rounding) {
         // steps that do not become shorter, but are rounding, leave what they are
@@ -249,7 +249,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
             everywhere((rest.array() <= least_known.array()).all())) ||
            stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole, rtol);
+        Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
@@ -399,7 +399,7 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);
     left = carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last())))
-               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole, 0.0));
+               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole));
   } catch (const NumericalError&) {
     return false;
   }

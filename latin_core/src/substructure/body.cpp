@@ -310,6 +310,9 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
+/// Bodies whose displacements rounding may leave wrong by more are measured.
+constexpr double well_conditioned = 1e-10;
+
 using Longer = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
 
 /// out += sign * a x
@@ -352,19 +355,18 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
   const SparseRows lower = assemble_operator(description, jumps);
-  for (Spring& spring : description.springs) {
-    terms_.springs.push_back(std::move(spring.stiffness));
-  }
-  terms_.jumps = std::move(jumps);
   active_stiffness_ = stiffness_of_active(description.members);
   for (Member& member : description.members) {
-    terms_.stiffnesses.push_back(std::move(member.stiffness));
     offsets_.push_back(std::move(member.offset));
   }
   cost_.assemble_s = watch.lap();
 
   const bool condense = wants_condensation(options);
   factorise(lower, condense, options);
+  if (rounding() > well_conditioned) {
+    keep_terms(description, std::move(jumps));
+  }
+  description = {};
   cost_.factorise_s = watch.lap();
   if (condense && factor_->condenses()) {
     condensed_ = factor_->trailing_factor();
@@ -709,6 +711,17 @@ Matrix Body::forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
     forces += traces_.transpose() * (weights_.asDiagonal() * data);
   }
   return forces;
+}
+
+/// Copies, for a matrix that was given may change afterwards.
+void Body::keep_terms(BodyDescription& description, std::vector<SparseRows> jumps) {
+  for (const Member& member : description.members) {
+    terms_.stiffnesses.push_back(owning_view(SparseRows(*member.stiffness)));
+  }
+  for (Spring& spring : description.springs) {
+    terms_.springs.push_back(std::move(spring.stiffness));
+  }
+  terms_.jumps = std::move(jumps);
 }
 
 Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRef amplitudes,

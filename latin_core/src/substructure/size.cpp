@@ -9,7 +9,7 @@ namespace {
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
 /// Rounding of displacements and forces, relative to the largest ones.
-constexpr double rounding = 2.2e-15;
+constexpr double rounding = 1e-14;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is

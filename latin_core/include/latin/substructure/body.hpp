@@ -112,12 +112,14 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
-  /// What rounding of the operator and its factor leaves of the global stage: the forces on the active unknowns,
+  /// Whether rounding may leave little of it, so that what it was made of was kept to measure it.
+  [[nodiscard]] bool measurable() const { return !terms_.stiffnesses.empty(); }
+  /// What rounding of the operator and its factor leaves of the global stage of a measurable body: the forces on the active unknowns,
   /// (active, c), that move them as far as the stage is wrong. Measured, with sums of higher precision over members
   /// and springs apart, which softer ones were rounded by when they were added up.
   [[nodiscard]] Matrix defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
                               const LoadResponse& loads) const;
-  /// A correction of the displacements, measured in the same way.
+  /// A correction of the displacements of a measurable body, measured in the same way.
   struct Correction {
     Vector strain;  ///< (c) twice its energy, with the search directions
     Matrix traces;  ///< (rows, c)
@@ -189,6 +191,7 @@ class Body {
   [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
   void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
+  void keep_terms(BodyDescription& description, std::vector<SparseRows> jumps);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
   /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
@@ -207,7 +210,7 @@ class Body {
 
   std::string name_;
   Index size_ = 0;
-  /// What it is the sum of, in its unknowns.
+  /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.
   struct Terms {
     std::vector<std::shared_ptr<const SparseView>> stiffnesses;
     std::vector<SparseRows> jumps;
