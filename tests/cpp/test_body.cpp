@@ -141,14 +141,15 @@ TEST_P(BodyOperators, MeasureWhatRoundingLeavesOfAGluedBody) {
   const double stiff = 3e10;
   const Vector weight = Vector::Constant(1, 1.0);
   const Vector direction = Vector::Constant(1, 1e-3);
-  const std::vector<latin::substructure::BodySide> sides{
-      {0, chain::at(0, 5), weight, direction}, {1, chain::at(4, 5), weight, direction}};
-  const Body body({"bars",
-                   10,
-                   {{"one", latin::owning_view(bar), of_bar(0), random(5, 1, 1), Matrix()},
-                    {"two", latin::owning_view(bar), of_bar(5), random(5, 1, 2), Matrix()}},
-                   {{"joint", {0, 1}, {joint, other}, Vector::Constant(1, stiff), Matrix::Zero(1, 1)}}},
-                  sides, {kind, backend, 0.0});
+  const std::vector<latin::substructure::BodySide> sides{{0, chain::at(0, 5), weight, direction},
+                                                         {1, chain::at(4, 5), weight, direction}};
+  const Body body(
+      {"bars",
+       10,
+       {{"one", latin::owning_view(bar), of_bar(0), random(5, 1, 1), Matrix()},
+        {"two", latin::owning_view(bar), of_bar(5), random(5, 1, 2), Matrix()}},
+       {{"joint", {0, 1}, {joint, other}, Vector::Constant(1, stiff), Matrix::Zero(1, 1)}}},
+      sides, {kind, backend, 0.0});
   if (!body.measurable()) {
     GTEST_SKIP() << "this factor does not say how much it leaves";
   }

@@ -22,8 +22,8 @@ Sizes strains(const Matrix& strain) {
 }
 
 Yardstick of(const ColumnGroups& groups, Index bodies, double reach = 0.0) {
-  return {groups, Vector::Ones(bodies), Vector::Ones(bodies), std::vector<Index>(static_cast<std::size_t>(bodies), 0),
-          Vector::Constant(1, reach)};
+  return {groups, Vector::Ones(bodies), Vector::Ones(bodies),
+          std::vector<Index>(static_cast<std::size_t>(bodies), 0), Vector::Constant(1, reach)};
 }
 
 void expect(const Matrix& found, const Matrix& expected) {
@@ -116,7 +116,8 @@ TEST(Yardstick, AFluctuationIsMeasuredApartFromItsMean) {
 
 TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
   const Sizes whole = sizes(Matrix{{1.0, 0.0}}, Matrix{{4.0, 0.0}});
-  Yardstick yardstick{{}, (Vector(2) << 1.0, 0.25).finished(), Vector::Ones(2), {0, 0}, Vector::Zero(1)};
+  Yardstick yardstick{
+      {}, (Vector(2) << 1.0, 0.25).finished(), Vector::Ones(2), {0, 0}, Vector::Zero(1)};
   // mean squares of displacement: 4 and 0
   EXPECT_DOUBLE_EQ(yardstick.share_of_reach(whole)(0), 4.0);
   yardstick.reach(0) = 4.0;
@@ -144,7 +145,8 @@ TEST(Yardstick, RoundingDoesNotPassBetweenIslands) {
 
 TEST(Yardstick, AScatterIsStrainWhateverTheMeanDoes) {
   // a scatter of 1e-5 in a body whose mean is all but a rigid motion between large forces
-  Sizes whole = sizes((Matrix(2, 1) << 1e-10, 1e-20).finished(), (Matrix(2, 1) << 1.0, 1e-20).finished());
+  Sizes whole =
+      sizes((Matrix(2, 1) << 1e-10, 1e-20).finished(), (Matrix(2, 1) << 1.0, 1e-20).finished());
   whole.work = (Matrix(2, 1) << 1.0, 1e-20).finished();
   whole.pressed = (Matrix(2, 1) << 1.0, 1e-20).finished();
   const Sizes error = sizes((Matrix(2, 1) << 0.0, 1e-22).finished(), Matrix::Zero(2, 1));

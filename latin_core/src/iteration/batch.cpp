@@ -216,8 +216,7 @@ class Borrowing {
     if (rounding.rows() == errors.rows() && rounding.cols() == errors.cols()) {
       errors = errors.cwiseMax(rounding.cwiseMin(rtol_));
     }
-    return laws_.linear_everywhere() ? errors
-                                     : errors.cwiseMax(Verification::resolution(rtol_));
+    return laws_.linear_everywhere() ? errors : errors.cwiseMax(Verification::resolution(rtol_));
   }
 
   const Linearisation& linear_;

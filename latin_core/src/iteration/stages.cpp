@@ -119,8 +119,8 @@ Whole Stages::whole(const State& state) {
 Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& whole) {
   const substructure::Body& of = structure().bodies()[body];
   const Index first = structure().body_rows()[body];
-  const substructure::Body::Correction correction = of.correction(
-      state.data.middleRows(first, of.rows()), amplitudes_, laws().response(body));
+  const substructure::Body::Correction correction =
+      of.correction(state.data.middleRows(first, of.rows()), amplitudes_, laws().response(body));
   substructure::Sizes sizes = whole.sizes;
   for (Matrix* each : {&sizes.strain, &sizes.trace}) {
     each->setZero();

@@ -276,8 +276,8 @@ class Sweep {
     };
     set_tolerance();
     while ((known_.empty() || !linear_->made()) && !left.empty()) {  // until one has converged
-      solve_alone(take(std::ranges::min_element(
-                      left, {}, [&](Index point) { return away(point, middle); })),
+      solve_alone(take(std::ranges::min_element(left, {},
+                                                [&](Index point) { return away(point, middle); })),
                   true);
     }
     const Index far = std::min(most_far, static_cast<Index>(left.size()) / 2);

@@ -74,9 +74,7 @@ bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
 }
 
-double Verification::resolution(double rtol) {
-  return std::min(2e-4 * rtol, 2e-9);
-}
+double Verification::resolution(double rtol) { return std::min(2e-4 * rtol, 2e-9); }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
     : stages_(stages),
@@ -226,8 +224,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                               .cwiseMin(1.0 - 1.0 / most_left);
       Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
-        least_known =
-            (within_rounding * linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole)).cwiseMax(least);
+        least_known = (within_rounding *
+                       linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
+                          .cwiseMax(least);
       }
       if (count >= first_of_rounding) {
         // steps that do not become shorter, but are rounding, leave what they are
@@ -249,7 +248,8 @@ std::optional<Verification::Found> Verification::check(const State& state, const
             everywhere((rest.array() <= least_known.array()).all())) ||
            stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error = linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);
+        Matrix least_error =
+            linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);

@@ -310,6 +310,22 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
+/// The largest entry of its members and springs; 0 of a single member without springs.
+double stiffest_of(const BodyDescription& description) {
+  double largest = 0.0;
+  if (description.members.size() > 1 || !description.springs.empty()) {
+    for (const Member& member : description.members) {
+      const Eigen::Map<const Vector> entries(member.stiffness->valuePtr(),
+                                             member.stiffness->nonZeros());
+      largest = entries.size() > 0 ? std::max(largest, entries.cwiseAbs().maxCoeff()) : largest;
+    }
+    for (const Spring& spring : description.springs) {
+      largest = std::max(largest, spring.stiffness.size() > 0 ? spring.stiffness.maxCoeff() : 0.0);
+    }
+  }
+  return largest;
+}
+
 /// Bodies whose displacements rounding may leave wrong by more are measured.
 constexpr double well_conditioned = 1e-10;
 
@@ -356,6 +372,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   const Loads loads = assemble_loads(description, jumps);
   const SparseRows lower = assemble_operator(description, jumps);
   active_stiffness_ = stiffness_of_active(description.members);
+  stiffest_ = stiffest_of(description);
   for (Member& member : description.members) {
     offsets_.push_back(std::move(member.offset));
   }
@@ -737,8 +754,8 @@ Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRe
   }
   Longer moved = Longer::Zero(rows());
   add_product(traces_, u, moved);
-  const Longer pushed = longer(weights_).cwiseProduct(
-      longer(data) - longer(direction_).cwiseProduct(moved));
+  const Longer pushed =
+      longer(weights_).cwiseProduct(longer(data) - longer(direction_).cwiseProduct(moved));
   add_transposed(traces_, pushed, left);
   for (std::size_t e = 0; e < prolongations_.size(); ++e) {
     Longer of_member = Longer::Zero(prolongations_[e].rows());
@@ -794,8 +811,8 @@ Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
   if (this->loads() > 0) {
     by_stage += factor_->solve(of_loads).bottomRows(active_) * amplitudes;
   }
-  const Matrix wrong = unknowns.bottomRows(active_) - by_stage +
-                       factor_->solve(left).bottomRows(active_);
+  const Matrix wrong =
+      unknowns.bottomRows(active_) - by_stage + factor_->solve(left).bottomRows(active_);
   return schur().selfadjointView<Eigen::Lower>() * wrong;
 }
 

@@ -72,8 +72,9 @@ class Linearisation {
   };
   void measure(const substructure::Laws& laws, const State& state, ConstMatrixRef amplitudes,
                Matrix& forces) const;
-  [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws, const State& state,
-                                                    ConstMatrixRef amplitudes) const;
+  [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
+                                                   const State& state,
+                                                   ConstMatrixRef amplitudes) const;
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
   void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
   void know_structure(const substructure::Laws& laws);

@@ -112,6 +112,8 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
+  /// The largest stiffness of a member's unknown or of a spring in it, force / length; 0 of a single member.
+  [[nodiscard]] double stiffest() const { return stiffest_; }
   /// Whether rounding may leave little of it, so that what it was made of was kept to measure it.
   [[nodiscard]] bool measurable() const { return !terms_.stiffnesses.empty(); }
   /// What rounding of the operator and its factor leaves of the global stage of a measurable body: the forces on the active unknowns,
@@ -217,6 +219,7 @@ class Body {
     std::vector<Vector> springs;
   };
   Terms terms_;
+  double stiffest_ = 0.0;
   Index active_ = 0;  ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;
@@ -232,7 +235,7 @@ class Body {
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
-  Matrix load_;           ///< right-hand side of the load patterns, with offsets
+  Matrix load_;  ///< right-hand side of the load patterns, with offsets
   Matrix active_patterns_;
   Vector active_stiffness_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
