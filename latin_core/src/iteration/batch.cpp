@@ -197,13 +197,17 @@ class Borrowing {
       const Matrix ahead = wholes[at].relative(of_set(second, set, groups));
       const Matrix left = (before.array() > 0.0).select(ahead.cwiseQuotient(before), 0.0);
       bool good = ((left.array() <= most_left) || (ahead.array() <= noise)).all();
+      double spread = 1.0;
       for (Index column = set * columns_; column < (set + 1) * columns_; ++column) {
         const auto i = static_cast<std::size_t>(column);
-        good = good && std::max(here[i], there[i]) <= Linearisation::near_factor;
+        spread = std::max({spread, here[i], there[i]});
       }
+      good = good && spread <= Linearisation::near_factor;
       if (good) {
         answers[at].errors =
-            with_rounding((ahead.array() / (1.0 - left.array().min(most_left))).matrix());
+            with_rounding((ahead.array() * (1.0 / (1.0 - left.array().min(most_left)))
+                                               .max(std::sqrt(spread)))
+                              .matrix());
         answers[at].error = largest(answers[at].errors);
       }
     }
@@ -282,6 +286,9 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
       answer.errors =
           predicted_errors(gauge, of_set(wrong.data, set, columns),
                            of_set(wrong.traces, set, columns), history.explained(set), whole);
+      if (!laws.linear_everywhere()) {
+        answer.errors = answer.errors.cwiseMax(Verification::resolution(options.rtol));
+      }
       answer.error = std::max(largest(answer.errors), least_of_indicator * answer.indicator);
     }
   }

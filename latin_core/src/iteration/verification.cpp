@@ -31,6 +31,8 @@ constexpr double borrowed_fall = 0.3;
 constexpr double well_fallen = 0.1;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
+/// A last step that leads into another branch may be this many times too short.
+constexpr double of_other_branch = 4.0;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
@@ -74,7 +76,7 @@ bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
 }
 
-double Verification::resolution(double rtol) { return std::min(2e-4 * rtol, 2e-9); }
+double Verification::resolution(double rtol) { return std::min(0.05 * rtol, 2e-9); }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
     : stages_(stages),
@@ -242,11 +244,16 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
                          !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
+      const bool little = norm <= std::max(well_fallen * first_norm, noise) &&
+                          everywhere((rest.array() <= least_known.array()).all());
+      const bool in_branch = !go_on && stays_in_branch(step);
       if (!go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
-          ((norm <= std::max(well_fallen * first_norm, noise) &&
-            everywhere((rest.array() <= least_known.array()).all())) ||
-           stays_in_branch(step))) {
+          (little || in_branch)) {
+        if (!in_branch) {
+          rest *= of_other_branch;
+          ahead *= of_other_branch;
+        }
         // a little more than the tolerance may be as well a little less: it is a bound
         Matrix least_error =
             linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);

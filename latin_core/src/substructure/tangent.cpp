@@ -22,6 +22,11 @@ constexpr double rigid_beside_nodes = 1e2;
 constexpr double least_area = 1e-3;
 /// And no stiffer than this leaves digits for.
 constexpr double stiffest_rigid = 1.0 - 1e-12;
+/// Springs that are stiffer keep their own stiffness but for this fraction, and rigid connections are that much
+/// stiffer than they, as long as it is below so many times that of a node: bodies that move as if they were rigid may
+/// hang on such springs alone.
+constexpr double off_springs = 1e-3;
+constexpr double springs_beside_nodes = 1e7;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
@@ -96,6 +101,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
   areas_.resize(unknowns);
   flexibility_.resize(unknowns);
   rigid_.resize(unknowns);
+  springs_.resize(unknowns);
   Triplets sides;
   for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
     for (Index i = 0; i < interface.size; ++i) {
@@ -137,9 +143,12 @@ void Tangent::set_rigid() {
       for (const Index row : interface.rows) {
         stiffest = std::max(stiffest, of_rows(row + i));
       }
-      const double most =
-          std::max(rigid_in_series, rigid_beside_nodes * stiffest * interface.flexibility(i));
-      rigid_(interface.first_unknown + i) = std::min(most / (1.0 + most), stiffest_rigid);
+      const double nodes = stiffest * interface.flexibility(i);
+      const auto bound = [](double most) { return std::min(most / (1.0 + most), stiffest_rigid); };
+      rigid_(interface.first_unknown + i) =
+          bound(std::max(rigid_in_series, rigid_beside_nodes * nodes));
+      springs_(interface.first_unknown + i) =
+          bound(std::max(rigid_in_series, springs_beside_nodes * nodes));
     }
   }
 }
@@ -151,12 +160,37 @@ SparseRows Tangent::joined_springs() const {
          SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
 
+/// The stiffest of the springs that are no rigid connections.
+double Tangent::stiffest_spring(const Matrix& slopes) const {
+  double stiffest = 0.0;
+  for (Index row = 0; row < slopes.rows(); ++row) {
+    const double own = slopes(row, component(row)) * flexibility_(row);
+    if (own < stiffest_rigid) {
+      stiffest = std::max(stiffest, own / (1.0 - own) / flexibility_(row));
+    }
+  }
+  return stiffest;
+}
+
+/// What slopes of a point are reduced by.
+double Tangent::reduction(const Matrix& slope, Index first, double stiffest_spring) const {
+  double own = 0.0;
+  for (Index i = 0; i < slope.rows(); ++i) {
+    own = std::max(own, slope(i, i) * flexibility_(first + i));
+  }
+  const double stiffness = own < stiffest_rigid ? own / (1.0 - own)
+                                                : stiffest_spring * flexibility_(first);
+  const double most = stiffness / off_springs;
+  return std::max(rigid_.segment(first, slope.rows()).maxCoeff(),
+                  std::min(most / (1.0 + most), springs_.segment(first, slope.rows()).maxCoeff()));
+}
+
 Matrix Tangent::tangent_at(const Matrix& slopes, const Joined::JoinedInterface& interface,
-                           Index first) const {
+                           Index first, double stiffest_spring) const {
   const Index components = interface.components;
-  return tangent_of(slopes.block(first, 0, components, components),
-                    flexibility_.segment(first, components),
-                    rigid_.segment(first, components).maxCoeff());
+  const Matrix slope = slopes.block(first, 0, components, components);
+  return tangent_of(slope, flexibility_.segment(first, components),
+                    reduction(slope, first, stiffest_spring));
 }
 
 /// W K of the points.
@@ -278,8 +312,9 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
     return;
   }
   hold_with(hold);
+  const double stiffest = stiffest_spring(slopes);
   set_tangents([&](const Joined::JoinedInterface& interface, Index first) {
-    return tangent_at(slopes, interface, first);
+    return tangent_at(slopes, interface, first, stiffest);
   });
   combine();
   factorise_now();
@@ -378,15 +413,16 @@ bool Tangent::own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness)
   stiffness = Matrix::Zero(areas_.size(), columns * most_components_);
   for (Index column = 0; column < columns; ++column) {
     const Matrix& own = slopes[static_cast<std::size_t>(column)];
+    const double stiffest = stiffest_spring(own);
     for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
       const Index components = interface.components;
       for (Index first = interface.first_unknown; first < interface.first_unknown + interface.size;
            first += components) {
-        const auto slope = own.block(first, 0, components, components);
+        const Matrix slope = own.block(first, 0, components, components);
         auto into = stiffness.block(first, column * most_components_, components, components);
         if (slope.isDiagonal(0.0)) {
           // steps are to lead to the answer: only what is all but rigid is made softer
-          const double rigid = rigid_.segment(first, components).maxCoeff();
+          const double rigid = reduction(slope, first, stiffest);
           for (Index i = 0; i < components; ++i) {
             const double bounded = std::min(slope(i, i), rigid / flexibility_(first + i));
             if (!(bounded >= 0.0)) {
@@ -396,7 +432,7 @@ bool Tangent::own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness)
           }
           continue;
         }
-        const Matrix tangent = tangent_at(own, interface, first);
+        const Matrix tangent = tangent_at(own, interface, first, stiffest);
         if (!of_springs(tangent)) {
           return false;
         }

@@ -107,7 +107,9 @@ class Tangent {
   /// @param of_point tangent (components, components) of the point whose first unknown is given
   void set_tangents(const std::function<Matrix(const Joined::JoinedInterface&, Index)>& of_point);
   [[nodiscard]] Matrix tangent_at(const Matrix& slopes, const Joined::JoinedInterface& interface,
-                                  Index first) const;
+                                  Index first, double stiffest_spring) const;
+  [[nodiscard]] double stiffest_spring(const Matrix& slopes) const;
+  [[nodiscard]] double reduction(const Matrix& slope, Index first, double stiffest_spring) const;
   [[nodiscard]] bool own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness) const;
   void subtract_sides(const Matrix& rows, Matrix& jumps) const;
   void add_to_sides(const Matrix& between, Matrix& rows) const;
@@ -142,6 +144,7 @@ class Tangent {
   Vector areas_;                  ///< (unknowns)
   Vector flexibility_;            ///< (unknowns)
   Vector rigid_;                  ///< what slopes are reduced by, (unknowns)
+  Vector springs_;                ///< the same at most, where there are stiff springs
   Matrix slopes_;                 ///< of the last factorisation
   Index most_components_;         ///< columns of these
   SparseRows tangent_;            ///< W K, (unknowns, unknowns)
