@@ -204,10 +204,9 @@ class Borrowing {
       }
       good = good && spread <= Linearisation::near_factor;
       if (good) {
-        answers[at].errors =
-            with_rounding((ahead.array() * (1.0 / (1.0 - left.array().min(most_left)))
-                                               .max(std::sqrt(spread)))
-                              .matrix());
+        answers[at].errors = with_rounding(
+            (ahead.array() * (1.0 / (1.0 - left.array().min(most_left))).max(std::sqrt(spread)))
+                .matrix());
         answers[at].error = largest(answers[at].errors);
       }
     }

@@ -178,8 +178,8 @@ double Tangent::reduction(const Matrix& slope, Index first, double stiffest_spri
   for (Index i = 0; i < slope.rows(); ++i) {
     own = std::max(own, slope(i, i) * flexibility_(first + i));
   }
-  const double stiffness = own < stiffest_rigid ? own / (1.0 - own)
-                                                : stiffest_spring * flexibility_(first);
+  const double stiffness =
+      own < stiffest_rigid ? own / (1.0 - own) : stiffest_spring * flexibility_(first);
   const double most = stiffness / off_springs;
   return std::max(rigid_.segment(first, slope.rows()).maxCoeff(),
                   std::min(most / (1.0 + most), springs_.segment(first, slope.rows()).maxCoeff()));
