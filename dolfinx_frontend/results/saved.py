@@ -24,6 +24,7 @@ from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import StoredPart
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, chunks
 from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.contents import check_contents
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.readings import Measures, Readings, read
@@ -607,12 +608,14 @@ def load(path: str | Path) -> SavedResult:
             "save again"
         )
     try:
-        if of_run:
-            return _read(source, from_run(tree))
-        for older, convert in ((1, _from_first), (2, _from_second)):
-            if version <= older:
+        older = ((RUN_VERSION, from_run),) if of_run else ((1, _from_first), (2, _from_second))
+        for each, convert in older:
+            if version <= each:
                 tree = convert(tree)
+        check_contents(tree, meshes=of_run or version > 1, tables=not of_run)
         return _read(source, tree)
+    except hdf5.LayoutError as error:
+        raise ResultFileError(f"{source} is damaged or was edited: {error}; save it again") from error
     except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
