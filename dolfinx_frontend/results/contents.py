@@ -210,10 +210,8 @@ class _Contents:
         node.numbers("normal", dim, finite=True)
         node.sparse("trace", count, len(self.nodes[carrier]), "nodes")
         facets = node.wholes("facets", None, 2, below=MANY)
-        if "mesh" in self.parts[carrier]:
-            mesh = self.parts[carrier].group("mesh")
-            cells = len(mesh.numbers("cells", None, None))
-            _check_facets(node, facets, cells, CELLS[mesh.text("cell")].facets)
+        for side in sides:
+            self._check_face(node, side, facets if side == sides[node.whole("carrier", 0, 1)] else facets[:0])
         node.sparse("areas", len(facets), count, "points")
         if "vertices" in node:
             vertices = node.group("vertices")
@@ -221,6 +219,20 @@ class _Contents:
             if not corners.size:
                 raise vertices.wrong("corners", "an array of whole numbers")
             vertices.rows(int(corners.max()) + 1, count, "points")
+
+    def _check_face(self, node: Group, side: str, facets: Ints) -> None:
+        """The facets of an interface are some of those of its face."""
+        part, _, face = side.partition(":")
+        if "mesh" not in self.parts[part]:
+            return
+        mesh = self.parts[part].group("mesh")
+        tag = mesh.wholes("tags", None, below=MANY)[mesh.texts("faces").index(face)]
+        tagged = mesh.wholes("facets", None, 3, below=MANY)
+        own = {tuple(row) for row in tagged[tagged[:, 2] == tag, :2].tolist()}
+        if not own:
+            raise LayoutError(f"{mesh.place('facets')} has none of the face {face!r}")
+        if not own.issuperset(map(tuple, facets.tolist())):
+            raise LayoutError(f"{node.place('facets')} has a facet that is none of {side}")
 
     # --- what belongs together -----------------------------------------------------------------
     def _check_missing(self) -> None:
