@@ -121,8 +121,8 @@ class Group:
             raise LayoutError(f"{self.place(name)} has fractions, whole numbers are wanted")
         if found.size and (found.min() < 0 or found.max() >= below):
             raise LayoutError(
-                f"{self.place(name)} has numbers from {found.min():g} to {found.max():g}, 0 to {below - 1} are "
-                "wanted"
+                f"{self.place(name)} has numbers from {found.min():g} to {found.max():g}, 0 to {below - 1} "
+                "are wanted"
             )
         return found.astype(np.int64)
 

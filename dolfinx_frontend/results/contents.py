@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import get_args
-
-import basix
-import numpy as np
 
 from dolfinx_frontend.common.arrays import Ints
 from dolfinx_frontend.formats.hdf5 import LayoutError, Tree
@@ -23,7 +21,7 @@ MANY = 2**31
 Shape = tuple[int | None, ...]
 
 
-def check_contents(tree: Tree, meshes: bool, tables: bool) -> None:
+def check_contents(tree: Tree, meshes: bool) -> None:
     """Check that all is there, of the kind and shape it must have.
 
     Parameters
@@ -32,20 +30,18 @@ def check_contents(tree: Tree, meshes: bool, tables: bool) -> None:
         Of a file in the form of today.
     meshes
         Whether files of its version have meshes.
-    tables
-        Whether its program writes the numbers of tables, not fields only.
 
     Raises
     ------
     LayoutError
         With the place of what is missing or malformed.
     """
-    _Contents(Group(tree), meshes, tables).check()
+    _Contents(Group(tree), meshes).check()
 
 
 class _Contents:
-    def __init__(self, file: Group, meshes: bool, tables: bool) -> None:
-        self.file, self.meshes, self.tables = file, meshes, tables
+    def __init__(self, file: Group, meshes: bool) -> None:
+        self.file, self.meshes = file, meshes
         self.kind = file.text("kind", get_args(AnswerKind))
         times = len(file.numbers("times", None, finite=True)) if "times" in file else None
         if times is None and self.kind == "history" or times == 0:
@@ -57,8 +53,8 @@ class _Contents:
             self.samples = (len(file.numbers("germs", None, None)),)
         if self.kind == "sweep":
             axes = file.group("axes")
-            self.grid = tuple(len(axes.numbers(name, None)) for name in axes)
-            self.samples = (int(np.prod(self.grid)),)
+            lengths = [len(axes.numbers(name, None)) for name in axes]
+            self.grid, self.samples = tuple(lengths), (math.prod(lengths),)
             if not self.grid:
                 raise LayoutError("axes is empty, a sweep has some")
         elif self.kind == "samples":
@@ -67,7 +63,8 @@ class _Contents:
             self.samples = (None,)  # of the first version, which did not keep them
         self.without = file.text("no_displacements") if "no_displacements" in file else None
         self.parts = file.groups("substructures")
-        self.nodes = {name: node.numbers("nodes", None, None, finite=True) for name, node in self.parts.items()}
+        parts = self.parts.items()
+        self.nodes = {name: node.numbers("nodes", None, None, finite=True) for name, node in parts}
         self.faces: Mapping[str, list[str] | None] = {
             name: node.group("mesh").texts("faces") if "mesh" in node else None
             for name, node in self.parts.items()
@@ -128,9 +125,7 @@ class _Contents:
     def _check_mesh(self, mesh: Group, nodes: int, dim: int) -> None:
         known = [name for name, cell in CELLS.items() if cell.dim == dim]
         cell = CELLS[mesh.text("cell", known)]
-        variants = [int(each.value) for each in basix.LagrangeVariant.__members__.values()]
-        if mesh.whole("lagrange", 0, max(variants)) not in variants:
-            raise mesh.wrong("lagrange", f"one of {sorted(variants)}")
+        mesh.whole("lagrange", 0, 3)  # the others of basix are discontinuous
         vertices = len(mesh.numbers("x", None, dim, finite=True))
         cells = len(mesh.wholes("cells", None, cell.nodes(mesh.whole("order", 1, 30)), below=vertices))
         mesh.wholes("dofs", cells, cell.nodes(mesh.whole("degree", 1, 30)), below=nodes)
@@ -138,7 +133,7 @@ class _Contents:
         _check_facets(mesh, facets, cells, cell.facets)
         faces = mesh.texts("faces")
         tags = mesh.wholes("tags", len(faces), below=MANY)
-        if len(set(tags.tolist())) != len(faces) or len(set(faces)) != len(faces):
+        if len(set(map(int, tags))) != len(faces) or len(set(faces)) != len(faces):
             raise LayoutError(f"{mesh.place('tags')}: two faces have one name or one tag")
         if "elasticity" in mesh:
             size = 3 if dim == 2 else 6
@@ -215,7 +210,10 @@ class _Contents:
         node.sparse("areas", len(facets), count, "points")
         if "vertices" in node:
             vertices = node.group("vertices")
-            corners = vertices.wholes("corners", len(facets), None, below=MANY)
+            wanted = None
+            if "mesh" in self.parts[carrier]:
+                wanted = CELLS[self.parts[carrier].group("mesh").text("cell", tuple(CELLS))].corners
+            corners = vertices.wholes("corners", len(facets), wanted, below=MANY)
             if not corners.size:
                 raise vertices.wrong("corners", "an array of whole numbers")
             vertices.rows(int(corners.max()) + 1, count, "points")
@@ -228,10 +226,10 @@ class _Contents:
         mesh = self.parts[part].group("mesh")
         tag = mesh.wholes("tags", None, below=MANY)[mesh.texts("faces").index(face)]
         tagged = mesh.wholes("facets", None, 3, below=MANY)
-        own = {tuple(row) for row in tagged[tagged[:, 2] == tag, :2].tolist()}
+        own = {(int(cell), int(facet)) for cell, facet, of in tagged if of == tag}
         if not own:
             raise LayoutError(f"{mesh.place('facets')} has none of the face {face!r}")
-        if not own.issuperset(map(tuple, facets.tolist())):
+        if not own.issuperset((int(cell), int(facet)) for cell, facet in facets):
             raise LayoutError(f"{node.place('facets')} has a facet that is none of {side}")
 
     # --- what belongs together -----------------------------------------------------------------
@@ -243,8 +241,10 @@ class _Contents:
             raise LayoutError(f"missing is no table in JSON: {error}") from error
         if not isinstance(missing, dict) or not set(missing) <= set(self.interfaces):
             raise LayoutError("missing is no table of interfaces")
+        # latin_run writes fields only, of which tables are made anew
+        tables = any("measures" in node for node in self.interfaces.values())
         for name, node in self.interfaces.items():
-            if self.tables and name not in missing:
+            if tables and name not in missing:
                 node.entry("measures")
 
     def _check_chaos(self) -> None:
@@ -264,25 +264,26 @@ class _Contents:
             if self.without is None:
                 wanted[f"displacement:{name}"] = (*(int(each or 0) for each in self.steps), nodes.size)
         for name, shape in wanted.items():
-            found = fields.group(name).wholes("shape", None, below=MANY)
-            if tuple(found.tolist()) != shape:
-                raise LayoutError(f"{fields.place(name)}/shape is {found.tolist()}, {list(shape)} is wanted")
+            found = tuple(map(int, fields.group(name).wholes("shape", None, below=MANY)))
+            if found != shape:
+                raise LayoutError(f"{fields.place(name)}/shape is {found}, {shape} is wanted")
 
 
 @dataclass(frozen=True)
 class _Cell:
-    """Facets of a cell, and nodes of its Lagrange element by degree."""
+    """Facets of a cell and corners of a facet, and nodes of its Lagrange element by degree."""
 
     dim: int
     facets: int
+    corners: int
     nodes: Callable[[int], int]
 
 
 CELLS = {
-    "triangle": _Cell(2, 3, lambda p: (p + 1) * (p + 2) // 2),
-    "quadrilateral": _Cell(2, 4, lambda p: (p + 1) ** 2),
-    "tetrahedron": _Cell(3, 4, lambda p: (p + 1) * (p + 2) * (p + 3) // 6),
-    "hexahedron": _Cell(3, 6, lambda p: (p + 1) ** 3),
+    "triangle": _Cell(2, 3, 2, lambda p: (p + 1) * (p + 2) // 2),
+    "quadrilateral": _Cell(2, 4, 2, lambda p: (p + 1) ** 2),
+    "tetrahedron": _Cell(3, 4, 3, lambda p: (p + 1) * (p + 2) * (p + 3) // 6),
+    "hexahedron": _Cell(3, 6, 4, lambda p: (p + 1) ** 3),
 }
 COLUMNS = (
     "area", "normal", "shear", "pressure_min", "pressure_mean", "pressure_max", "shear_max", "open_area",
@@ -294,6 +295,6 @@ COLUMNS = (
 def _check_facets(node: Group, facets: Ints, cells: int, of_cell: int) -> None:
     if facets.size and (facets[:, 0].max() >= cells or facets[:, 1].max() >= of_cell):
         raise LayoutError(
-            f"{node.place('facets')} has a cell or a facet of it that there is not ({cells} cells of {of_cell} "
-            "facets)"
+            f"{node.place('facets')} has a cell or a facet of it that there is not ({cells} cells of "
+            f"{of_cell} facets)"
         )

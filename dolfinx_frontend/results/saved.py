@@ -612,7 +612,7 @@ def load(path: str | Path) -> SavedResult:
         for each, convert in older:
             if version <= each:
                 tree = convert(tree)
-        check_contents(tree, meshes=of_run or version > 1, tables=not of_run)
+        check_contents(tree, meshes=of_run or version > 1)
         return _read(source, tree)
     except hdf5.LayoutError as error:
         raise ResultFileError(f"{source} is damaged or was edited: {error}; save it again") from error

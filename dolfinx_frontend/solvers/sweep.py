@@ -147,8 +147,8 @@ def sweep(
     keep_fields
         Keep force and jump of the active interfaces at every point: N x T x rows numbers each.
     outputs
-        Name -> function of the interface fields of a point; only what it returns (a number or an array) is
-        kept, where all fields would be too many.
+        Name -> function of the interface fields of a point (a :class:`Block` of one sample) that returns
+        (1,) or (1, ...), the sample in front; only that is kept, where all fields would be too many.
 
     Raises
     ------

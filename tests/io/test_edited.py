@@ -36,8 +36,9 @@ ALIKE = ("interfaces/push", "interfaces/wall", "interfaces/bed", "substructures/
 """Places that are as others are."""
 SAME = (
     "substructures/left/mesh",
-    *(f"interfaces/layer/{each}" for each in ("places", "mean_normals", "vertices", "sides", "points", "weights")),
-    *(f"interfaces/layer/{each}" for each in ("frames", "directions", "normal", "facets", "areas", "trace")),
+    *(f"interfaces/layer/{each}" for each in ("places", "mean_normals", "vertices", "sides", "points")),
+    *(f"interfaces/layer/{each}" for each in ("weights", "frames", "directions", "normal", "facets")),
+    *(f"interfaces/layer/{each}" for each in ("areas", "trace")),
 )
 """Places that are the same in all results."""
 OPTIONS = Options(rtol=1e-4)
@@ -221,7 +222,7 @@ def test_what_is_missing_or_malformed_is_said(write: Callable[[Path], None], tmp
     [
         ("interfaces/layer/points", None, "interfaces/layer/points is missing"),
         ("interfaces/layer/weights", np.ones(7), r"interfaces/layer/weights has shape \(7,\), shape \(2\)"),
-        ("interfaces/layer/force", np.ones((2, 3)), r"interfaces/layer/force has shape \(2, 3\), shape \(2, 2\)"),
+        ("interfaces/layer/force", np.ones((2, 3)), r"layer/force has shape \(2, 3\), shape \(2, 2\)"),
         ("interfaces/layer/sides", ["left:x1", "right:y7"], "names 'right:y7', which is not in the file"),
         ("interfaces/layer/trace/nodes", np.array([0, 99]), "numbers from 0 to 99, 0 to 3 are wanted"),
         ("interfaces/layer/areas/starts", np.array([1, 2]), "does not ascend from 0 to 2"),
@@ -241,3 +242,19 @@ def test_places_are_named(place: str, new: Any, said: str, tmp_path: Path) -> No
     hdf5.seal(path, "latin-result")
     with pytest.raises(FileError, match=f"was edited: .*{said}.*save it again"):
         load(path)
+
+
+@pytest.mark.parametrize(("write", "at"), [(samples, (1,)), (grid, (0, 2))])
+def test_a_point_of_a_file_is_read_as_the_whole(
+    write: Callable[[Path], None], at: tuple[int, ...], tmp_path: Path
+) -> None:
+    """Springs and loads that are not iterated on have laws in words only."""
+    path = tmp_path / "points.h5"
+    write(path)
+    whole = load(path)
+    point = whole.point(*at)
+    number = int(np.ravel_multi_index(at, whole.shape))
+    assert set(point.table()["interface"]) == {"layer", "bed", "push"} == set(whole.known)
+    for name in whole.known:
+        every = whole.readings(name).interfaces[name].values["force_x"]
+        assert point.table().value("force_x", name) == pytest.approx(every[number], rel=1e-12, abs=1e-12)

@@ -225,17 +225,19 @@ class _Keeper:
                 wrong = _wrong(arrays, name, kinds, shape)
                 if wrong:
                     raise CheckpointError(
-                        f"checkpoint {file.path} was edited: point {number}: {wrong}: move it away to start from "
-                        "the beginning"
+                        f"checkpoint {file.path} was edited: point {number}: {wrong}: move it away to start "
+                        "from the beginning"
                     )
-            layout |= {f"output:{name}": ("f", arrays[f"output:{name}"].shape) for name in self.outputs}
+            for key in (f"output:{name}" for name in self.outputs):
+                layout[key] = ("f", arrays[key].shape)
             self.keep(number, arrays)
             if str(arrays["status"]) == "converged":
                 yield number, _core.State(arrays["data"], arrays["traces"])
 
     def _layout(self, shapes: Mapping[str, Shape]) -> dict[str, tuple[str, Shape | None]]:
         """Kinds and shape of what a checkpoint has of every point; None: any shape."""
-        layout: dict[str, tuple[str, Shape | None]] = dict.fromkeys(("error", "seconds", "largest"), ("f", ()))
+        layout: dict[str, tuple[str, Shape | None]]
+        layout = dict.fromkeys(("error", "seconds", "largest"), ("f", ()))
         layout |= {"iterations": ("iu", ()), "status": ("U", ()), "worst": ("iu", (2,))}
         layout |= {name: ("f", shape) for name, shape in shapes.items()}
         return layout | {f"output:{name}": ("f", None) for name in self.outputs}
@@ -260,8 +262,8 @@ class _Keeper:
             into[name] = np.full((len(self.result.iterations), *values.shape), np.nan)
         if into[name].shape[1:] != values.shape:
             raise _core.InputError(
-                f"outputs: {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} before: "
-                "return one shape for all points"
+                f"outputs: {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} "
+                "before: return one shape for all points"
             )
         into[name][point] = values
 
@@ -338,12 +340,14 @@ def sweep(
     known: list[_core.State] = list(start.values()) if start else []
     known_points: list[int] = list(start) if start else []
     file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
+
     def shapes() -> dict[str, Shape]:
         nothing = np.zeros((structure.rows, amplitudes.shape[1]))
         found: dict[str, Shape] = dict.fromkeys(("data", "traces"), nothing.shape)
         for name in keeper.interfaces:
             fields = structure.local_fields(laws, name, _core.State(nothing, nothing))
-            found |= {f"{what}:{name}": field.T.shape for what, field in zip(("force", "jump"), fields, strict=True)}
+            for what, values in zip(("force", "jump"), fields, strict=True):
+                found[f"{what}:{name}"] = values.T.shape
         return found
 
     try:
