@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +21,7 @@ from dolfinx_frontend import (
     Options,
     Preload,
     Scene,
+    SceneError,
     assemble,
     geometry,
     load,
@@ -258,3 +261,20 @@ def test_a_point_of_a_file_is_read_as_the_whole(
     for name in whole.known:
         every = whole.readings(name).interfaces[name].values["force_x"]
         assert point.table().value("force_x", name) == pytest.approx(every[number], rel=1e-12, abs=1e-12)
+
+
+def test_loaded_files_are_copied_and_asked_for_samples(tmp_path: Path) -> None:
+    path = tmp_path / "chaos.h5"
+    chaos(path)
+    found = load(path)
+    found.displacement("left")  # its mesh is made
+    for copied in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
+        assert str(copied.table()) == str(found.table())
+        assert np.array_equal(copied.unknowns("left"), found.unknowns("left"))
+    for wrong in ("a", -3, 0, 2.5):
+        with pytest.raises(SceneError, match="samples = "):
+            list(found.blocks(wrong))  # type: ignore[arg-type]
+        with pytest.raises(SceneError, match="samples = "):
+            found.table(samples=wrong)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="germ_points = 'a'"):
+        found.at("a")  # type: ignore[arg-type]
