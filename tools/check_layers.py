@@ -106,7 +106,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "plan": ("random_laws", "reduction", "cost", "coarse", "plan"),
     "kernel": ("user_laws", "bridge", "running", "columns", "solver", "fingerprint"),
     "reference": ("cholesky", "direct", "galerkin", "energy"),
-    "formats": ("hdf5", "chaos_file", "openturns", "vtk", "meshes"),
+    "formats": ("hdf5", "layout", "chaos_file", "openturns", "vtk", "meshes"),
     "results": (
         "resultant",
         "errors",
@@ -130,6 +130,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "samples",
         "chaos",
         "runs",
+        "contents",
         "saved",
     ),
     "solvers": (

@@ -7,6 +7,7 @@ numbers, whatever Python converts them to.
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import unicodedata
@@ -227,10 +228,19 @@ def check_optional_kind(
         check_kind(where, what, value, kind, wanted)
 
 
-def checked_callable(where: str, what: str, value: Any, wanted: str) -> Any:
-    """A function; `wanted` says which."""
+def checked_callable(where: str, what: str, value: Any, wanted: str, arguments: int = 1) -> Any:
+    """A function that can be called with so many arguments; `wanted` says which."""
     if not callable(value):
         raise _refuse(where, what, value, f" cannot be called; {wanted}")
+    try:
+        signature = inspect.signature(value)
+    except (TypeError, ValueError):  # of some functions in C nothing is known
+        return value
+    try:
+        signature.bind(*[None] * arguments)
+    except TypeError as error:
+        count = "one argument" if arguments == 1 else f"{arguments} arguments"
+        raise _refuse(where, what, value, f" cannot be called with {count} ({error}); {wanted}") from error
     return value
 
 

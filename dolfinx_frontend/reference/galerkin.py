@@ -462,7 +462,7 @@ def ssfem(
     _check_request("ssfem", problem, chaos, rtol)
     checked_whole("ssfem", "max_iterations", max_iterations, 1)
     if callback is not None:
-        checked_callable("ssfem", "callback", callback, "give a function of iteration and residual")
+        checked_callable("ssfem", "callback", callback, "give a function of iteration and residual", 2)
     began = perf_counter()
     system = _System(problem, chaos)
     matrices = system.matrices() if solver == "direct" else []

@@ -147,8 +147,8 @@ def sweep(
     keep_fields
         Keep force and jump of the active interfaces at every point: N x T x rows numbers each.
     outputs
-        Name -> function of the interface fields of a point; only what it returns (a number or an array) is
-        kept, where all fields would be too many.
+        Name -> function of the interface fields of a point (a :class:`Block` of one sample) that returns
+        (1,) or (1, ...), the sample in front; only that is kept, where all fields would be too many.
 
     Raises
     ------
@@ -291,7 +291,7 @@ def _read_point(fields: Block, name: str, function: Callable[[Block], npt.ArrayL
     found = told_call(f"sweep: outputs[{name!r}]", function, fields)
     values = found if type(found) is np.ndarray else None
     if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
-        values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
+        values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return real numbers")
     if values.ndim == 0 or len(values) != 1:
         raise SceneError(
             f"sweep: outputs[{name!r}]: the function returned shape {values.shape} for 1 "

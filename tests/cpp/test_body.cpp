@@ -126,6 +126,10 @@ TEST_P(BodyOperators, MeasureWhatRoundingLeavesOfAGluedBody) {
       latin::algebra::available_backends().find("cholmod") == std::string::npos) {
     GTEST_SKIP() << "built without CHOLMOD";
   }
+  if (backend == latin::algebra::FactorBackend::mumps) {
+    GTEST_SKIP() << "does not say how much it leaves, and refuses a body whose stiff joint it "
+                    "eliminates last";
+  }
   // two bars, joined by a spring that is 1e10 times stiffer, and moved far
   const SparseRows bar = chain::bar(5, 2.0);
   const SparseRows joint = chain::at(4, 5);
@@ -150,9 +154,7 @@ TEST_P(BodyOperators, MeasureWhatRoundingLeavesOfAGluedBody) {
         {"two", latin::owning_view(bar), of_bar(5), random(5, 1, 2), Matrix()}},
        {{"joint", {0, 1}, {joint, other}, Vector::Constant(1, stiff), Matrix::Zero(1, 1)}}},
       sides, {kind, backend, 0.0});
-  if (!body.measurable()) {
-    GTEST_SKIP() << "this factor does not say how much it leaves";
-  }
+  ASSERT_TRUE(body.measurable());
   const Matrix data = random(2, 1, 4);
   const Matrix amplitudes = Matrix::Ones(1, 1);
 
