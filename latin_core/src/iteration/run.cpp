@@ -29,6 +29,8 @@ constexpr double fall_between_checks = 0.3;
 constexpr double longest_step = 1e7;
 /// Plain steps from zero, where Newton's method may take over.
 constexpr Index steps_from_zero = 2;
+/// Accuracy of what is solved for at once, as a share of that of the run.
+constexpr double coupled_accuracy = 0.01;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
 
@@ -135,6 +137,22 @@ void Run::begin(bool traces_known) {
   const bool from_zero = state_.data.isZero(0.0);
   newton_.begin(from_zero, structure_.interface_unknowns());
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
+  if (accelerates() && options_.newton > 0 && verifies() && Verification::coupled(stages_.laws())) {
+    solve_coupled();
+  }
+}
+
+/// All columns of a chaos with linear laws at once. What is left is iterated on, and checked like any iterate.
+void Run::solve_coupled() {
+  if (!verification_) {
+    verification_.emplace(stages_, known_);
+  }
+  Matrix step = residual_;
+  if (verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step)) {
+    state_.data += step;
+    stages_.evaluate(at());
+    solved_ = true;
+  }
 }
 
 /// Measure the iterate, and tell the caller.
@@ -156,7 +174,8 @@ Measured Run::observe() {
   // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
   // one that is made for the sets to come is the answer
   const bool first =
-      summary_.history.empty() && known_ && (known_->made() || Verification::exact(stages_.laws()));
+      summary_.history.empty() &&
+      (solved_ || (known_ && (known_->made() || Verification::exact(stages_.laws()))));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }

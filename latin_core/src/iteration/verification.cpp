@@ -74,6 +74,21 @@ bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
 }
 
+bool Verification::coupled(const substructure::Laws& laws) {
+  return laws.modes() > 1 && laws.structure().communicator().alone() && laws.linear() &&
+         possible(laws);
+}
+
+bool Verification::solve_coupled(const State& state, double tolerance, Matrix& step) {
+  try {
+    linear_->take(stages_.laws(), state);
+    substructure::LocalStage local(stages_.laws(), state.data.cols());
+    return linear_->correct_coupled(local, tolerance, step, moved_);
+  } catch (const NumericalError&) {
+    return false;  // the iteration may know better
+  }
+}
+
 double Verification::resolution(double rtol) { return std::min(2e-4 * rtol, 2e-9); }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
@@ -168,7 +183,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   double spread = 1.0;
   const double bearable_left =
       stages_.laws().linear_everywhere() ? linear_contraction : contraction;
-  bool borrowed = linear_->made();
+  bool borrowed = linear_->made() && !coupled(stages_.laws());
   if (borrowed) {
     spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
     borrowed = spread <= Linearisation::near_factor;
