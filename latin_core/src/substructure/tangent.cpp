@@ -1,5 +1,6 @@
 #include "latin/substructure/tangent.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -32,6 +33,8 @@ constexpr double of_rounding = 1e-14;
 constexpr double glued_sums = 10.0;
 /// Steps of conjugate gradients at most.
 constexpr Index most_gradients = 60;
+/// Steps that there will be at least, usually.
+constexpr Index some_gradients = 8;
 /// Energies of a fluctuation relative to its mean, and of a time step relative to the others, that count as none: the
 /// square roots.
 constexpr double little = 5e-7;
@@ -260,12 +263,16 @@ void Tangent::factorise_sparse() {
   }
 }
 
+void Tangent::invert() {
+  const Matrix unit = Matrix::Identity(active_, active_);
+  inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
+}
+
 Matrix Tangent::solve(const Matrix& load) {
   solved_ += load.cols();
   if (dense_ && inverse_.size() == 0 && solved_ > 2 * active_) {
     // products are several times as fast as triangular solves: by now forming it is paid for
-    const Matrix unit = Matrix::Identity(active_, active_);
-    inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
+    invert();
   }
   if (inverse_.size() > 0) {
     return inverse_ * load;
@@ -602,14 +609,56 @@ Vector small_enough(const ColumnGroups& groups, Vector energies, double toleranc
   return tolerance * tolerance * energies;
 }
 
+/// One over the least eigenvalue that conjugate gradients have seen of the preconditioned matrix, of all columns: from
+/// the tridiagonal matrix of their coefficients (Y. Saad, Iterative Methods for Sparse Linear Systems, 6.7.3).
+double largest_inverse(const std::vector<Eigen::RowVectorXd>& shares,
+                       const std::vector<Eigen::RowVectorXd>& falls) {
+  double largest = 1.0;
+  const Index columns = shares.empty() ? 0 : shares.front().size();
+  for (Index column = 0; column < columns; ++column) {
+    if (column > 0 && std::ranges::all_of(shares, [column](const Eigen::RowVectorXd& share) {
+          return share(column) == share(column - 1);
+        })) {
+      continue;  // of the same solution
+    }
+    Index count = 0;
+    while (count < static_cast<Index>(shares.size()) &&
+           shares[static_cast<std::size_t>(count)](column) > 0.0) {
+      ++count;
+    }
+    if (count == 0) {
+      continue;
+    }
+    Vector diagonal(count);
+    Vector beside(std::max<Index>(count - 1, 0));
+    for (Index i = 0; i < count; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      diagonal(i) = 1.0 / shares[at](column);
+      if (i > 0) {
+        diagonal(i) += falls[at - 1](column) / shares[at - 1](column);
+      }
+      if (i + 1 < count) {
+        beside(i) = std::sqrt(falls[at](column)) / shares[at](column);
+      }
+    }
+    Eigen::SelfAdjointEigenSolver<Matrix> eigen;
+    eigen.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
+    largest = std::max(largest, 1.0 / eigen.eigenvalues()(0));
+  }
+  return largest;
+}
+
 }  // namespace
 
-bool Tangent::correct_coupled(
+double Tangent::correct_coupled(
     const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
     const ColumnGroups& groups, double tolerance, MatrixRef residual, MatrixRef moved) {
   const Index columns = residual.cols();
   if (!symmetric_) {
-    return false;
+    return 0.0;
+  }
+  if (dense_ && inverse_.size() == 0 && some_gradients * columns > 2 * active_) {
+    invert();
   }
   const Vector holding = joined_->weights().cwiseProduct(holding_);
   const SparseRows held = to_unknowns_ * SparseRows(holding.asDiagonal() * traces_);
@@ -640,15 +689,18 @@ bool Tangent::correct_coupled(
   Matrix preconditioned = solve(left);
   Matrix direction = preconditioned;
   Vector size = sums_of(groups, left, preconditioned);
+  std::vector<Eigen::RowVectorXd> shares;
+  std::vector<Eigen::RowVectorXd> falls;
   for (Index count = 0; count < most_gradients; ++count) {
     multiply(direction);
     const Eigen::RowVectorXd work =
         of_solutions(groups, sums_of(groups, direction, forces), columns);
     const Eigen::RowVectorXd before = of_solutions(groups, size, columns);
     if (!work.allFinite() || (work.array() < 0.0).any()) {
-      return false;  // not springs
+      return 0.0;  // not springs
     }
     const Eigen::RowVectorXd share = (work.array() > 0.0).select(before.cwiseQuotient(work), 0.0);
+    shares.push_back(share);
     for (Index column = 0; column < columns; ++column) {
       answer.col(column) += share(column) * direction.col(column);
       left.col(column) -= share(column) * forces.col(column);
@@ -660,13 +712,14 @@ bool Tangent::correct_coupled(
       break;
     }
     const Eigen::RowVectorXd now = of_solutions(groups, size, columns);
+    falls.emplace_back((before.array() > 0.0).select(now.cwiseQuotient(before), 0.0));
     for (Index column = 0; column < columns; ++column) {
-      const double kept = before(column) > 0.0 ? now(column) / before(column) : 0.0;
-      direction.col(column) = preconditioned.col(column) + kept * direction.col(column);
+      direction.col(column) =
+          preconditioned.col(column) + falls.back()(column) * direction.col(column);
     }
   }
   if (!answer.allFinite()) {
-    return false;
+    return 0.0;
   }
   algebra::multiply_sparse(traces_, answer, moved);
   algebra::multiply_sparse(jumps_, answer, jumps);
@@ -674,7 +727,7 @@ bool Tangent::correct_coupled(
   Matrix step = half + (joined_->directions() - holding_).asDiagonal() * moved;
   add_to_sides(between, step);
   residual = step;
-  return true;
+  return largest_inverse(shares, falls);
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {

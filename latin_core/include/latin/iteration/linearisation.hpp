@@ -48,8 +48,8 @@ class Linearisation {
                       const Vector& fall, MatrixRef residual, Matrix& moved) const;
   /// The same of a chaos with linear laws, whose columns the tangents couple, with those of its means as
   /// preconditioner; on one rank: see Tangent::correct_coupled().
-  bool correct_coupled(substructure::LocalStage& local, double tolerance, MatrixRef residual,
-                       Matrix& moved) const;
+  double correct_coupled(substructure::LocalStage& local, double tolerance, MatrixRef residual,
+                         Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
   /// again for another one, until other tangents are taken. Guessed, and measured of bodies that rounding leaves
   /// little of.

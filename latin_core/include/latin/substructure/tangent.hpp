@@ -78,8 +78,9 @@ class Tangent {
   /// @param tolerance on the energy norm of the errors of every group, relative to the group
   /// @param residual  (rows, c) into the step on the data, in place
   /// @param moved     what the step does to the traces, (rows, c)
-  /// @return whether it came to an answer, if not always within the tolerance; nothing has changed otherwise
-  bool correct_coupled(const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
+  /// @return the factor by which errors in energy may be larger than what correct() says of them, squared; 0 where
+  /// there is no answer, and nothing has changed then
+  double correct_coupled(const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
                        const ColumnGroups& groups, double tolerance, MatrixRef residual,
                        MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
@@ -128,6 +129,7 @@ class Tangent {
   [[nodiscard]] Matrix best_in(const Matrix& basis, const Matrix& stiffness, const Vector& holding,
                                const Matrix& load) const;
   void combine();
+  void invert();
   [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
   [[nodiscard]] Matrix assemble_dense() const;
