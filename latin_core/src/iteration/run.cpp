@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 namespace latin::iteration {
 namespace {
@@ -137,22 +138,25 @@ void Run::begin(bool traces_known) {
   const bool from_zero = state_.data.isZero(0.0);
   newton_.begin(from_zero, structure_.interface_unknowns());
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
-  if (accelerates() && options_.newton > 0 && verifies() && Verification::coupled(stages_.laws())) {
-    solve_coupled();
-  }
 }
 
-/// All columns of a chaos with linear laws at once. What is left is iterated on, and checked like any iterate.
-void Run::solve_coupled() {
+/// All columns of a chaos with linear laws at once, instead of the first step. What it leaves is checked like any
+/// iterate, and iterated on if it is not enough.
+bool Run::solve_coupled() {
+  if (!accelerates() || options_.newton < 1 || !verifies() ||
+      !Verification::coupled(stages_.laws())) {
+    return false;
+  }
   if (!verification_) {
     verification_.emplace(stages_, known_);
   }
   Matrix step = residual_;
-  if (verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step)) {
+  solved_ = verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
+  if (solved_) {
     state_.data += step;
     stages_.evaluate(at());
-    solved_ = true;
   }
+  return solved_;
 }
 
 /// Measure the iterate, and tell the caller.
@@ -174,8 +178,9 @@ Measured Run::observe() {
   // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
   // one that is made for the sets to come is the answer
   const bool first =
-      summary_.history.empty() &&
-      (solved_ || (known_ && (known_->made() || Verification::exact(stages_.laws()))));
+      std::exchange(solved_, false) ||
+      (summary_.history.empty() && known_ &&
+       (known_->made() || Verification::exact(stages_.laws())));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }
@@ -317,7 +322,7 @@ Matrix Run::estimate(const Measured& measured) {
 
 /// One step, to where Newton's method leads or by the history.
 void Run::advance(const Measured& measured) {
-  if (follow(measured)) {
+  if (follow(measured) || (summary_.history.size() == 1 && solve_coupled())) {
     return;
   }
   newton_.count_step();
