@@ -166,7 +166,8 @@ struct Points {
   std::vector<Index> iterations;
   std::vector<double> error;
   std::vector<Gathered::Field> fields;  ///< of interfaces, (points, columns, rows)
-  std::vector<Gathered::Field> parts;   ///< of parts, if they are wanted, (points, columns, unknowns)
+  std::vector<Gathered::Field>
+      parts;  ///< of parts, if they are wanted, (points, columns, unknowns)
   Outcome outcome;
 
   explicit Points(const SweepRequest& request)

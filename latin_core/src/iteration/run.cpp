@@ -178,9 +178,8 @@ Measured Run::observe() {
   // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
   // one that is made for the sets to come is the answer
   const bool first =
-      std::exchange(solved_, false) ||
-      (summary_.history.empty() && known_ &&
-       (known_->made() || Verification::exact(stages_.laws())));
+      std::exchange(solved_, false) || (summary_.history.empty() && known_ &&
+                                        (known_->made() || Verification::exact(stages_.laws())));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }

@@ -85,8 +85,7 @@ bool Verification::solve_coupled(const State& state, double tolerance, Matrix& s
   try {
     linear_->take(stages_.laws(), state);
     substructure::LocalStage local(stages_.laws(), state.data.cols());
-    spread_of_coupled_ =
-        safe_spread * linear_->correct_coupled(local, tolerance, step, moved_);
+    spread_of_coupled_ = safe_spread * linear_->correct_coupled(local, tolerance, step, moved_);
     return spread_of_coupled_ > 0.0;
   } catch (const NumericalError&) {
     return false;  // the iteration may know better

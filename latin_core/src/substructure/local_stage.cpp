@@ -144,10 +144,8 @@ Block LocalStage::resolve(std::size_t i, const Block& free_jump, const Vector& f
                        ask(interface, law, samples, flexibility, sample_forces_), components, steps,
                        back_);
     };
-    const Block back =
-        group.transforms.empty()
-                           ? ask(interface, law, free_jump, flexibility, back_)
-                           : in_samples();
+    const Block back = group.transforms.empty() ? ask(interface, law, free_jump, flexibility, back_)
+                                                : in_samples();
     copy_components(back, interface, group.begin, group.end, force);
   }
   return force;

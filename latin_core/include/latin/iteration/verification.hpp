@@ -108,7 +108,8 @@ class Verification {
   Matrix distance_;
   std::optional<Matrix> settled_;
   Matrix moved_;
-  double spread_of_coupled_ = 0.0;  ///< bound of errors in energy, see Tangent::correct_coupled(); 0: not known
+  double spread_of_coupled_ =
+      0.0;  ///< bound of errors in energy, see Tangent::correct_coupled(); 0: not known
 };
 
 }  // namespace latin::iteration

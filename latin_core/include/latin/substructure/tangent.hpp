@@ -81,8 +81,8 @@ class Tangent {
   /// @return the factor by which errors in energy may be larger than what correct() says of them, squared; 0 where
   /// there is no answer, and nothing has changed then
   double correct_coupled(const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
-                       const ColumnGroups& groups, double tolerance, MatrixRef residual,
-                       MatrixRef moved);
+                         const ColumnGroups& groups, double tolerance, MatrixRef residual,
+                         MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
   /// @return the displacements of these unknowns, (active, c)
   Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
