@@ -30,6 +30,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.answer import SAMPLES
 from dolfinx_frontend.results.chaos import amplitudes_of
+from dolfinx_frontend.results.runs import NOT_KEPT
 from dolfinx_frontend.results.surfaces import law_contact, surface_of
 from dolfinx_frontend.results.writing import interface_tree
 from dolfinx_frontend.solvers import galerkin, sweep
@@ -41,7 +42,6 @@ PETSc: Any = _PETSc  # its stubs know no members
 
 FORMAT = "latin-problem"
 VERSION = 1
-POINTS_ONLY = "latin_run keeps no states of the points of a sweep: export the problem at one of them"
 
 _Values = dict[str, dict[str, Array]]
 
@@ -145,7 +145,7 @@ def export(
         plan, axes, swept = sweep.planned(problem, grid, method, plan, settings)
         more["sweep"] = _sweep_tree(axes, swept)
         more["face"] = {
-            "about": {"kind": "sweep", "statistics": "grid", "no_displacements": POINTS_ONLY},
+            "about": {"kind": "sweep", "statistics": "grid", "no_displacements": NOT_KEPT},
             "axes": {", ".join(key): each for key, each in axes.items()},
         }
     else:

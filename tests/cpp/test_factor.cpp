@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/Dense>
 #include <Eigen/Sparse>
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <thread>
 #include <vector>
@@ -140,5 +142,55 @@ TEST(Factor, SeveralThreadsMaySolve) {
       thread.join();
     }
     EXPECT_LT(*std::max_element(worst.begin(), worst.end()), 1e-12 * x.norm());
+  }
+}
+
+// two bars that hang on each other by springs that are far softer, or stiffer, than they are: against sums of long double
+TEST(Factor, IsAsExactAsItsConditionLets) {
+  using Longer = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+  constexpr Index n = 30;
+  for (const double spring : {1e-6, 1e-3, 1.0, 1e4, 1e8}) {
+    for (const double ratio : {1.0, 1e8}) {
+      Matrix dense = Matrix::Zero(2 * n, 2 * n);
+      const Matrix bar = Matrix(floating_bar(n, 1.0));
+      const auto add = [&dense](Index i, Index j, double k) {
+        dense(i, i) += k;
+        dense(j, j) += k;
+        dense(std::max(i, j), std::min(i, j)) -= k;
+      };
+      dense.topLeftCorner(n, n) = bar;
+      dense.bottomRightCorner(n, n) = ratio * bar;
+      add(0, n, spring);
+      add(n - 1, n + 3, 0.3 * spring);
+      dense(0, 0) += 1.0;
+      const latin::SparseRows lower = dense.sparseView();
+      const Longer whole = Matrix(dense.selfadjointView<Eigen::Lower>()).cast<long double>();
+      const Matrix b = Matrix::Random(2 * n, 3);
+      const Longer exact = Eigen::LLT<Longer>(whole).solve(b.cast<long double>());
+      for (const FactorBackend backend : backends()) {
+        const auto factor = latin::algebra::factorise(lower, 5, backend, "bars");
+        const Matrix x = factor->solve(b);
+        const Longer left = whole * x.cast<long double>() - b.cast<long double>();
+        const Longer sums = whole.cwiseAbs() * x.cast<long double>().cwiseAbs();
+        // of a Cholesky factor with few numbers in a row: each is a sum of rounded products
+        EXPECT_LT(static_cast<double>(left.cwiseAbs().cwiseQuotient(sums).maxCoeff()), 1e-15 * n)
+            << spring << " " << ratio << " " << factor->backend();
+        // errors in energy are those of the forces, times the root of the condition of the scaled matrix
+        const Longer wrong = x.cast<long double>() - exact;
+        const auto energy = [&whole](const Longer& u) {
+          return static_cast<double>((u.transpose() * whole * u).trace());
+        };
+        EXPECT_LT(std::sqrt(energy(wrong) / energy(exact)), 1e-15 * n / factor->least_pivot());
+        if (factor->condenses()) {
+          const Matrix l = factor->trailing_factor().triangularView<Eigen::Lower>();
+          const Longer inverse = Eigen::LLT<Longer>(whole)
+                                     .solve(Longer::Identity(2 * n, 2 * n))
+                                     .bottomRightCorner(5, 5);
+          const Longer unit = (l * l.transpose()).cast<long double>() * inverse;
+          EXPECT_TRUE(unit.isIdentity(1e-15L * n / static_cast<long double>(factor->least_pivot())))
+              << spring << " " << ratio;
+        }
+      }
+    }
   }
 }

@@ -323,4 +323,27 @@ Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& 
                                          fall, residual, moved);
 }
 
+double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance,
+                                      MatrixRef residual, Matrix& moved) const {
+  const Index unknowns = local.laws().structure().interface_unknowns();
+  if (tangents_.size() != 1 || unknowns == 0) {
+    return 0.0;
+  }
+  Matrix at_rest(unknowns, residual.cols());
+  local.forces_of_jumps(Matrix::Zero(unknowns, residual.cols()), at_rest);
+  if (!at_rest.allFinite()) {
+    return 0.0;  // rigid laws with jumps
+  }
+  const bool none = at_rest.isZero(0.0);
+  moved.resize(residual.rows(), residual.cols());
+  return tangents_.front()->correct_coupled(
+      [&](const Matrix& jumps, Matrix& forces) {
+        local.forces_of_jumps(jumps, forces);
+        if (!none) {
+          forces -= at_rest;
+        }
+      },
+      local.laws().groups(), tolerance, residual, moved);
+}
+
 }  // namespace latin::iteration

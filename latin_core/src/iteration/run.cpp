@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 namespace latin::iteration {
 namespace {
@@ -29,6 +30,8 @@ constexpr double fall_between_checks = 0.3;
 constexpr double longest_step = 1e7;
 /// Plain steps from zero, where Newton's method may take over.
 constexpr Index steps_from_zero = 2;
+/// Accuracy of what is solved for at once, as a share of that of the run.
+constexpr double coupled_accuracy = 0.01;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
 
@@ -137,6 +140,25 @@ void Run::begin(bool traces_known) {
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
 }
 
+/// All columns of a chaos with linear laws at once, instead of the first step. What it leaves is checked like any
+/// iterate, and iterated on if it is not enough.
+bool Run::solve_coupled() {
+  if (!accelerates() || options_.newton < 1 || !verifies() ||
+      !Verification::coupled(stages_.laws())) {
+    return false;
+  }
+  if (!verification_) {
+    verification_.emplace(stages_, known_);
+  }
+  Matrix step = residual_;
+  solved_ = verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
+  if (solved_) {
+    state_.data += step;
+    stages_.evaluate(at());
+  }
+  return solved_;
+}
+
 /// Measure the iterate, and tell the caller.
 Measured Run::observe() {
   newton_.withdraw();
@@ -156,7 +178,8 @@ Measured Run::observe() {
   // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
   // one that is made for the sets to come is the answer
   const bool first =
-      summary_.history.empty() && known_ && (known_->made() || Verification::exact(stages_.laws()));
+      std::exchange(solved_, false) || (summary_.history.empty() && known_ &&
+                                        (known_->made() || Verification::exact(stages_.laws())));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }
@@ -298,7 +321,7 @@ Matrix Run::estimate(const Measured& measured) {
 
 /// One step, to where Newton's method leads or by the history.
 void Run::advance(const Measured& measured) {
-  if (follow(measured)) {
+  if (follow(measured) || (summary_.history.size() == 1 && solve_coupled())) {
     return;
   }
   newton_.count_step();

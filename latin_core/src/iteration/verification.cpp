@@ -37,6 +37,8 @@ constexpr double of_other_branch = 4.0;
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
 constexpr double bearable_spread = 9.0;
+/// What conjugate gradients have not seen of the factor between two stiffnesses.
+constexpr double safe_spread = 2.0;
 /// Time steps of a history with memory, each of which has tangents of its own.
 constexpr Index most_steps_of_history = 16;
 /// Steps of a search, and plain steps where those do not help.
@@ -74,6 +76,22 @@ bool Verification::searches(const substructure::Laws& laws) {
 
 bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
+}
+
+bool Verification::coupled(const substructure::Laws& laws) {
+  return laws.modes() > 1 && laws.structure().communicator().alone() && laws.linear() &&
+         possible(laws);
+}
+
+bool Verification::solve_coupled(const State& state, double tolerance, Matrix& step) {
+  try {
+    linear_->take(stages_.laws(), state);
+    substructure::LocalStage local(stages_.laws(), state.data.cols());
+    spread_of_coupled_ = safe_spread * linear_->correct_coupled(local, tolerance, step, moved_);
+    return spread_of_coupled_ > 0.0;
+  } catch (const NumericalError&) {
+    return false;  // the iteration may know better
+  }
 }
 
 double Verification::resolution(double rtol) { return std::min(0.05 * rtol, 2e-9); }
@@ -120,10 +138,13 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
                                                          const Whole& whole, double rtol,
                                                          double spread) {
   const substructure::Laws& laws = stages_.laws();
-  if (!exact(laws)) {
+  const bool of_coupled = spread_of_coupled_ > 0.0;
+  if (!exact(laws) && !of_coupled) {
     return std::nullopt;
   }
-  if (!linear_->made() || spread > bearable_spread) {
+  if (of_coupled) {
+    spread = spread_of_coupled_;
+  } else if (!linear_->made() || spread > bearable_spread) {
     try {
       linear_->take(laws, state);
     } catch (const NumericalError&) {
@@ -170,7 +191,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   double spread = 1.0;
   const double bearable_left =
       stages_.laws().linear_everywhere() ? linear_contraction : contraction;
-  bool borrowed = linear_->made();
+  bool borrowed = linear_->made() && !coupled(stages_.laws());
   if (borrowed) {
     spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
     borrowed = spread <= Linearisation::near_factor;

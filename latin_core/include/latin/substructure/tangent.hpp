@@ -11,6 +11,7 @@
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/types.hpp"
 #include "latin/substructure/joined.hpp"
+#include "latin/substructure/size.hpp"
 
 namespace latin::substructure {
 
@@ -70,6 +71,18 @@ class Tangent {
   /// nothing has changed then
   Matrix correct_each(const std::vector<Matrix>& slopes, const Matrix& basis, const Vector& fall,
                       MatrixRef residual, MatrixRef moved);
+  /// Corrections where the tangents couple the columns, and are symmetric and stable: by conjugate gradients on the
+  /// active unknowns, with this factorisation as preconditioner. Of one rank.
+  /// @param springs   forces of the interfaces per area for jumps, (unknowns, c) both; linear
+  /// @param groups    which columns are solutions of their own, and which of these are measured together
+  /// @param tolerance on the energy norm of the errors of every group, relative to the group
+  /// @param residual  (rows, c) into the step on the data, in place
+  /// @param moved     what the step does to the traces, (rows, c)
+  /// @return the factor by which errors in energy may be larger than what correct() says of them, squared; 0 where
+  /// there is no answer, and nothing has changed then
+  double correct_coupled(const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
+                         const ColumnGroups& groups, double tolerance, MatrixRef residual,
+                         MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
   /// @return the displacements of these unknowns, (active, c)
   Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
@@ -118,6 +131,7 @@ class Tangent {
   [[nodiscard]] Matrix best_in(const Matrix& basis, const Matrix& stiffness, const Vector& holding,
                                const Matrix& load) const;
   void combine();
+  void invert();
   [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
   [[nodiscard]] Matrix assemble_dense() const;
