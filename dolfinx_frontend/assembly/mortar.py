@@ -27,7 +27,7 @@ Where vertices are held by another interface, a multiplier of their own would ho
 It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,
 Maday, Patera 1994).  Where one face meets several parts, a vertex belongs to the interface that covers most of
 its facets.  Quadratic displacements have nodes enough: linear multipliers at held vertices are
-stable, and more accurate.  Vertices of which almost nothing is covered are merged in the same way.
+stable, and more accurate.  Vertices outside of what is common are merged in the same way.
 """
 
 from __future__ import annotations
@@ -55,9 +55,12 @@ _NOTHING = 1e-9
 _PLANE = 1e-12
 """Normals of a face that differ by less are the same."""
 
+_OUTSIDE = 0.5
+"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own: it is
+outside of what is common, and its force would be extrapolated (peaks of nine times the pressure at an edge)."""
+
 _LITTLE = 0.1
-"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own; on a facet of which
-less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
+"""On a facet of which a smaller fraction is covered psi = L: the mass matrix of a sliver cannot be inverted."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,7 @@ def multipliers(
     some = lost[corners]
     normals[corners[some]] = found.normal[facets][some]
     linear = spaces[0].element.basix_element.degree == 1
-    alone = weights > _LITTLE * whole
+    alone = weights / whole > _OUTSIDE * (weights / whole).max()
     if held is not None and linear and law.rigid:
         everywhere = vertex_nodes(carrier, spaces[0])
         around = np.bincount(everywhere.ravel(), np.repeat(found.whole, corners.shape[1]))[vertices]
