@@ -378,6 +378,16 @@ class FacetMap:
         return np.asarray(self.sizes * self._turns[0] / 8.0, dtype=np.float64)
 
     @cached_property
+    def bend(self) -> float:
+        """How far quadratic facets are from straight ones at the middle of their edges, relative to their size."""
+        corners = np.asarray(basix.geometry(self.facet_cell))
+        pairs = np.array(basix.topology(self.facet_cell)[1])
+        x = self.alike(corners)
+        middle = self.alike(corners[pairs].mean(axis=1))
+        off = np.linalg.norm(middle - x[:, pairs].mean(axis=2), axis=2).max(axis=1)
+        return float((off / self.sizes).max())
+
+    @cached_property
     def chords(self) -> Array:
         """(facets,), the same where facets are straight and the face is not; 0 elsewhere."""
         turn, inner = self._turns

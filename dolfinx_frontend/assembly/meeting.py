@@ -1,8 +1,8 @@
 """Where interfaces, ties and supports of one part meet: what else holds the nodes of its faces.
 
 Of interfaces that meet at an edge or a cross point, each vertex may have one multiplier.  Supports, and ties
-whose meshes match, come first, because their nodes are eliminated; then the interfaces in the order in
-which they were added.  Where several parts meet one face, a vertex belongs to the interface that covers most of it.
+whose meshes match, come first, because their nodes are eliminated; then the interfaces in the order in which
+they were added.  Where several parts meet one face, a vertex belongs to the interface that covers most of it.
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ many iterations; forces are the more accurate ones in each case.
 
 Where vertices are held by another interface, a multiplier of their own would hold linear displacements twice.
 It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,
-Maday, Patera 1994).  Where one face meets several parts, a vertex belongs to the interface that covers most of
-its facets.  Quadratic displacements have nodes enough: linear multipliers at held vertices are
-stable, and more accurate.  Vertices outside of what is common are merged in the same way.
+Maday, Patera 1994).  Where one face meets several parts, a vertex belongs to the interface that covers most
+of its facets.  Quadratic displacements have nodes enough: linear multipliers at held vertices are stable, and
+more accurate.  Vertices outside of what is common are merged in the same way.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ _PLANE = 1e-12
 """Normals of a face that differ by less are the same."""
 
 _OUTSIDE = 0.5
-"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own: it is
-outside of what is common, and its force would be extrapolated (peaks of nine times the pressure at an edge)."""
+"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own: it
+is outside of what is common, and its force would be extrapolated (peaks of nine times the pressure there)."""
 
 _LITTLE = 0.1
-"""On a facet of which a smaller fraction is covered psi = L: the mass matrix of a sliver cannot be inverted."""
+"""On a facet of which a smaller fraction is covered psi = L: the mass matrix of a sliver has no inverse."""
 
 
 @dataclass(frozen=True)
