@@ -68,7 +68,7 @@ class FaceCopy:
 
 def copied_nodes(facets: FacetMap, space: Any) -> Ints:
     """Nodes of a space that a copy of the facets has, in its order: ascending."""
-    return np.unique(np.asarray(space.dofmap.list)[facets.cells])
+    return np.unique(np.asarray(space.dofmap.list, dtype=np.int64)[facets.cells])
 
 
 def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
@@ -379,7 +379,7 @@ class FacetMap:
 
     @cached_property
     def bend(self) -> float:
-        """How far quadratic facets are from straight ones at the middle of their edges, relative to their size."""
+        """How far the middles of edges are from those of straight ones, relative to the size of facets."""
         corners = np.asarray(basix.geometry(self.facet_cell))
         pairs = np.array(basix.topology(self.facet_cell)[1])
         x = self.alike(corners)

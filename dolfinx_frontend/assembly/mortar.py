@@ -56,8 +56,8 @@ _PLANE = 1e-12
 """Normals of a face that differ by less are the same."""
 
 _OUTSIDE = 0.5
-"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own: it
-is outside of what is common, and its force would be extrapolated (peaks of nine times the pressure there)."""
+"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own:
+it is outside of what is common, and its force would be extrapolated (to nine times the pressure there)."""
 
 _LITTLE = 0.1
 """On a facet of which a smaller fraction is covered psi = L: the mass matrix of a sliver has no inverse."""
