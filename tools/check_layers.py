@@ -101,6 +101,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "substructure",
         "problem",
         "held",
+        "meeting",
         "assemble",
     ),
     "plan": ("random_laws", "reduction", "cost", "coarse", "plan"),

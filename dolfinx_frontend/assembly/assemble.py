@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -17,10 +16,11 @@ import numpy as np
 import scipy.sparse as sp
 from mpi4py import MPI
 
-from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, face_copy
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
 from dolfinx_frontend.assembly.held import resistance_of
-from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
+from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import (
@@ -140,8 +140,16 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
-    substructures, copies, held = _own_parts(scene, owner, rank, say, comm)
-    interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), held, say, comm)
+    substructures, copies = _own_parts(scene, owner, rank, say, comm)
+    elsewhere = swap(comm, copies)
+    with agreement(comm):
+        held = held_nodes(scene, substructures, elsewhere)
+        told: dict[int, dict[_Where, Held | None]] = {
+            other: {where: _renumbered(held.get(where), scene, substructures, where) for where in faces}
+            for other, faces in copies.items()
+        }
+    held.update({where: each for where, each in swap(comm, told).items() if each is not None})
+    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm)
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -191,61 +199,12 @@ _Where = tuple[str, int]
 """An interface, and the number of a side of it."""
 
 
-def _holds(scene: Scene, substructures: Mapping[str, Substructure]) -> dict[_Where, Held]:
-    """What holds the nodes of faces beside the interfaces on them: supports, and rigid ones named before."""
-    faces: dict[str, list[_Where]] = {name: [] for name in substructures}
-    for name, joint in scene.interfaces.items():
-        for number, face in enumerate(joint.faces):
-            if face.substructure in faces and joint.law.rigid:
-                faces[face.substructure].append((name, number))
-    out: dict[_Where, Held] = {}
-    for part, members in faces.items():
-        s = substructures[part]
-
-        @cache
-        def facets(name: str, number: int, s: Substructure = s) -> FacetMap:
-            return FacetMap(s.part, scene.interfaces[name].faces[number].face, f"interface {name!r}")
-
-        @cache
-        def held(name: str, number: int, s: Substructure = s) -> Held:
-            joint = scene.interfaces[name]
-            face = joint.faces[number]
-            label = (face.substructure, face.face)
-            return held_by(name, joint.law, label, len(joint.faces), facets(name, number), s.space)
-
-        for at, where in enumerate(members):
-            joint = scene.interfaces[where[0]]
-            if joint.space in ("points", "facets") or (len(joint.faces) == 1 and not joint.law.unilateral):
-                continue
-            own = facets(*where)
-            nodes = own.face_nodes(s.space)
-            found = []
-            for before, other in enumerate(members):
-                theirs = scene.interfaces[other[0]]
-                support = len(theirs.faces) == 1 and theirs.law.prescribes == "jump"
-                if other == where or not (support or before < at):
-                    continue
-                beside = facets(*other)
-                if not np.isin(nodes, beside.face_nodes(s.space)).any():
-                    continue
-                if not support and np.isin(beside.cells * 8 + beside.local, own.cells * 8 + own.local).any():
-                    continue  # the same face meets several parts, each somewhere else
-                found.append(held(*other))
-            together = joined_holds(found)
-            if together is not None:
-                some = np.isin(together.nodes, nodes)
-                out[where] = Held(together.nodes[some], together.directions[some])
-    return out
-
-
 def _own_parts(
     scene: Scene, owner: Mapping[str, int], rank: int, say: Callable[[str], None], comm: Any
-) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]], dict[_Where, Held]]:
-    """Parts of this rank, what others need of them (other rank -> (interface, side) -> face), and what holds
-    their nodes."""
+) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]]]:
+    """Parts of this rank, and what others need of them (other rank -> (interface, side) -> face)."""
     substructures: dict[str, Substructure] = {}
     copies: dict[int, dict[_Where, FaceCopy]] = {}
-    held: dict[_Where, Held] = {}
     with agreement(comm):
         specs = {}
         for name, spec in scene.substructures.items():
@@ -257,7 +216,6 @@ def _own_parts(
             for face in joint.faces:
                 if owner[face.substructure] == rank:
                     check_face(specs[face.substructure], face, f"interface {name!r}")
-        held = _holds(scene, substructures)
         for name, joint in scene.interfaces.items():
             ranks = [owner[face.substructure] for face in joint.faces]
             for number, face in enumerate(joint.faces):
@@ -266,15 +224,22 @@ def _own_parts(
                 other = ranks[1 - number] if len(ranks) == 2 else rank
                 if other != rank:
                     s = substructures[face.substructure]
-                    own = held.get((name, number))
                     copies.setdefault(other, {})[name, number] = face_copy(
-                        s.part,
-                        face.face,
-                        s.space,
-                        f"interface {name!r}",
-                        None if own is None else (own.nodes, own.directions),
+                        s.part, face.face, s.space, f"interface {name!r}"
                     )
-    return substructures, copies, held
+    return substructures, copies
+
+
+def _renumbered(
+    held: Held | None, scene: Scene, substructures: Mapping[str, Substructure], where: _Where
+) -> Held | None:
+    """What holds a face, with the nodes of its copy on another rank."""
+    if held is None:
+        return None
+    face = scene.interfaces[where[0]].faces[where[1]]
+    s = substructures[face.substructure]
+    facets = FacetMap(s.part, face.face, f"interface {where[0]!r}")
+    return replace(held, nodes=np.searchsorted(copied_nodes(facets, s.space), held.nodes))
 
 
 def _own_interfaces(
@@ -309,12 +274,7 @@ def _own_interfaces(
                 joint.max_distance,
                 joint.space,
                 joint.overlap,
-                tuple(
-                    (Held(*s.held) if s.held else None)
-                    if isinstance(s, FaceCopy)
-                    else held.get((name, number))
-                    for number, s in enumerate(members)
-                ),
+                tuple(held.get((name, number)) for number in range(len(members))),
             )
             _check_law(interface)
             interfaces[name] = interface

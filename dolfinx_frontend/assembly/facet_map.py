@@ -17,7 +17,7 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import PartLike
 
-__all__ = ["FaceCopy", "FacetMap", "face_copy"]
+__all__ = ["FaceCopy", "FacetMap", "copied_nodes", "face_copy"]
 
 
 _KINK = 1e-6
@@ -38,8 +38,6 @@ class FaceCopy:
         Degree and variant of the displacements.
     dofs, coordinates
         (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
-    held
-        Some of the nodes, and projectors (d, d) onto the directions in which other interfaces hold them.
     """
 
     cell: str
@@ -51,7 +49,6 @@ class FaceCopy:
     lagrange: int
     dofs: Ints = field(repr=False)
     coordinates: Array = field(repr=False)
-    held: tuple[Ints, Array] | None = field(default=None, repr=False)
 
     @property
     def space(self) -> Any:
@@ -69,10 +66,13 @@ class FaceCopy:
         )
 
 
-def face_copy(
-    part: PartLike, face: str, space: Any, where: str, held: tuple[Ints, Array] | None = None
-) -> FaceCopy:
-    """Copy of a face for another rank, with what holds some of its nodes.
+def copied_nodes(facets: FacetMap, space: Any) -> Ints:
+    """Nodes of a space that a copy of the facets has, in its order: ascending."""
+    return np.unique(np.asarray(space.dofmap.list, dtype=np.int64)[facets.cells])
+
+
+def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
+    """Copy of a face for another rank.
 
     Raises
     ------
@@ -81,7 +81,8 @@ def face_copy(
     """
     facets = FacetMap(part, face, where)
     element = space.element.basix_element
-    nodes, dofs = np.unique(np.asarray(space.dofmap.list)[facets.cells], return_inverse=True)
+    nodes = copied_nodes(facets, space)
+    dofs = np.searchsorted(nodes, np.asarray(space.dofmap.list)[facets.cells])
     cmap = coordinate_map(part.mesh)
     return FaceCopy(
         cell=facets.cell.name,
@@ -93,7 +94,6 @@ def face_copy(
         lagrange=int(element.lagrange_variant),
         dofs=dofs.reshape(len(facets), -1),
         coordinates=space.tabulate_dof_coordinates()[nodes],
-        held=None if held is None else (np.searchsorted(nodes, held[0]), held[1]),
     )
 
 
@@ -376,6 +376,16 @@ class FacetMap:
         have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
         """
         return np.asarray(self.sizes * self._turns[0] / 8.0, dtype=np.float64)
+
+    @cached_property
+    def bend(self) -> float:
+        """How far the middles of edges are from those of straight ones, relative to the size of facets."""
+        corners = np.asarray(basix.geometry(self.facet_cell))
+        pairs = np.array(basix.topology(self.facet_cell)[1])
+        x = self.alike(corners)
+        middle = self.alike(corners[pairs].mean(axis=1))
+        off = np.linalg.norm(middle - x[:, pairs].mean(axis=2), axis=2).max(axis=1)
+        return float((off / self.sizes).max())
 
     @cached_property
     def chords(self) -> Array:

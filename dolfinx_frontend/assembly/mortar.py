@@ -25,8 +25,9 @@ many iterations; forces are the more accurate ones in each case.
 
 Where vertices are held by another interface, a multiplier of their own would hold linear displacements twice.
 It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,
-Maday, Patera 1994).  Quadratic displacements have nodes enough: linear multipliers at held vertices are
-stable, and more accurate.  Vertices of which almost nothing is covered are merged in the same way.
+Maday, Patera 1994).  Where one face meets several parts, a vertex belongs to the interface that covers most
+of its facets.  Quadratic displacements have nodes enough: linear multipliers at held vertices are stable, and
+more accurate.  Vertices outside of what is common are merged in the same way.
 """
 
 from __future__ import annotations
@@ -54,9 +55,12 @@ _NOTHING = 1e-9
 _PLANE = 1e-12
 """Normals of a face that differ by less are the same."""
 
+_OUTSIDE = 0.5
+"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own:
+it is outside of what is common, and its force would be extrapolated (to nine times the pressure there)."""
+
 _LITTLE = 0.1
-"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own; on a facet of which
-less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
+"""On a facet of which a smaller fraction is covered psi = L: the mass matrix of a sliver has no inverse."""
 
 
 @dataclass(frozen=True)
@@ -150,9 +154,13 @@ def multipliers(
     some = lost[corners]
     normals[corners[some]] = found.normal[facets][some]
     linear = spaces[0].element.basix_element.degree == 1
-    alone = weights > _LITTLE * whole
+    alone = weights / whole > _OUTSIDE * (weights / whole).max()
     if held is not None and linear and law.rigid:
-        alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), 1 if other is None else 2)
+        everywhere = vertex_nodes(carrier, spaces[0])
+        around = np.bincount(everywhere.ravel(), np.repeat(found.whole, corners.shape[1]))[vertices]
+        covered = corners.shape[1] * weights / around
+        sides = 1 if other is None else 2
+        alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), covered, sides)
     merging = _merging(corners, alone)  # (points, vertices)
 
     dual = _dual(found.mean[facets], found.mass[facets], (share[facets] > _LITTLE) & linear)
@@ -167,10 +175,10 @@ def multipliers(
         np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max() < _PLANE
     )
     shapes, along = [], []
-    sides = [(carrier, dual, facets, facets, corners, found.own, found.own_normal)]
+    seen = [(carrier, dual, facets, facets, corners, found.own, found.own_normal)]
     if other is not None:
-        sides.append((other, of_pairs, pairs, found.second[pairs], here, found.other, found.other_normal))
-    for (face, psi, taken, which, rows, few, several), v in zip(sides, spaces, strict=True):
+        seen.append((other, of_pairs, pairs, found.second[pairs], here, found.other, found.other_normal))
+    for (face, psi, taken, which, rows, few, several), v in zip(seen, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
         shapes.append((inverse @ _assembled(psi @ few[taken], rows, nodes, m, count)).tocsr())
         if plane:

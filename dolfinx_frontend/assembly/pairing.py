@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.assembly.averages import average
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
-from dolfinx_frontend.assembly.held_nodes import Held
+from dolfinx_frontend.assembly.held_nodes import ANYWAY, Held
 from dolfinx_frontend.assembly.interface import Interface, Side, Vertices, frames
 from dolfinx_frontend.assembly.mortar import multipliers, vertex_nodes
 from dolfinx_frontend.assembly.overlap import (
@@ -38,7 +38,7 @@ from dolfinx_frontend.common.vectors import unit, unit_rows
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
 
-__all__ = ["make_interface"]
+__all__ = ["coincide", "make_interface", "near_facets"]
 
 
 MAX_DISTANCE = 0.25
@@ -409,7 +409,7 @@ def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     )
 
 
-def _near(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
+def near_facets(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
     """Largest distance of the other side from every facet, length."""
     if max_distance is not None:
         return tuple(np.full(len(face), max_distance * face.sizes.max()) for face in faces)
@@ -427,7 +427,7 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
         twice.append(0.0)
         free.append(True)
         if held is not None:
-            both = np.isin(held.nodes, nodes)
+            both = np.isin(held.nodes, nodes) & (held.least >= ANYWAY)
             whole = np.linalg.matrix_rank(held.directions[both]) == pair.dim
             free[-1] = bool(whole.sum() < len(nodes))
             twice[-1] = float((np.trace(held.directions[both], axis1=1, axis2=2) > 0.5).sum() / len(nodes))
@@ -452,17 +452,17 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
     return side, f"at the vertices of {pair.names[side]}; the sides are alike"
 
 
-def _coincide(pair: _Pair) -> bool:
+def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     """Whether the nodes of both sides are at the same places."""
-    if len(pair.faces) == 1:
+    if len(faces) == 1:
         return False
     x = [
         np.asarray(v.tabulate_dof_coordinates())[face.face_nodes(v)]
-        for face, v in zip(pair.faces, pair.spaces, strict=True)
+        for face, v in zip(faces, spaces, strict=True)
     ]
     if len(x[0]) != len(x[1]):
         return False
-    size = float(min(face.sizes.min() for face in pair.faces))
+    size = float(min(face.sizes.min() for face in faces))
     distance, _ = cKDTree(x[1]).query(x[0])
     return bool(distance.max() <= 1e-6 * size)
 
@@ -525,11 +525,11 @@ def make_interface(
         rule, w = face.rule(degrees[-1])
         areas.append(face.areas(w * face.alike_surface(rule)[1], where, each))
     pair = _Pair(
-        where, names, faces, spaces, law, held or (None,) * len(faces), _near(faces, max_distance),
+        where, names, faces, spaces, law, held or (None,) * len(faces), near_facets(faces, max_distance),
         tuple(areas), quadrature_degree, overlap,
     )
     two = len(faces) == 2
-    alike = _coincide(pair)
+    alike = coincide(faces, spaces)
     why = ""
     if space == "auto":
         space, why = _choice(pair, alike)

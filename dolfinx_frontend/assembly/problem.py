@@ -306,7 +306,8 @@ class Problem(OneProcess):
             if len(i.sides) == 2:
                 meshes = "matching" if i.matching is not None else "non-matching"
                 share = "" if i.covered > _COVERED else f", {100 * i.covered:.3g} % of the first covered"
-                sides += f" ({meshes}{share})"
+                fit = ", no gap as meshed" if i.law.unilateral and i.fits and i.gap.any() else ""
+                sides += f" ({meshes}{share}{fit})"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
         return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
 

@@ -134,7 +134,10 @@ def test_gaps_below_the_sag_are_refused(part: float) -> None:
     sagitta = 1.5 * (np.pi / (8 * n)) ** 2 / 2
     for sign in (-1.0, 1.0):
         depth = sign * 0.3 * sagitta / part
-        message = r"not more than the distance of straight facets .*, up to 0\.\d+: .* gap=0\.0 .*order=2"
+        message = (
+            r"not more than the distance of straight facets .*, up to 0\.\d+: .* gap=0\.0 .*"
+            r"geometry\.from_gmsh\(model, order=2\)"
+        )
         with pytest.raises(SceneError, match=message):
             shrunk(1, n, depth, Contact())
         if sign < 0.0:  # curved cells tell it
@@ -154,7 +157,7 @@ def test_interference_below_the_sag_is_refused() -> None:
     exact = depth / (u(1.5, 2.0, 1.0, 0.0) - u(1.0, 1.5, 0.0, 1.0))
     errors = []
     for n in (3, 6):
-        with pytest.raises(SceneError, match=r"inside each other by up to 0\.00.* beside the round faces"):
+        with pytest.raises(SceneError, match=r"up to 0\.00.* beside the round faces.*from_gmsh\(model"):
             shrunk(1, n, depth, Contact(interference=True))
         problem = shrunk(2, n, depth, Contact(interference=True))
         joint = problem.interfaces["fit"]

@@ -111,3 +111,9 @@ def test_estimates_are_checked_over_ranks() -> None:
     run = launch(2, "mpi_agree.py", "check")
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("agreed on rank") == 2
+
+
+def test_parts_that_meet_on_several_ranks_have_the_traces_of_one() -> None:
+    run = launch(2, "mpi_meet.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("as on one") == 2

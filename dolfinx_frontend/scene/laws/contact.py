@@ -20,6 +20,8 @@ __all__ = ["Contact"]
 TOUCHING = 1e-6
 """Interpenetration, relative to the face's size, that is rounding of the mesh."""
 
+CURVED = "use curved cells (order=2; of a gmsh model geometry.from_gmsh(model, order=2))"
+
 UNCERTAIN, USELESS = 0.1, 0.4
 """Distance of facets from the round face, relative to an interference as meshed, from which on there is a
 warning, and an error: the true interference may be smaller and larger by that distance."""
@@ -136,7 +138,7 @@ class Contact(Law):
             f"interface {points.name!r}: the faces are meshed inside each other by up to {depth:.4g}, and "
             f"the cells' facets are up to {beside:.4g} beside the round faces that they stand for"
         )
-        remedy = "use curved cells (order=2), or smaller ones, or state the interference, gap=-..."
+        remedy = f"{CURVED}, or smaller ones, or state the interference, gap=-..."
         if beside > USELESS * depth:
             raise SceneError(f"{what}: the mesh cannot tell the interference; {remedy}")
         warn(
@@ -152,7 +154,7 @@ class Contact(Law):
                 f"interface {points.name!r}: the distance of the faces as meshed, {points.gap.min():.3g} to "
                 f"{points.gap.max():.3g}, is not more than the distance of straight facets from the round "
                 f"faces that they stand for, up to {chords.max():.3g}: the mesh cannot tell a gap or an "
-                "interference from a fit; state it, gap=0.0 for faces that fit, or use curved cells (order=2)"
+                f"interference from a fit; state it, gap=0.0 for faces that fit, or {CURVED}"
             )
 
     def holds(self, dim: int) -> tuple[bool, ...]:
