@@ -23,6 +23,7 @@ from dolfinx_frontend.assembly.held import resistance_of
 from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.pairing import make_interface
+from dolfinx_frontend.assembly.part_loads import part_load
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import (
     Distribution,
@@ -154,11 +155,13 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         {name: (part.centre, part.length) for name, part in parts.items()},
         [resistances[name] for name in scene.interfaces],
     )
+    with agreement(comm):
+        loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
     if comm is None:
-        return Problem(substructures, interfaces)
+        return Problem(substructures, interfaces, None, loads)
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
-    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
 
 
 def _described(scene: Scene) -> dict[str, object]:
@@ -170,6 +173,10 @@ def _described(scene: Scene) -> dict[str, object]:
     for name, spec in scene.substructures.items():
         for what in ("material", "degree", "body_force", "rank"):
             given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    given["the list of loads"] = list(scene.loads)
+    for name, load in scene.loads.items():
+        given[f"load {name!r}"] = (load.part, load.kind, load.face)
+        given[f"the values of load {name!r}"] = load.values
     for name, joint in scene.interfaces.items():
         given[f"the law of interface {name!r}"] = joint.law
         given[f"the faces of interface {name!r}"] = tuple(map(str, joint.faces))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
@@ -18,11 +19,12 @@ from dolfinx_frontend.common.checks import (
     check_optional_kind,
     checked_number,
 )
-from dolfinx_frontend.common.describe import columns
+from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
+from dolfinx_frontend.scene.loads import LoadTerm, Term
 
 __all__ = ["Problem", "check_is_problem"]
 
@@ -47,6 +49,7 @@ class Problem(OneProcess):
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
     distribution: Distribution | None = field(default=None, repr=False)
+    loads: dict[str, PartLoad] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -79,7 +82,7 @@ class Problem(OneProcess):
             for name, i in self.interfaces.items()
             if any(side.substructure in self.substructures for side in i.sides)
         }
-        return Problem(self.substructures, here, self.distribution)
+        return Problem(self.substructures, here, self.distribution, dict(self.loads))
 
     @property
     def comm(self) -> Any:
@@ -130,7 +133,10 @@ class Problem(OneProcess):
             self.check_unchanged()
         if self.comm is None:
             return
-        of_laws = {f"the law of interface {n!r}": i.law for n, i in self.interfaces.items()} if laws else {}
+        of_laws: dict[str, object] = {}
+        if laws:
+            of_laws = {f"the law of interface {n!r}": i.law for n, i in self.interfaces.items()}
+            of_laws |= {f"the values of load {n!r}": each.load.values for n, each in self.loads.items()}
         check_alike(self.comm, call, given | of_laws)
 
     def check_unchanged(self) -> None:
@@ -188,10 +194,58 @@ class Problem(OneProcess):
 
     @property
     def load_amplitudes(self) -> tuple[Amplitude, ...]:
-        """Amplitudes of all body forces."""
+        """Amplitudes of all body forces and loads of parts."""
+        of_loads = (t.amplitude for t in self.load_terms)
         if self.distribution is not None:
-            return self.distribution.load_amplitudes
-        return tuple(a for s in self.substructures.values() for a in s.varying_loads)
+            of_parts = self.distribution.load_amplitudes
+        else:
+            of_parts = tuple(a for s in self.substructures.values() for a in s.varying_loads)
+        return (*of_parts, *(a for a in of_loads if a is not None))
+
+    @cached_property
+    def load_terms(self) -> tuple[LoadTerm, ...]:
+        """The numbers of all loads of parts with their amplitudes."""
+        return tuple(term for each in self.loads.values() for term in each.keys())
+
+    @property
+    def has_constant_loads(self) -> bool:
+        """Whether a part has loads that are constant in time."""
+        of_loads = any(None in each.load.amplitudes for each in self.loads.values())
+        return of_loads or any(part.loaded for part in self.parts.values())
+
+    def load_on(
+        self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
+    ) -> Array:
+        """What one amplitude multiplies of the forces inside a part (n,), random ones at their means.
+
+        Parameters
+        ----------
+        amplitude
+            None: the part that is constant in time.
+        without
+            Numbers of loads that are left out.
+        """
+        total = self.substructures[part].load_of(amplitude).copy()
+        for each in self.loads.values():
+            for term in each.keys():
+                nodal = each.on(part, term.parameter)
+                if nodal is not None and term.amplitude == amplitude and term not in without:
+                    total += each.mean(term.parameter, amplitude) * nodal
+        return total
+
+    def initial_stresses(self, part: str) -> list[tuple[str, str, Any]]:
+        """Load, its parameter, and the initial stress (UFL) of the number 1, of all that act in a part."""
+        return [
+            (name, parameter, stress)
+            for name, each in self.loads.items()
+            if each.load.part == part
+            for parameter, stress in each.stresses.items()
+        ]
+
+    def numbers_of(self, term: LoadTerm) -> list[Term]:
+        """What the amplitude of a term multiplies: summands of its number."""
+        every = self.loads[term.load].load.terms(term.parameter)
+        return [each for each in every if each.amplitude == term.amplitude]
 
     @property
     def amplitudes(self) -> tuple[Amplitude, ...]:
@@ -216,6 +270,7 @@ class Problem(OneProcess):
             },
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
             self.distribution,
+            {name: each.at(time) for name, each in self.loads.items()},
         )
 
     @property
@@ -230,6 +285,15 @@ class Problem(OneProcess):
             f"{name}.{key}": value
             for name, i in self.interfaces.items()
             for key, value in i.law.parameters().items()
+        }
+
+    @property
+    def load_parameters(self) -> dict[str, Any]:
+        """Numbers of all loads of parts, ``"heat.dT"`` -> value."""
+        return {
+            f"{name}.{key}": value
+            for name, each in self.loads.items()
+            for key, value in each.load.values.items()
         }
 
     def laws(
@@ -258,7 +322,9 @@ class Problem(OneProcess):
             out[name] = law
         for key, value in (values or {}).items():
             known = [f"{name}.{each}" for name, law in out.items() for each in law.parameters()]
-            check_known("parameter", key, known)
+            check_known("parameter", key, [*known, *self.load_parameters])
+            if key in self.load_parameters:
+                raise SceneError(f"{key!r} is of a load, not of a law: problem.with_laws(values=...) takes it")
             name, _, parameter = key.rpartition(".")
             out[name] = out[name].with_(**{parameter: value})
         return out
@@ -271,11 +337,20 @@ class Problem(OneProcess):
         Parameters
         ----------
         laws, values
-            As for :meth:`laws`.
+            As for :meth:`laws`; values of loads of parts, too (``{"heat.dT": 80.0}``).
         """
-        new = self.laws(laws, values)
+        of_loads = self.load_parameters
+        here: dict[str, dict[str, Any]] = {}
+        rest = None
+        if isinstance(values, Mapping):
+            rest = {key: value for key, value in values.items() if key not in of_loads}
+            for key in values.keys() - rest.keys():
+                name, _, parameter = key.rpartition(".")
+                here.setdefault(name, {})[parameter] = values[key]
+        new = self.laws(laws, values if rest is None else rest)
         interfaces = {name: replace(i, law=new[name]) for name, i in self.interfaces.items()}
-        return replace(self, interfaces=interfaces)
+        loads = {n: each.with_values(here.get(n, {})) for n, each in self.loads.items()}
+        return replace(self, interfaces=interfaces, loads=loads)
 
     def __repr__(self) -> str:
         lines = [
@@ -294,7 +369,14 @@ class Problem(OneProcess):
                 share = "" if i.covered > _COVERED else f", {100 * i.covered:.3g} % of the first covered"
                 sides += f" ({meshes}{share})"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
-        return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
+        lines += [f"  {line}" for line in columns(rows, "<<>><")]
+        if self.loads:
+            rows = [("load", "part", "values")]
+            for name, each in self.loads.items():
+                given = ", ".join(f"{k} = {short(v)}" for k, v in each.load.values.items())
+                rows.append((name, each.load.part, given))
+            lines += [f"  {line}" for line in columns(rows, "<<<")]
+        return "\n".join(lines)
 
 
 def check_is_problem(where: str, problem: object) -> None:

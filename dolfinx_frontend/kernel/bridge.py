@@ -28,6 +28,7 @@ from dolfinx_frontend.plan.plan import Plan, check_reach
 from dolfinx_frontend.plan.reduction import Body, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
     "Acting",
@@ -42,6 +43,9 @@ __all__ = [
 
 
 _log = logging.getLogger(__name__)
+
+Pattern = Amplitude | LoadTerm | None
+"""What has a load pattern: an amplitude, what is constant in time (None), or a load of a part that varies."""
 
 Values = dict[str, Any]
 """Arguments of one of the kernel's descriptions, by name."""
@@ -167,7 +171,7 @@ def _side_by_side(columns: Iterable[Array]) -> Array:
 
 def _body(
     problem: Problem,
-    patterns: Mapping[Amplitude | None, Body],
+    patterns: Mapping[Pattern, Body],
     floors: Mapping[tuple[str, str], Array] | None = None,
     corrected: bool = False,
 ) -> Values:
@@ -274,7 +278,7 @@ class Description(NamedTuple):
     bodies: list[Values]
     interfaces: list[Values]
     fields: dict[str, Fields]
-    reduced: list[dict[Amplitude | None, Body]]
+    reduced: list[dict[Pattern, Body]]
 
 
 class Built(NamedTuple):
@@ -428,18 +432,25 @@ def _check_range(strain: float) -> None:
         )
 
 
-def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
+def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
-    found: list[dict[Amplitude | None, Body]] = []
+    found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}
         if len(plan.patterns) == 1 and amplitude is None:
             laws = {}
-        bodies = reduce(problem, chosen, laws, amplitude)
+        bodies = reduce(problem, chosen, laws, amplitude, plan.loads)
         found = found or [{} for _ in bodies]
         for known, body in zip(found, bodies, strict=True):
             known[amplitude] = body
+    for term in plan.loads:
+        for known in found:
+            body = next(iter(known.values()))
+            nothing = {name: np.zeros(problem.substructures[name].size) for name in body.members}
+            of_term = {name: problem.loads[term.load].on(name, term.parameter) for name in body.members}
+            load = {name: nothing[name] if f is None else f for name, f in of_term.items()}
+            known[term] = replace(body, offset=nothing, load=load)
     return found
 
 

@@ -33,6 +33,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
@@ -151,6 +152,8 @@ class Plan:
     history
         What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
         ``"patterns"`` (linear: one column per load pattern, superposed) or ``"steps"`` (one column per time).
+    loads, load_means
+        Numbers of loads of parts that vary, each with a load pattern of its own, and their means.
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """
@@ -169,6 +172,8 @@ class Plan:
     macro: tuple[str, ...] = ()
     moments: Moments = "linear"
     paired: tuple[str, ...] = ()
+    loads: tuple[LoadTerm, ...] = ()
+    load_means: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         locked(self)
@@ -185,10 +190,30 @@ class Plan:
 
     @property
     def amplitudes(self) -> npt.NDArray[np.float64]:
-        """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes."""
-        if self.history == "steps":
-            return np.asfortranarray(self.factors())
-        return np.eye(len(self.patterns))
+        """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes.
+
+        First those of the amplitudes, then those of the loads that vary, at their means.
+        """
+        base = self.fixed_amplitudes
+        if self.loads:
+            base = np.vstack([base, np.reshape(self.load_means, (-1, 1)) * self.load_factors])
+        return np.asfortranarray(base)
+
+    @property
+    def fixed_amplitudes(self) -> npt.NDArray[np.float64]:
+        """Those of the loads that do not vary, (patterns, columns)."""
+        return self.factors() if self.history == "steps" else np.eye(len(self.patterns))
+
+    @property
+    def load_factors(self) -> npt.NDArray[np.float64]:
+        """What a number 1 of every load that varies is in the columns, (loads, columns)."""
+        if self.history == "patterns":
+            rows = [[float(a == term.amplitude) for a in self.patterns] for term in self.loads]
+        elif self.history == "steps" and self.times is not None:
+            rows = [[1.0 if (a := term.amplitude) is None else a(t) for t in self.times] for term in self.loads]
+        else:
+            rows = [[1.0] for _ in self.loads]
+        return np.reshape(np.array(rows, dtype=np.float64), (len(self.loads), -1))
 
     def in_time(self, block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Columns of a field (..., columns) as its values at all times, (T, ...)."""
@@ -230,8 +255,14 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
             check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
 
 
-def check_keeps(where: str, plan: Plan, interfaces: Iterable[str]) -> None:
+def check_keeps(where: str, plan: Plan, interfaces: Iterable[str], loads: Iterable[LoadTerm] = ()) -> None:
     """Refuse a plan that eliminates interfaces whose laws are random: at their means nothing would vary."""
+    fixed = [f"{term.load}.{term.parameter}" for term in loads if term not in plan.loads]
+    if fixed:
+        raise SceneError(
+            f"{where}: the plan has no column for {', '.join(fixed)}, which is random: leave the plan out, or "
+            "make it for what is random"
+        )
     lost = [name for name in interfaces if name in plan.eliminated]
     if lost:
         raise SceneError(
@@ -268,6 +299,11 @@ def _one_column(problem: Problem) -> str:
         for parameter, value in interface.law.parameters().items()
         if not is_plain(value) and hasattr(value, "mean")
     ]
+    random += dict.fromkeys(
+        f"{term.load}.{term.parameter}"
+        for term in problem.load_terms
+        if not all(is_plain(n.number) for n in problem.numbers_of(term))
+    )
     if random:
         return f"no chaos was asked for: {', '.join(random)} at the mean"
     return "nothing is random and no law has a history"
@@ -283,6 +319,7 @@ def make_plan(
     random: RandomLaws | None = None,
     columns: int = 1,
     times: npt.ArrayLike | None = None,
+    loads: Iterable[LoadTerm] = (),
 ) -> Plan:
     """Decide what is modelled.
 
@@ -306,6 +343,8 @@ def make_plan(
         What is random, and the number of chaos modes.
     times
         Times (T,) of a load history, increasing; the state before the first is unloaded and unslipped.
+    loads
+        Numbers of loads of parts that vary: each has a load pattern of its own.
 
     Raises
     ------
@@ -326,11 +365,18 @@ def make_plan(
     newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
     direction = _search_direction(problem, direction, chosen, bool(macro))
-    patterns, history, why = _history(problem, kept, moments, problem.amplitudes)
+    varied = tuple(loads)
+    constant = any(term.amplitude is None for term in varied)
+    patterns, history, why = _history(problem, kept, moments, problem.amplitudes, constant)
     steps = len(moments) if history == "steps" and moments is not None else 1
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
 
     decisions = [*_of_interfaces(kept, reasons, eliminated), *_of_spaces(problem), *of_columns]
+    if varied:
+        names = ", ".join(dict.fromkeys(f"{t.load}.{t.parameter}" for t in varied))
+        decisions.append(
+            Decision("load columns", names, "loads that vary: a column of the right-hand side, no factorisation")
+        )
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
         options = options.with_(newton=0)
@@ -359,6 +405,8 @@ def make_plan(
         macro,
         balanced,
         paired,
+        varied,
+        tuple(sum(n.mean for n in problem.numbers_of(term)) for term in varied),
     )
 
 
@@ -378,6 +426,7 @@ def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | N
     if problem.amplitudes:
         changing = [name for name, i in problem.interfaces.items() if i.law.varying]
         changing += [name for name, s in problem.substructures.items() if s.varying_loads]
+        changing += dict.fromkeys(t.load for t in problem.load_terms if t.amplitude is not None)
         raise SceneError(
             f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
         )
@@ -619,13 +668,14 @@ def _history(
     kept: Sequence[str],
     times: npt.NDArray[np.float64] | None,
     amplitudes: Sequence[Amplitude],
+    constant_loads: bool = False,
 ) -> tuple[tuple[Amplitude | None, ...], Literal["none", "patterns", "steps"], str]:
     """Load patterns, what a history needs of columns, and why."""
     if times is None:
         return (None,), "none", ""
     if not amplitudes:
         return (None,), "none", "nothing changes in time: one column answers for all times"
-    constant = (None,) if _constant_loads(problem) else ()
+    constant = (None,) if constant_loads or _constant_loads(problem) else ()
     patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
     nonlinear = [n for n in kept if not problem.interfaces[n].law.superposes]
     if not nonlinear and len(patterns) < len(times):
@@ -644,7 +694,7 @@ def _history(
 
 def _constant_loads(problem: Problem) -> bool:
     """Whether any loading is constant in time and not zero."""
-    if any(part.loaded for part in problem.parts.values()):
+    if problem.has_constant_loads:
         return True
     for interface in problem.interfaces.values():
         law = interface.law

@@ -6,16 +6,18 @@ speak of the same germs in the same order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Fields, Law
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -52,18 +54,22 @@ class RandomLaws:
         Random parameters that no answer depends on, with the reason: they get no germ.
     space
         Their germs.
+    loads
+        Numbers of loads of parts that are random -> the random parameters in them.
     """
 
     problem: Problem
     sources: dict[tuple[str, str], Source]
     dropped: tuple[str, ...]
     space: RandomSpace
+    loads: dict[LoadTerm, tuple[RandomParameter, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         locked(self)
 
     def __repr__(self) -> str:
-        named = (f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items())
+        named = [f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items()]
+        named += [f"{t.load}.{t.parameter} = {s!r}" for t, found in self.loads.items() for s in found]
         return f"RandomLaws({', '.join(named)})"
 
     @classmethod
@@ -93,7 +99,42 @@ class RandomLaws:
                     sources[name, parameter] = fields[key]
                 else:
                     sources[name, parameter] = value
-        return cls(problem, sources, tuple(dropped), RandomSpace(sources.values()))
+        loads: dict[LoadTerm, tuple[RandomParameter, ...]] = {}
+        for term in problem.load_terms:
+            found = [n.number for n in problem.numbers_of(term) if is_random(n.number)]
+            if any(isinstance(each, RandomField) for each in found):
+                raise SceneError(
+                    f"load {term.load!r}: {term.parameter} is a random field; a load of a part takes random "
+                    "numbers: give a Normal, LogNormal, ..."
+                )
+            if found:
+                loads[term] = tuple(found)
+        of_loads = [each for found in loads.values() for each in found]
+        return cls(problem, sources, tuple(dropped), RandomSpace([*sources.values(), *of_loads]), loads)
+
+    @property
+    def every(self) -> list[Source]:
+        """All random parameters and fields, of laws and of loads."""
+        return [*self.sources.values(), *(each for found in self.loads.values() for each in found)]
+
+    def load_values(self, term: LoadTerm, points: Array) -> Array:
+        """A number of a load at points (N, L) of the germs, (N,)."""
+        total = np.zeros(len(points))
+        for each in self.problem.numbers_of(term):
+            number = each.number
+            values = self.space.values(number, points) if is_random(number) else float(number)
+            total += each.coefficient * np.reshape(values, -1)
+        return total
+
+    def load_coefficients(self, term: LoadTerm, basis: ChaosBasis) -> Array:
+        """Chaos coefficients (P + 1,) of a number of a load."""
+        total = np.zeros(len(basis))
+        for each in self.problem.numbers_of(term):
+            if is_random(each.number):
+                total += each.coefficient * self.space.coefficients(each.number, basis)[0]
+            else:
+                total[0] += each.coefficient * float(each.number)
+        return total
 
     @property
     def interfaces(self) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elimination, Law
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
     "Body",
@@ -294,6 +295,7 @@ def _body(
     laws: Mapping[str, Law],
     inside: list[Interface],
     amplitude: Amplitude | None,
+    without: Container[LoadTerm],
 ) -> Body:
     parts = [problem.substructures[m] for m in members]
     counts = np.array([len(p.dof_coordinates) for p in parts])
@@ -330,7 +332,7 @@ def _body(
         prolongation[m] = _prolongation(classes, own, columns)
         offset[m] = (classes.fixed[own] + shift[s : s + count]).ravel()
 
-    load = {m: p.load_of(amplitude).copy() for m, p in zip(members, parts, strict=True)}
+    load = {m: problem.load_on(m, amplitude, without) for m in members}
     for i in by_way[Elimination.LOAD]:
         given = laws[i.name].load(i)
         if given is not None:
@@ -345,6 +347,7 @@ def reduce(
     eliminate: Iterable[str],
     laws: Mapping[str, Law] | None = None,
     amplitude: Amplitude | None = None,
+    without: Container[LoadTerm] = (),
 ) -> list[Body]:
     """Bodies that remain when interfaces are assembled across.
 
@@ -358,6 +361,8 @@ def reduce(
         Laws to use instead of those of the problem.
     amplitude
         Amplitude whose part of the body forces is taken; None: the constant part.
+    without
+        Numbers of loads of parts that are left out.
 
     Returns
     -------
@@ -382,7 +387,7 @@ def reduce(
             for i in problem.interfaces.values()
             if i.name in chosen and i.sides[0].substructure in members
         ]
-        bodies.append(_body(problem, members, current, inside, amplitude))
+        bodies.append(_body(problem, members, current, inside, amplitude, without))
     return bodies
 
 

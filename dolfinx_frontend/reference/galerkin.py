@@ -250,6 +250,10 @@ class _System:
         for m in body.members:
             offset, load = self.offsets[m], np.zeros_like(self.offsets[m])
             load[:, 0] = body.load[m]
+            for term in self.random.loads:
+                nodal = self.problem.loads[term.load].on(m, term.parameter)
+                if nodal is not None:  # the mean is in the load of the body
+                    load[:, 1:] += np.outer(nodal, self.random.load_coefficients(term, self.basis)[1:])
             if np.any(offset):
                 load -= self.problem.substructures[m].matrix @ offset
             for i in self.problem.interfaces.values():

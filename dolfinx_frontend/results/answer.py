@@ -124,6 +124,7 @@ class Block:
     germs: Array | None = None
     weights: Array | None = None
     _force: Callable[[str], Array] | None = None
+    _load: Callable[[str, str], Array] | None = None
 
     def __post_init__(self) -> None:
         locked(self)
@@ -154,6 +155,11 @@ class Block:
     def displacement(self, part: str, unknowns: Ints | None = None) -> Array:
         """Unknowns (n, [T,] unknowns) of a part, length; of some of them only if their numbers are given."""
         return self._displacement(part, unknowns)
+
+    def load(self, load: str, parameter: str) -> Array:
+        """What a shape of a load of a part is multiplied with, (n, [T])."""
+        assert self._load is not None  # only what is read from files has none, and no parts either
+        return self._load(load, parameter)
 
     def contact(self, interface: str) -> ContactValues | None:
         """Clearance and friction of a contact; None: it is none, or they are not known."""
@@ -243,6 +249,12 @@ class Answer(Protocol):
 
     def spread(self, part: str) -> Sequence[Array]:
         """Unknowns ([T,] n) whose squares add up to the variance, of fields that are linear in them."""
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """What a shape of a load of a part is multiplied with, ([T]), in what is shown."""
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean, in the order of `spread`."""
 
     def deviation(self, part: str) -> Array | None:
         """Standard deviation ([T,] n) of the unknowns; None: nothing is random, or it is not known."""

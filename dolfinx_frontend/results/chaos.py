@@ -24,6 +24,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
+from dolfinx_frontend.results.acting import load_factors
 from dolfinx_frontend.results.answer import (
     BYTES,
     CACHED,
@@ -292,7 +293,7 @@ class ChaosResult(Result, StochasticResult):
 
     @cached_property
     def _blocks(self) -> dict[str, Array]:
-        amplitudes = amplitudes_of(self.plan, self.modes)
+        amplitudes = amplitudes_of(self.plan, self.random, self.basis)
         blocks = self.solver.displacements(self.laws, self.state, amplitudes)
         return {
             name: read_only(timed(self.plan, block.reshape(len(block), self.modes, -1)))
@@ -312,6 +313,20 @@ class ChaosResult(Result, StochasticResult):
         """Modes ([T,] n) of the unknowns beside the mean, whose squares add up to the variance."""
         block = self.coefficients(part)
         return [block[..., k] for k in range(1, self.modes)]
+
+    def _load_modes(self, load: str, parameter: str) -> Array:
+        """Chaos coefficients (P + 1, [T]) of what a shape of a load is multiplied with."""
+        of = partial(self.random.load_coefficients, basis=self.basis)
+        return load_factors(self.problem, self.times, load, parameter, of)
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """Mean ([T]) of what a shape of a load of a part is multiplied with."""
+        number: Array = self._load_modes(load, parameter)[0]
+        return number
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean."""
+        return list(self._load_modes(load, parameter)[1:])
 
     def modes_of(self, interface: str) -> tuple[Array, Array] | None:
         """Coefficients (P + 1, [T,] m, components) of force and jump; None where the law is nonlinear."""
@@ -461,7 +476,9 @@ class ChaosResult(Result, StochasticResult):
                 return np.moveaxis(timed(self.plan, _at_points(self._columns_of(name)[0], psi)), -1, 0)
             return both(name)[0]
 
-        return Block(len(points), both, displacement, contact, points, _force=force)
+        number = partial(self.random.load_values, points=points)
+        load = partial(load_factors, self.problem, self.times, of=number)
+        return Block(len(points), both, displacement, contact, points, _force=force, _load=load)
 
     def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)
@@ -697,6 +714,9 @@ class ChaosResult(Result, StochasticResult):
         return text + ")"
 
 
-def amplitudes_of(plan: Plan, modes: int) -> Array:
-    """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
-    return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)
+def amplitudes_of(plan: Plan, random: RandomLaws, basis: stochastic.ChaosBasis) -> Array:
+    """Amplitudes (l, modes * steps) of the load patterns: those of loads that vary have the modes of these."""
+    found = [np.kron(np.eye(1, len(basis)), plan.fixed_amplitudes)]
+    for term, factors in zip(plan.loads, plan.load_factors, strict=True):
+        found.append(np.kron(random.load_coefficients(term, basis), factors)[None])
+    return np.asfortranarray(np.vstack(found), dtype=np.float64)

@@ -272,7 +272,22 @@ class Face(ABC):
             As for :meth:`displacement`, or the material is a form that gives no stress.
         """
         u = self.displacement(part, step)
-        return stress_function(u, self.problem.substructures[part].material)
+        step = check_step(self.times, step, "stress")
+        initial = [
+            (stress, float(stepped(self.load_number(load, parameter), self.times)[step]))
+            for load, parameter, stress in self.problem.initial_stresses(part)
+        ]
+        return stress_function(u, self.problem.substructures[part].material, initial=initial)
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """What a shape of a load of a part is multiplied with, ([T]): of a random answer the mean, of a sweep
+        at the last point."""
+        number: Array = self.shown().load(load, parameter)[0]
+        return number
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean, in the order of :meth:`spread`."""
+        return ()
 
     def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> fem.Function:
         """Standard deviation of every component of the displacement or the stress; 0 if nothing is random.
@@ -298,23 +313,35 @@ class Face(ABC):
     def _stress_deviation(self, part: str, step: int) -> fem.Function:
         u = self.displacement(part, step)
         material = self.problem.substructures[part].material
-        out = stress_function(u, material)
-        at = stress_of(u, material, int(u.function_space.element.basix_element.degree))
+        loads = self.problem.initial_stresses(part)
+        keys = [(load, parameter) for load, parameter, _ in loads]
+        at = stress_of(
+            u, material, int(u.function_space.element.basix_element.degree), [each for _, _, each in loads]
+        )
+        out = at([0.0] * len(loads)).copy()
 
-        def stress(unknowns: Array) -> Array:
+        def stress(unknowns: Array, numbers: Sequence[float]) -> Array:
             u.x.array[:] = self.function(part, unknowns, "").x.array
-            return np.array(at().x.array)
+            return np.array(at(numbers).x.array)
 
         spread = self.spread(part)
         if self.deviation(part) is None:
             out.x.array[:] = 0.0
         elif spread:
-            out.x.array[:] = np.sqrt(sum(stress(stepped(each, self.times)[step]) ** 2 for each in spread))
+            numbers = [self.load_spread(*key) for key in keys]
+            total = np.zeros_like(out.x.array)
+            for k, each in enumerate(spread):
+                now = [float(stepped(modes[k], self.times)[step]) for modes in numbers]
+                total += stress(stepped(each, self.times)[step], now) ** 2
+            out.x.array[:] = np.sqrt(total)
         else:
             sums = Accumulator()
             for block in self.moment_blocks():
                 fields = stepped(block.displacement(part), self.times, 1)[:, step]
-                sums.add({part: np.array([stress(each) for each in fields])}, block.weights)
+                every = [stepped(block.load(*key), self.times, 1)[:, step] for key in keys]
+                numbers = np.reshape(every, (len(keys), len(fields))).T
+                found = [stress(each, now) for each, now in zip(fields, numbers, strict=True)]
+                sums.add({part: np.array(found)}, block.weights)
             out.x.array[:] = sums.found()[part][1]
         return out
 

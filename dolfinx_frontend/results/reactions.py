@@ -145,6 +145,12 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
             for t in ([None] if times is None else times)
         ]
     )
+    of_loads = [
+        (name, parameter, nodal[rows])
+        for name, each in problem.loads.items()
+        for parameter in each.load.values
+        if (nodal := each.on(part.name, parameter)) is not None and np.any(nodal[rows])
+    ]
     acting = []
     for other in answer.known:
         for sign, each in zip((1.0, -1.0), problem.interfaces[other].sides, strict=False):
@@ -154,6 +160,8 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
     def forces(block: Block) -> Array:
         u = stepped(block.displacement(part.name, columns), times, 1)
         total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1) - load
+        for name, parameter, nodal in of_loads:
+            total = total - stepped(block.load(name, parameter), times, 1)[..., None] * nodal
         out: Array = total.reshape(*u.shape[:2], -1, d)
         for sign, surface, shape in acting:
             given = answer.load(surface.name)

@@ -78,11 +78,14 @@ class LinearElastic:
         Poisson's ratio: a number in (-1, 1/2) or a UFL expression.
     plane
         ``"strain"`` or ``"stress"``, in 2D; 3D parts take ``"strain"`` (the default) only.
+    alpha
+        Coefficient of thermal expansion, 1 / temperature, that :meth:`Scene.temperature` takes; None: none.
     """
 
     E: Any
     nu: Any
     plane: str = "strain"
+    alpha: Any = None
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
@@ -93,6 +96,11 @@ class LinearElastic:
                     f"LinearElastic: {name} = {short(getattr(self, name))} is neither a number nor a UFL "
                     "expression; give one"
                 )
+        if self.alpha is not None:
+            _check_known("LinearElastic", "alpha", self.alpha)
+            if not isinstance(self.alpha, ufl.core.expr.Expr):
+                checked_numbers("LinearElastic", "alpha", self.alpha, "give a number, or one per axis")
+                object.__setattr__(self, "alpha", frozen(self.alpha))
         if is_real(self.E) and not 0.0 < self.E < np.inf:
             raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
         if is_real(self.nu) and not -1.0 < self.nu < 0.5:
@@ -117,16 +125,27 @@ class LinearElastic:
     def stress(self, u: Any) -> Any:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
         self.check(_dim(u))
+        lmbda, mu2 = self._lame(extract_unique_domain(u))
+        eps = strain(u)
+        return lmbda * ufl.tr(eps) * ufl.Identity(_dim(u)) + mu2 * eps
+
+    def _lame(self, domain: Any) -> tuple[Any, Any]:
+        """lambda (of plane stress, too) and 2 mu as constants of a mesh."""
         E, nu = (
-            _constant(u, c) if isinstance(c, (int, float, np.number)) else c
-            for c in (self.E, self.nu)
+            fem.Constant(domain, np.asarray(c, dtype=np.float64)) if is_real(c) else c for c in (self.E, self.nu)
         )
         if self.plane == "stress":
-            lmbda = E * nu / (1 - nu**2)
-        else:
-            lmbda = E * nu / ((1 + nu) * (1 - 2 * nu))
-        eps = strain(u)
-        return lmbda * ufl.tr(eps) * ufl.Identity(_dim(u)) + E / (1 + nu) * eps
+            return E * nu / (1 - nu**2), E / (1 + nu)
+        return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (1 + nu)
+
+    def stress_of(self, eps: Any, mesh: Any) -> Any:
+        """Stress, UFL (d, d), of a strain (3, 3) of a part: what an initial strain takes away."""
+        d = int(mesh.geometry.dim)
+        lmbda, mu2 = self._lame(mesh)
+        # in plane stress the strain across the plane is free
+        trace = eps[0, 0] + eps[1, 1] if self.plane == "stress" else ufl.tr(eps)
+        inside = ufl.as_matrix([[eps[i, j] for j in range(d)] for i in range(d)])
+        return lmbda * trace * ufl.Identity(d) + mu2 * inside
 
     def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
         """The matrix of :func:`matrix_stress`, force / area; None: E or nu is no number."""
@@ -266,22 +285,35 @@ class OrthotropicElastic:
                 f"OrthotropicElastic: nu = {self.nu!r} with E = {self.E!r} is not positive "
                 "definite; |nu_ij| < sqrt(E_i / E_j) is necessary"
             )
-        C = np.linalg.inv(S)
-        if dim == 2 and self.plane == "strain":
-            C = C[np.ix_([0, 1, 5], [0, 1, 5])]
-        return C
+        return np.linalg.inv(S)
 
     def _global_elasticity(self, dim: int) -> npt.NDArray[np.float64]:
+        """Stiffness in global axes: (3, 3) in 2D, otherwise (6, 6)."""
+        C = self._full(dim)
+        return C[np.ix_([0, 1, 5], [0, 1, 5])] if dim == 2 and len(C) == 6 else C
+
+    def _full(self, dim: int) -> npt.NDArray[np.float64]:
+        """Stiffness in global axes: (3, 3) in plane stress, otherwise (6, 6)."""
         C = self._elasticity(dim)
         if self.axes is None:
             return C
         axes = np.eye(3)
         axes[:dim, :dim] = np.asarray(self.axes, dtype=np.float64)
         R = _strain_rotation(axes)
-        if dim == 2:
+        if len(C) == 3:
             R = R[np.ix_([0, 1, 5], [0, 1, 5])]
         out: npt.NDArray[np.float64] = R.T @ C @ R
         return out
+
+    def stress_of(self, eps: Any, mesh: Any) -> Any:
+        """Stress, UFL (d, d), of a strain (3, 3) of a part: what an initial strain takes away."""
+        d = int(mesh.geometry.dim)
+        C = self._full(d)
+        pairs = _VOIGT if len(C) == 6 else ((0, 0), (1, 1), (0, 1))
+        voigt = ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in pairs])
+        s = ufl.dot(fem.Constant(mesh, C), voigt)
+        of = {pair: s[k] for k, pair in enumerate(pairs)}
+        return ufl.as_matrix([[of[min(i, j), max(i, j)] for j in range(d)] for i in range(d)])
 
     def stress(self, u: Any) -> Any:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""

@@ -11,16 +11,21 @@ from typing import Any, NoReturn, SupportsIndex
 
 from dolfinx_frontend.common.checks import (
     check_known,
+    checked_callable,
     checked_name,
     checked_names,
     checked_number,
+    checked_numbers,
     checked_whole,
     checked_word,
+    is_real,
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
+from dolfinx_frontend.scene.loads import MOMENTS, Load, components, is_field, plain_vector, shaped
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.specs import (
     OVERLAPS,
@@ -52,12 +57,14 @@ class Scene:
     def __init__(self) -> None:
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
+        self.loads: dict[str, Load] = {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         """A scene of its own; parts and laws, which never change, are shared."""
         other = Scene()
         other.substructures.update(self.substructures)
         other.interfaces.update(self.interfaces)
+        other.loads.update(self.loads)
         return other
 
     def __copy__(self) -> Scene:
@@ -182,7 +189,7 @@ class Scene:
             Name in use, unknown part or face, a law for another number of sides.
         """
         where = f"interface {checked_name('interface', name)!r}"
-        if name in self.interfaces:
+        if name in self.interfaces or name in self.loads:
             raise SceneError(f"{where}: the name is in use; names are unique")
         if law is None:
             faces: tuple[str, ...] = (first,)
@@ -257,9 +264,122 @@ class Scene:
         law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
 
+    # --- loads of parts -------------------------------------------------------------------------
+    def _add(
+        self,
+        kind: str,
+        part: str,
+        name: str | None,
+        values: dict[str, Any],
+        shapes: dict[str, Any],
+        face: str = "",
+    ) -> None:
+        where = f"{kind} of {part!r}"
+        check_known("substructure", part, self.substructures, where)
+        base = f"{kind}({part}:{face})" if face else f"{kind}({part})"
+        unique, number = name if name is not None else base, 2
+        while name is None and (unique in self.loads or unique in self.interfaces):
+            unique, number = f"{base}#{number}", number + 1
+        where = f"load {checked_name('load', unique)!r}"
+        if unique in self.loads or unique in self.interfaces:
+            raise SceneError(f"{where}: the name is in use; names are unique")
+        self.loads[unique] = Load(unique, part, kind, values, shapes, face)
+
+    def load(self, part: str, form: Callable[[Any], Any], factor: Value = 1.0, name: str | None = None) -> None:
+        """Any load of a part: a linear form of the test function.
+
+        Parameters
+        ----------
+        form
+            v -> UFL integrand over the part (force * length / volume), or a whole UFL form with measures of
+            the part's mesh, linear in v.
+        factor
+            A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+        name
+            Under which its parameters are found; None: from kind and part.
+        """
+        checked_callable(f"load of {part!r}", "form", form, "give a function v -> UFL integrand or form")
+        self._add("load", part, name, {"factor": factor}, {"factor": form})
+
+    def body_force(self, part: str, force: Any, name: str | None = None) -> None:
+        """Force per volume of a part.
+
+        Parameters
+        ----------
+        force
+            d components (numbers, random, each times an Amplitude or all of them): parameters
+            ``"<name>.x"``, ``y``, ``z``; or a field, a UFL vector or a callable x (m, d) -> (m, d), or an
+            Amplitude times one: parameter ``"<name>.factor"``.
+        """
+        self._add("body_force", part, name, *components(f"body_force of {part!r}", "force", force))
+
+    def initial_strain(self, part: str, strain: Any, factor: Value = 1.0, name: str | None = None) -> None:
+        """Initial strain of a part: its stress is that of the strain less this one.
+
+        Parameters
+        ----------
+        strain
+            Symmetric, global axes, (d, d) or (3, 3): numbers, or a UFL matrix.
+        factor
+            A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+        """
+        where = f"initial_strain of {part!r}"
+        if not is_field(strain):
+            matrix = checked_numbers(where, "strain", strain, "give a symmetric matrix", dimensions=2)
+            if matrix.shape not in ((2, 2), (3, 3)) or not (matrix == matrix.T).all():
+                raise SceneError(f"{where}: strain = {short(strain)}; give a symmetric matrix (d, d) or (3, 3)")
+        self._add("initial_strain", part, name, {"factor": factor}, {"factor": strain})
+
+    def temperature(
+        self, part: str, dT: Any, alpha: Any = None, factor: Value = 1.0, name: str | None = None
+    ) -> None:
+        """Change of temperature of a part, which expands freely by alpha dT.
+
+        The stress that results recover has the thermal part taken out.
+
+        Parameters
+        ----------
+        dT
+            A number (also random, or an Amplitude times one): parameter ``"<name>.dT"``. Or a field: a dolfinx
+            Function or UFL expression on the part's mesh, or a callable x (m, d) -> (m,), also times an
+            Amplitude.
+        alpha
+            Coefficient of expansion, 1 / temperature: a number, d numbers or 3 along the global axes, or a UFL
+            expression; None: the material's ``alpha``.
+        factor
+            Multiplies a field: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+
+        Raises
+        ------
+        SceneError
+            No coefficient of expansion.
+        """
+        where = f"temperature of {part!r}"
+        check_known("substructure", part, self.substructures, where)
+        if alpha is None:
+            alpha = getattr(self.substructures[part].material, "alpha", None)
+        if alpha is None:
+            raise SceneError(
+                f"{where}: dT = {short(dT)} without a coefficient of expansion: give alpha=, or a material "
+                "that has one, LinearElastic(E, nu, alpha=12e-6)"
+            )
+        if not is_field(alpha):
+            checked_numbers(where, "alpha", alpha, "give a number, or one per axis")
+            alpha = frozen(alpha)
+        values, shapes = shaped(where, dT, "dT", 1.0)
+        if not (is_real(factor) and factor == 1.0):
+            if set(values) != {"factor"} or not is_real(values["factor"]):
+                raise SceneError(
+                    f"{where}: factor = {short(factor)} multiplies a field; dT = {short(dT)} is a number or "
+                    "changes in time: multiply it instead"
+                )
+            values["factor"] = factor
+        self._add("temperature", part, name, values, {k: (v, alpha) for k, v in shapes.items()})
+
     def __repr__(self) -> str:
         lines = [
             f"Scene: {len(self.substructures)} substructures, {len(self.interfaces)} interfaces"
+            + (f", {len(self.loads)} loads of parts" if self.loads else "")
         ]
         parts = []
         for s in self.substructures.values():
@@ -269,4 +389,9 @@ class Scene:
             )
             parts.append((s.name, cells, f"{kind}, degree {s.degree}, {material}"))
         joints = [(i.name, " | ".join(map(str, i.faces)), i.law.title) for i in self.interfaces.values()]
-        return "\n".join(lines + [f"  {line}" for line in columns(parts, "<><") + columns(joints, "<<<")])
+        loads = [
+            (n, each.part, ", ".join(f"{k} = {short(v)}" for k, v in each.values.items()))
+            for n, each in self.loads.items()
+        ]
+        tables = columns(parts, "<><") + columns(joints, "<<<") + columns(loads, "<<<")
+        return "\n".join(lines + [f"  {line}" for line in tables])

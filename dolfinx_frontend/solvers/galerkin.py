@@ -396,9 +396,9 @@ def planned(
     check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
     chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
     random = RandomLaws.of(problem)
-    if not random.sources:
+    if not random.every:
         raise SceneError(
-            "chaos: nothing is random: give a law a random parameter, or solve without chaos"
+            "chaos: nothing is random: give a law or a load a random parameter, or solve without chaos"
         )
     options = options or (Options.plain() if method == "latin" else Options())
     rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
@@ -416,9 +416,10 @@ def planned(
             random,
             len(basis),
             times=times,
+            loads=random.loads,
         )
     else:
-        check_keeps("chaos", plan, random.interfaces)
+        check_keeps("chaos", plan, random.interfaces, random.loads)
     return Planned(random, chaos, basis, plan)
 
 
@@ -524,7 +525,7 @@ def _run(
     solver = solver or Solver(problem, plan)
     laws = changes.applied(solver.laws)
     built = perf_counter()
-    amplitudes = amplitudes_of(plan, len(basis))
+    amplitudes = amplitudes_of(plan, random, basis)
     check_start(start, solver, amplitudes.shape[1])
     summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
@@ -626,6 +627,7 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         random,
         len(basis),
         times=old.times,
+        loads=random.loads,
     )
     steps = result.steps
     states = []

@@ -43,6 +43,7 @@ from dolfinx_frontend.plan.plan import (
 )
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.acting import swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
@@ -92,7 +93,7 @@ def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]
         parameters.append(
             SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns)
         )
-    return parameters
+    return [*parameters, *swept_loads(plan, {term: random.load_values(term, germs) for term in random.loads})]
 
 
 def sample(
@@ -117,12 +118,14 @@ def sample(
     check_problem("sampling", problem, plan)
     check_settings("sampling", plan, method, active=active, direction=direction, options=options, times=times)
     random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError("sampling: nothing is random: give a law a random parameter")
+    if not random.every:
+        raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
     if plan is None:
-        plan = make_plan(problem, method, active, random.interfaces, direction, options, times=times)
+        plan = make_plan(
+            problem, method, active, random.interfaces, direction, options, times=times, loads=random.loads
+        )
     else:
-        check_keeps("sampling", plan, random.interfaces)
+        check_keeps("sampling", plan, random.interfaces, random.loads)
     began = perf_counter()
     solver = Solver(problem, plan)
     return sample_on(

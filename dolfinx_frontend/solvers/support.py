@@ -193,7 +193,7 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
 
 def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[Array, float]:
     """Work (q,) of the loads in the motions, and the sum of their sizes."""
-    nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
+    nodal = {name: problem.load_on(name).reshape(-1, s.dim) for name, s in problem.substructures.items()}
     for name, interface in problem.own.interfaces.items():
         load = interface.law.load(interface, time)
         if load is None:

@@ -294,8 +294,9 @@ class Law:
         """The law with all amplitudes at 1."""
         return self._changed({k: v.nominal for k, v in self.varying.items()})
 
-    def pattern(self, amplitude: Amplitude | None) -> Self:
-        """The law with the part of its loading that one amplitude multiplies (None: the constant part)."""
+    def pattern(self, amplitude: object) -> Self:
+        """The law with the part of its loading that one amplitude multiplies (None: the constant part; what is
+        no amplitude: nothing)."""
         changes: dict[str, Any] = {}
         for name in self.loading:
             value = getattr(self, name)

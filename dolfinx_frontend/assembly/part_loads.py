@@ -1,0 +1,216 @@
+"""Loads of parts, assembled: nodal forces of every shape, and the initial stresses that they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import dolfinx.fem as fem
+import numpy as np
+import ufl
+
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.loads import AXES, Load, LoadTerm
+from dolfinx_frontend.scene.materials import strain
+
+__all__ = ["PartLoad", "part_load"]
+
+
+@dataclass(frozen=True, repr=False)
+class PartLoad:
+    """A load, discretised.
+
+    Attributes
+    ----------
+    load
+        As the scene has it.
+    columns
+        Parameter -> part -> nodal forces (n,) of the number 1; of the parts on this rank.
+    stresses
+        Parameter -> initial stress of the number 1, UFL (d, d), force / area; of its part on this rank.
+    """
+
+    load: Load
+    columns: Mapping[str, Mapping[str, Array]] = field(repr=False)
+    stresses: Mapping[str, Any] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        locked(self)
+
+    def __repr__(self) -> str:
+        return repr(self.load)
+
+    def on(self, part: str, parameter: str) -> Array | None:
+        """Nodal forces (n,) of a number 1 on a part; None: there are none."""
+        return self.columns[parameter].get(part)
+
+    def with_values(self, values: Mapping[str, Any]) -> PartLoad:
+        """The same shapes with other numbers."""
+        return replace(self, load=self.load.with_values(values))
+
+    def at(self, time: float) -> PartLoad:
+        """The load at a time of a history."""
+        return replace(self, load=self.load.at(time))
+
+    def keys(self) -> list[LoadTerm]:
+        """Its numbers with their amplitudes, each once."""
+        of = ((p, t.amplitude) for p in self.load.values for t in self.load.terms(p))
+        return list(dict.fromkeys(LoadTerm(self.load.name, p, a) for p, a in of))
+
+    def mean(self, parameter: str, amplitude: Amplitude | None) -> float:
+        """What one amplitude multiplies of a number, random ones at their means."""
+        return sum(t.mean for t in self.load.terms(parameter) if t.amplitude == amplitude)
+
+
+def _assembled(where: str, s: Substructure, integrand: Any) -> Array:
+    """Nodal forces of a form, or of an integrand over the part."""
+    if not isinstance(integrand, ufl.Form):
+        if integrand is None or getattr(integrand, "ufl_shape", None) != ():
+            raise SceneError(
+                f"{where}: the form returned {type(integrand).__name__}; it returns a scalar UFL integrand "
+                "or a form, linear in the test function"
+            )
+        integrand = integrand * ufl.dx(domain=s.part.mesh)
+    if len(integrand.arguments()) != 1 and not integrand.empty():
+        raise SceneError(f"{where}: what the form returned is not linear in the test function alone")
+    meshes = {d.ufl_cargo() for d in integrand.ufl_domains()} if not integrand.empty() else set()
+    if meshes - {s.part.mesh.ufl_domain().ufl_cargo()}:
+        raise SceneError(f"{where}: its form is on another mesh than that of part {s.name!r}; use that one")
+    if integrand.empty():
+        return np.zeros(s.size)
+    try:
+        nodal = fem.assemble_vector(fem.form(integrand))
+    except ufl.algorithms.check_arities.ArityMismatch as err:
+        raise SceneError(f"{where}: what the form returned is not linear in the test function: {err}") from None
+    return np.array(nodal.array[: s.size], dtype=np.float64)
+
+
+def _on_mesh(where: str, s: Substructure, value: Any, shape: tuple[int, ...]) -> Any:
+    """A field as UFL on the part's mesh; callables of the points are interpolated in the part's degree."""
+    mesh, d = s.part.mesh, s.dim
+    if not isinstance(value, ufl.core.expr.Expr):
+        degree = int(s.space.element.basix_element.degree)
+        function = fem.Function(fem.functionspace(mesh, ("Lagrange", degree, shape)))
+        wanted = ", ".join(map(str, ("m", *shape)))
+
+        def at(x: Array) -> Array:
+            found = np.asarray(value(x[:d].T), dtype=np.float64)
+            if found.shape != (x.shape[1], *shape):
+                raise SceneError(
+                    f"{where}: the function of the points returned shape {found.shape} for m = {x.shape[1]} "
+                    f"points; return ({wanted})"
+                )
+            return found.T
+
+        function.interpolate(at)
+        if not np.all(np.isfinite(function.x.array)):
+            raise SceneError(f"{where}: the function of the points is NaN or infinite somewhere")
+        return function
+    if value.ufl_shape != shape:
+        raise SceneError(f"{where}: the field has shape {value.ufl_shape}, {shape} is wanted")
+    domain = ufl.domain.extract_unique_domain(value)
+    if domain is not None and domain.ufl_cargo() is not mesh.ufl_domain().ufl_cargo():
+        raise SceneError(
+            f"{where}: the field is on another mesh than that of part {s.name!r}; interpolate it there first"
+        )
+    return value
+
+
+def _form(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    return _assembled(load.where, s, shape(ufl.TestFunction(s.space))), None
+
+
+def _body_force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    v = ufl.TestFunction(s.space)
+    if isinstance(shape, int):
+        if shape >= s.dim:
+            raise SceneError(
+                f"{load.where}: the force has a component {AXES[shape]!r}, the part {s.dim} dimensions; give "
+                f"{s.dim} numbers"
+            )
+        return _assembled(load.where, s, v[shape]), None
+    return _assembled(load.where, s, ufl.inner(_on_mesh(load.where, s, shape, (s.dim,)), v)), None
+
+
+def _from_strain(load: Load, s: Substructure, initial: Any) -> tuple[Array, Any]:
+    """Forces and stress of an initial strain, UFL (3, 3)."""
+    stress_of = getattr(s.material, "stress_of", None)
+    if stress_of is None:
+        raise SceneError(
+            f"{load.where}: the material of part {s.name!r} is a form, of which the stress of an initial strain "
+            "is not known: give LinearElastic or OrthotropicElastic, a material with a method "
+            "stress_of(strain, mesh), or the load itself by scene.load"
+        )
+    stress = stress_of(initial, s.part.mesh)
+    v = ufl.TestFunction(s.space)
+    return _assembled(load.where, s, ufl.inner(stress, strain(v))), stress
+
+
+def _initial_strain(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
+    if isinstance(shape, ufl.core.expr.Expr):
+        domain = ufl.domain.extract_unique_domain(shape)
+        if domain is not None and domain.ufl_cargo() is not s.part.mesh.ufl_domain().ufl_cargo():
+            raise SceneError(f"{load.where}: the strain is on another mesh than that of part {s.name!r}")
+        size = shape.ufl_shape
+    else:
+        shape = np.asarray(shape)
+        size = shape.shape
+        shape = fem.Constant(s.part.mesh, np.array(shape))
+    if size not in ((s.dim, s.dim), (3, 3)):
+        raise SceneError(f"{load.where}: the strain has shape {size}; give ({s.dim}, {s.dim}) or (3, 3)")
+    n = size[0]
+    rows = [[shape[i, j] if i < n and j < n else 0.0 for j in range(3)] for i in range(3)]
+    return _from_strain(load, s, ufl.as_matrix(rows))
+
+
+def _temperature(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
+    dT, alpha = shape
+    mesh, where = s.part.mesh, load.where
+    warm = fem.Constant(mesh, 1.0) if isinstance(dT, float) else _on_mesh(where, s, dT, ())
+    if isinstance(alpha, ufl.core.expr.Expr):
+        along = [alpha] * 3 if alpha.ufl_shape == () else [alpha[i] for i in range(alpha.ufl_shape[0])]
+    else:
+        along = list(np.broadcast_to(alpha, (3,)) if np.size(alpha) == 1 else np.asarray(alpha, dtype=float))
+        along = [fem.Constant(mesh, float(a)) for a in along]
+    if len(along) != 3 and not (len(along) == s.dim == 2 and getattr(s.material, "plane", "") == "stress"):
+        raise SceneError(
+            f"{where}: alpha has {len(along)} values; give one, or one along each of x, y and z"
+            + (", of which the last holds across the plane" if s.dim == 2 else "")
+        )
+    along += [0.0] * (3 - len(along))
+    rows = [[warm * along[i] if i == j else 0.0 for j in range(3)] for i in range(3)]
+    return _from_strain(load, s, ufl.as_matrix(rows))
+
+
+_KINDS: dict[str, Callable[[Load, Substructure, Any], tuple[Array, Any]]] = {
+    "load": _form,
+    "body_force": _body_force,
+    "initial_strain": _initial_strain,
+    "temperature": _temperature,
+}
+
+
+def part_load(load: Load, s: Substructure | None) -> PartLoad:
+    """A load on a part of this rank; None: the part is on another one.
+
+    Raises
+    ------
+    SceneError
+        A shape that does not fit the part, with the load's name.
+    """
+    columns: dict[str, dict[str, Array]] = {parameter: {} for parameter in load.values}
+    stresses: dict[str, Any] = {}
+    for parameter, shape in load.shapes.items() if s is not None else ():
+        assert s is not None
+        nodal, stress = _KINDS[load.kind](load, s, shape)
+        if not np.all(np.isfinite(nodal)):
+            raise SceneError(f"{load.where}: {parameter}: its nodal forces are NaN or infinite")
+        columns[parameter][s.name] = nodal
+        if stress is not None:
+            stresses[parameter] = stress
+    return PartLoad(load, columns, stresses)
