@@ -42,7 +42,7 @@ from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import Perfect
+from dolfinx_frontend.scene.laws import Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import check_face
 
@@ -132,6 +132,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
+    _check_ties(scene, owner)
     substructures, copies, held = _own_parts(scene, owner, rank, say, comm)
     interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), held, say, comm)
     summaries = {name: summary(s) for name, s in substructures.items()}
@@ -183,6 +184,27 @@ def _described(scene: Scene) -> dict[str, object]:
         for what in ("quadrature_degree", "max_distance", "space", "overlap"):
             given[f"{what} of interface {name!r}"] = getattr(joint, what)
     return given
+
+
+def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
+    """Refuse rigid faces that something else holds, or on several ranks."""
+    tied = {i.faces[0]: i for i in scene.interfaces.values() if i.law.elimination is Elimination.TIED}
+    for joint in scene.interfaces.values():
+        for face in joint.faces:
+            own = tied.get(face)
+            if own is not None and own is not joint and joint.law.prescribes == "jump":
+                raise SceneError(
+                    f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would hold its "
+                    "nodes a second time: add the other face to the rigid group, give its motion there, or use "
+                    "Elastic or Contact"
+                )
+    for joint in tied.values():
+        ranks = {owner[joint.faces[0].substructure], *(owner[part] for part in joint.law.partners)}
+        if len(ranks) > 1:
+            raise SceneError(
+                f"interface {joint.name!r}: its rigid group has parts on ranks {sorted(ranks)}; it works on one rank: "
+                "give these parts the same rank= in scene.substructure"
+            )
 
 
 _Where = tuple[str, int]

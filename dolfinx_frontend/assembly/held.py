@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import cast
+
+import numpy as np
+
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.rigid import Resistance, resistance
+from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Flags
+from dolfinx_frontend.scene.laws import Elimination, Rigid
 
 __all__ = ["held"]
 
@@ -18,8 +24,41 @@ def held(problem: Problem, interface: Interface, where: Flags | None = None) -> 
 
 
 def resistance_of(interface: Interface, length: float, where: Flags | None = None) -> Resistance:
+    if interface.law.elimination is Elimination.TIED:
+        return _of_tie(interface, cast(Rigid, interface.law.nominal), length)
     rows = interface.law.nominal.held_rows(interface)
     if where is not None:
         rows = rows * where.reshape(len(rows), -1, 1)
     sides = tuple(side.substructure for side in interface.sides)
     return resistance(sides, interface.points, interface.weights, rows, length)
+
+
+def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
+    """What a face of a rigid group holds: the part of the first face, and that one the ground."""
+    part, d = interface.sides[0].substructure, interface.dim
+    if law.plane:
+        rows = np.repeat(interface.sides[0].normal[None, None], interface.num_points, axis=0)
+    else:
+        rows = np.tile(np.eye(d), (interface.num_points, 1, 1))
+    sides = (part,) if law.leads or part == law.anchor else (part, law.anchor)
+    _, gram, origin = resistance(sides, interface.points, interface.weights, rows, length)
+    if len(sides) == 2:
+        return sides, gram, origin
+    held: list[np.ndarray] = []
+    if law.leads and not law.plane:
+        centre, size = origin
+        place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
+        at = rigid_modes(place[None], *origin)[0]
+        units = np.eye(at.shape[1])
+        for name in law.motions():
+            held.append(units[-1 if d == 2 else d + "xyz".index(name[1])] if name[0] == "r" else at["xyz".index(name)])
+    elif law.leads:
+        along = gram  # of the normal at all points: it holds one translation and the tilts
+        normal = np.concatenate([interface.sides[0].normal, np.zeros(gram.shape[0] - d)])
+        if law.motions():
+            return sides, along, origin
+        if not law.tilts:
+            away = np.eye(len(gram)) - np.outer(normal, normal)
+            return sides, away @ along @ away, origin
+    rows = np.reshape(held, (len(held), gram.shape[0]))
+    return sides, rows.T @ rows, origin

@@ -467,6 +467,12 @@ def _wanted(
     for name, interface in problem.interfaces.items():
         if set(interface.law.varying) - set(interface.law.loading):
             reasons.setdefault(name, "its law changes in time")
+    tied = [n for n in reasons if problem.interfaces[n].law.elimination is Elimination.TIED]
+    if tied:
+        raise SceneError(
+            f"plan: {', '.join(map(repr, tied))} ties nodes to a rigid motion and cannot vary: its motion is no "
+            "parameter; vary a load or a spring on it"
+        )
     everything = isinstance(active, str) and active == "all"
     if everything or (active is None and method == "latin"):
         for name in problem.interfaces:
@@ -495,6 +501,8 @@ def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str],
                 "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
                 "stiffness well above modulus / length"
             )
+        if law.elimination is Elimination.TIED:
+            reasons.pop(name, None)  # it is never iterated on
         if name in reasons:
             continue
         how = law.eliminated(interface.matching is not None)

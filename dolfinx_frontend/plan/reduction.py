@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,8 +20,9 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
+from dolfinx_frontend.plan.ties import ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import Elimination, Law
+from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
 from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
@@ -109,8 +111,13 @@ def _free_basis(rows: Array) -> Array:
 def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[str]]:
     """Substructures of this rank by body, in the order of the problem."""
     here = problem.substructures
-    sides = [[s.substructure for s in i.sides] for i in problem.interfaces.values() if i.name in eliminate]
-    return grouped(list(here), [(s[0], s[-1]) for s in sides if here.keys() >= set(s)])
+    sides = [
+        [*(s.substructure for s in i.sides), *i.law.partners]
+        for i in problem.interfaces.values()
+        if i.name in eliminate
+    ]
+    pairs = [(s[0], other) for s in sides if here.keys() >= set(s) for other in s]
+    return grouped(list(here), pairs)
 
 
 def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str]]:
@@ -327,10 +334,20 @@ def _body(
         raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
     prolongation: dict[str, sp.csr_matrix] = {}
     offset: dict[str, Array] = {}
+    tied = [(i, cast(Rigid, laws[i.name])) for i in by_way[Elimination.TIED]]
+    ties = ties_of(
+        problem, tied, start, classes.bases, classes.kind, classes.fixed, shift, label, columns
+    )
+    size = size if ties is None else ties.left.shape[1]
+    if size == 0:
+        raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
     for m, count, s in zip(members, counts, starts, strict=False):
         own = label[s : s + count]
         prolongation[m] = _prolongation(classes, own, columns)
         offset[m] = (classes.fixed[own] + shift[s : s + count]).ravel()
+        if ties is not None:
+            offset[m] = offset[m] + prolongation[m] @ ties.given
+            prolongation[m] = (prolongation[m] @ ties.left).tocsr()
 
     load = {m: problem.load_on(m, amplitude, without) for m in members}
     for i in by_way[Elimination.LOAD]:

@@ -12,6 +12,7 @@ from typing import Any, NoReturn, SupportsIndex
 from dolfinx_frontend.common.checks import (
     check_known,
     checked_callable,
+    checked_flag,
     checked_name,
     checked_names,
     checked_number,
@@ -24,7 +25,15 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
-from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
+from dolfinx_frontend.scene.laws import (
+    Displacement,
+    Elimination,
+    Law,
+    Pressure,
+    Rigid,
+    Symmetry,
+    Traction,
+)
 from dolfinx_frontend.scene.loads import MOMENTS, Load, components, is_field, plain_vector, shaped
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.specs import (
@@ -263,6 +272,77 @@ class Scene:
         """Prescribe the displacement, of all or of some global components (0 is x)."""
         law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
+
+    def rigid(
+        self,
+        faces: str | Sequence[str],
+        point: Sequence[float] | None = None,
+        name: str | None = None,
+        **motions: Value,
+    ) -> None:
+        """Faces that move as one rigid body, of one part or of several (RBE2).
+
+        Their nodes are condensed to the motions of the body: nothing is iterated on, and stiffness is added by
+        the constraint only. Forces on it are those on its faces, :meth:`force`. What a face takes of it is its row
+        in the table of a result.
+
+        Parameters
+        ----------
+        faces
+            ``"substructure:face"``, on one MPI rank.
+        point
+            Of the body, whose displacement x, y, z are; None: the centroid of its nodes.
+        motions
+            Given ones, numbers or an Amplitude times one: displacements ``x``, ``y``, ``z`` (length), small
+            rotations ``rx``, ``ry``, ``rz`` (radians) about global axes; the others are free.
+
+        Raises
+        ------
+        SceneError
+            A face that is rigid already, or unknown motions.
+        """
+        for motion in motions:
+            check_known("motion", motion, ("x", "y", "z", "rx", "ry", "rz"), "rigid")
+        place = None if point is None else plain_vector("rigid", "point", point)
+        self._tied("rigid", faces, name, point=place, **motions)
+
+    def plane(
+        self, faces: str | Sequence[str], tilts: bool = True, n: Value | None = None, name: str | None = None
+    ) -> None:
+        """Plane, parallel faces, of one part or of several, that stay in a plane; in it they move freely.
+
+        Parameters
+        ----------
+        tilts
+            Whether the plane may turn.
+        n
+            Displacement along the normal of the first face, length, if it may not turn; None: free.
+        """
+        checked_flag("plane", "tilts", tilts)
+        if n is not None and tilts:
+            raise SceneError(f"plane: n = {short(n)} with tilts = True; a given n goes with tilts=False")
+        self._tied("plane", faces, name, plane=True, tilts=tilts, n=n)
+
+    def _tied(self, kind: str, faces: str | Sequence[str], name: str | None, **settings: Any) -> None:
+        given = [str(faces)] if isinstance(faces, str) else checked_names(kind, "faces", faces, " 'part:face'")
+        if not given:
+            raise SceneError(f"{kind}: no face given; write 'substructure:face'")
+        found = [self._face(face, kind) for face in given]
+        group = name if name is not None else f"{kind}({given[0]})"
+        used = {i.faces[0]: i for i in self.interfaces.values() if i.law.elimination is Elimination.TIED}
+        for face in found:
+            if face in used:
+                raise SceneError(
+                    f"{kind} {group!r}: {face} is rigid already by {used[face].name!r}; a rigid face belongs to one "
+                    "group: name all of its faces there"
+                )
+        if len(set(found)) < len(found):
+            raise SceneError(f"{kind} {group!r}: faces = {given}: name every face once")
+        shared = {key: settings[key] for key in ("plane", "tilts") if key in settings}
+        for k, face in enumerate(given):
+            law = Rigid(group, found[0].substructure, k == 0, **(settings if k == 0 else shared))
+            one = len(given) == 1
+            self.interface(group if one and name is not None else f"{group}[{face}]" if not one else group, face, law)
 
     # --- loads of parts -------------------------------------------------------------------------
     def _add(

@@ -100,6 +100,7 @@ class Elimination(StrEnum):
 
     GLUED = "nodes glued"
     REMOVED = "unknowns removed"
+    TIED = "nodes tied to rigid motions"
     SPRINGS = "springs assembled"
     LOAD = "load assembled"
 
@@ -324,6 +325,11 @@ class Law:
         return type(self).__name__
 
     @property
+    def partners(self) -> tuple[str, ...]:
+        """Parts beside those of its sides that its elimination joins to them."""
+        return ()
+
+    @property
     def history(self) -> bool:
         """Whether the answer at a time depends on those before: such laws need the steps of a history."""
         return False
@@ -346,7 +352,7 @@ class Law:
     @property
     def prescribes(self) -> Literal["jump", "force"] | None:
         """Whether it prescribes the jump, so that its force is a reaction; or the force."""
-        if self.elimination in (Elimination.GLUED, Elimination.REMOVED):
+        if self.elimination in (Elimination.GLUED, Elimination.REMOVED, Elimination.TIED):
             return "jump"
         return "force" if self.elimination is Elimination.LOAD else None
 
