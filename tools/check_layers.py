@@ -101,6 +101,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "rigid",
         "ranks",
         "substructure",
+        "places",
         "part_loads",
         "problem",
         "held",

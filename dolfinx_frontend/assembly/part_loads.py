@@ -10,6 +10,8 @@ import dolfinx.fem as fem
 import numpy as np
 import ufl
 
+from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.assembly.places import place_of
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
@@ -187,11 +189,124 @@ def _temperature(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
     return _from_strain(load, s, ufl.as_matrix(rows))
 
 
+class _FaceOf:
+    """A face of a part with its points: weights (m,), shape functions (m, nodes), resultants of tractions."""
+
+    def __init__(self, load: Load, s: Substructure) -> None:
+        facets = FacetMap(s.part, load.face, load.where)
+        degree = int(s.space.element.basix_element.degree)
+        index, at, w = facets.quadrature(2 * degree)
+        self.x, self.normals, area = facets.surface(index, at)
+        self.weights = w * area
+        self.shape = facets.trace(s.space, index, at, s.space.dofmap.index_map.size_local)
+        self.area = float(self.weights.sum())
+        self.centre = self.weights @ self.x / self.area
+        self.arms = self.x - self.centre
+        self.dim = s.dim
+
+    def nodal(self, traction: Array) -> Array:
+        """Nodal forces (n,) of a traction (m, d)."""
+        return np.asarray(self.shape.T @ (self.weights[:, None] * traction)).ravel()
+
+    def spread(self, force: Array, moment: Array) -> Array:
+        """The traction (m, d), linear in x, with a resultant: a force and a moment about the centroid."""
+        r, w = self.arms, self.weights
+        if self.dim == 2:
+            turn = np.stack([-r[:, 1], r[:, 0]], axis=1)
+            return np.asarray(force / self.area + moment[0] / (w @ (r**2).sum(axis=1)) * turn)
+        inertia = (w @ (r**2).sum(axis=1)) * np.eye(3) - (r * w[:, None]).T @ r
+        return np.asarray(force / self.area + np.cross(np.linalg.solve(inertia, moment), r))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product of vectors (..., 2), a number, or (..., 3)."""
+    if a.shape[-1] == 2:
+        return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    return np.cross(a, b)
+
+
+def _fits(where: str, what: str, vector: Any, d: int) -> Array:
+    if len(vector) != d:
+        raise SceneError(f"{where}: {what} has {len(vector)} numbers, the part {d} dimensions; give {d}")
+    return np.asarray(vector, dtype=np.float64)
+
+
+def wrench(face: _FaceOf, kind: str, axis: int, point: Array) -> Array:
+    """Traction (m, d) whose resultant is a unit force at a point, or a unit moment, along an axis."""
+    d = face.dim
+    if kind == "moment":
+        moment = np.ones(1) if d == 2 else np.eye(3)[axis]
+        return face.spread(np.zeros(d), moment)
+    force = np.eye(d)[axis]
+    return face.spread(force, np.reshape(_cross(point - face.centre, force), -1))
+
+
+def _force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    kind, axis, point = shape
+    face = _FaceOf(load, s)
+    if axis >= s.dim and (kind == "force" or s.dim == 3):
+        raise SceneError(f"{load.where}: a {kind} along {AXES[axis]!r} on a part of {s.dim} dimensions")
+    if kind == "moment" and s.dim == 2 and axis != 2:
+        raise SceneError(f"{load.where}: a part in two dimensions has a moment about z only; give a number")
+    place = face.centre if point is None else _fits(load.where, "point", point, s.dim)
+    return face.nodal(wrench(face, kind, axis, place)), None
+
+
+def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    face = _FaceOf(load, s)
+    vector = _fits(load.where, "force", shape, s.dim)
+    size = float(np.linalg.norm(vector))
+    cosine = np.maximum(-face.normals @ vector / size, 0.0)
+    total = float(face.weights @ cosine**2)
+    if total <= 1e-9 * face.area:
+        raise SceneError(
+            f"{load.where}: no part of the face looks against the force {vector.tolist()}: a pin presses on a wall "
+            "whose outward normal is opposite to its force; turn the force round, or use scene.force"
+        )
+    traction = -size / total * cosine[:, None] * face.normals
+    # a mesh that is not symmetric leaves a transverse resultant
+    return face.nodal(traction + (vector - face.weights @ traction) / face.area), None
+
+
+def _pressure(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    face = _FaceOf(load, s)
+    return face.nodal(-face.normals), None
+
+
+def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    face = _FaceOf(load, s)
+    if not isinstance(shape, int):
+        values = np.asarray(shape(face.x), dtype=np.float64)
+        if values.shape != face.x.shape:
+            raise SceneError(
+                f"{load.where}: the function of the points returned shape {values.shape}, {face.x.shape} is wanted"
+            )
+        return face.nodal(values), None
+    if shape >= s.dim:
+        raise SceneError(f"{load.where}: a component {AXES[shape]!r} on a part of {s.dim} dimensions")
+    return face.nodal(np.tile(np.eye(s.dim)[shape], (len(face.x), 1))), None
+
+
+def _point_force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+    axis, point = shape
+    place = place_of(load.where, s.part.mesh, s.space, _fits(load.where, "point", point, s.dim))
+    if axis >= s.dim:
+        raise SceneError(f"{load.where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
+    nodal = np.zeros((s.size // s.dim, s.dim))
+    nodal[place.nodes, axis] = place.shape
+    return nodal.ravel(), None
+
+
 _KINDS: dict[str, Callable[[Load, Substructure, Any], tuple[Array, Any]]] = {
     "load": _form,
     "body_force": _body_force,
     "initial_strain": _initial_strain,
     "temperature": _temperature,
+    "force": _force,
+    "bearing": _bearing,
+    "pressure": _pressure,
+    "traction": _traction,
+    "point_force": _point_force,
 }
 
 

@@ -29,6 +29,7 @@ __all__ = [
     "components",
     "is_field",
     "plain_vector",
+    "scattered",
     "shaped",
 ]
 
@@ -154,6 +155,18 @@ def is_field(value: Any) -> bool:
     if isinstance(value, ufl.core.expr.Expr):
         return True
     return callable(value) and not isinstance(value, (Amplitude, Parameter))
+
+
+def scattered(value: Any) -> bool:
+    """Whether a value has random components, or is a random number times an amplitude: what no law takes."""
+
+    def random(number: Any) -> bool:
+        return not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "germ")
+
+    if isinstance(value, Varying):
+        numbers = [each for _, v in value.terms for each in (v if isinstance(v, (list, tuple)) else (v,))]
+        return any(map(random, numbers))
+    return isinstance(value, (list, tuple)) and any(map(random, value))
 
 
 def shaped(where: str, value: Any, number: str, unit: Any) -> tuple[dict[str, Any], dict[str, Any]]:

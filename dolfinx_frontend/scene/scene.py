@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, SupportsIndex
 
+import numpy as np
+
 from dolfinx_frontend.common.checks import (
     check_known,
     checked_callable,
@@ -25,6 +27,7 @@ from dolfinx_frontend.common.checks import (
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import (
     Displacement,
     Elimination,
@@ -34,7 +37,15 @@ from dolfinx_frontend.scene.laws import (
     Symmetry,
     Traction,
 )
-from dolfinx_frontend.scene.loads import MOMENTS, Load, components, is_field, plain_vector, shaped
+from dolfinx_frontend.scene.loads import (
+    MOMENTS,
+    Load,
+    components,
+    is_field,
+    plain_vector,
+    scattered,
+    shaped,
+)
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.specs import (
     OVERLAPS,
@@ -255,11 +266,24 @@ class Scene:
         self._one_sided("symmetry", faces, Symmetry(), name)
 
     def pressure(self, faces: str | Sequence[str], p: Value, name: str | None = None) -> None:
-        """Pressure p (force / area) against the faces.  One interface for each face."""
+        """Pressure p (force / area) against the faces.  One interface for each face.
+
+        A random number times an Amplitude makes a load of the part instead: parameter ``"<name>.p"``.
+        """
+        if scattered(p):
+            self._on_faces("pressure", faces, {"p": p}, {"p": 0}, name)
+            return
         self._one_sided("pressure", faces, Pressure(p), name)
 
     def traction(self, faces: str | Sequence[str], t: Value, name: str | None = None) -> None:
-        """Force per area t (d global components).  One interface for each face."""
+        """Force per area t (d global components).  One interface for each face.
+
+        Random components, and random numbers times an Amplitude, make a load of the part instead: parameters
+        ``"<name>.x"``, ``y``, ``z``.
+        """
+        if scattered(t):
+            self._on_faces("traction", faces, *components("traction", "t", t), name)
+            return
         self._one_sided("traction", faces, Traction(t), name)
 
     def fix(
@@ -269,7 +293,19 @@ class Scene:
         components: Sequence[int] | int | None = None,
         name: str | None = None,
     ) -> None:
-        """Prescribe the displacement, of all or of some global components (0 is x)."""
+        """Prescribe the displacement, of all or of some global components (0 is x).
+
+        A vector with random components makes one interface per component, ``"<name>.x"`` and so on.
+        """
+        if isinstance(value, (list, tuple)) and scattered(value) and components is None:
+            for k, each in enumerate(value):
+                self._one_sided(
+                    f"displacement.{'xyz'[k]}",
+                    faces,
+                    Displacement(each, (k,)),
+                    None if name is None else f"{name}.{'xyz'[k]}",
+                )
+            return
         law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
 
@@ -392,6 +428,103 @@ class Scene:
             Amplitude times one: parameter ``"<name>.factor"``.
         """
         self._add("body_force", part, name, *components(f"body_force of {part!r}", "force", force))
+
+    def _on_faces(
+        self,
+        kind: str,
+        faces: str | Sequence[str],
+        values: dict[str, Any],
+        shapes: dict[str, Any],
+        name: str | None,
+    ) -> None:
+        """A load on each of some faces."""
+        given = [str(faces)] if isinstance(faces, str) else checked_names(kind, "faces", faces, " 'part:face'")
+        if not given:
+            raise SceneError(f"{kind}: no face given; write 'substructure:face'")
+        for each in given:
+            face = self._face(each, kind)
+            own = name if name is None or len(given) == 1 else f"{name}({each})"
+            self._add(kind, face.substructure, own, values, shapes, face.face)
+
+    def force(
+        self,
+        face: str,
+        force: Any = None,
+        moment: Any = None,
+        point: Sequence[float] | None = None,
+        name: str | None = None,
+    ) -> None:
+        """Total force and moment on a face, at a point that may be remote (RBE3).
+
+        It is spread over the face statically, as the traction a + b x (x - centroid) that has this resultant: no
+        stiffness is added. On a rigid face it is the force on the rigid body.
+
+        Parameters
+        ----------
+        face
+            ``"substructure:face"``.
+        force
+            d components, force: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``, ``z``.
+        moment
+            3 components, in 2D one number, force * length; parameters ``"<name>.mx"``, ``my``, ``mz``.
+        point
+            Where the force acts: d numbers; None: the centroid of the face.
+        """
+        where = f"force on {face!r}"
+        found = self._face(face, where)
+        place = None if point is None else plain_vector(where, "point", point)
+        values: dict[str, Any] = {}
+        shapes: dict[str, Any] = {}
+        if force is not None:
+            values, axes = components(where, "force", force)
+            if "factor" in values:
+                raise SceneError(f"{where}: force = {short(force)} is a field; a total force is numbers: use traction")
+            shapes = {key: ("force", axis, place) for key, axis in axes.items()}
+        if moment is not None:
+            numbers = [v for _, v in moment.terms] if isinstance(moment, Varying) else [moment]
+            if any(isinstance(v, (list, tuple, np.ndarray)) for v in numbers):
+                own, axes = components(where, "moment", moment, MOMENTS)
+            else:
+                own, axes = {"mz": moment}, {"mz": 2}
+            values |= own
+            shapes |= {key: ("moment", axis, place) for key, axis in axes.items()}
+        if not values:
+            raise SceneError(f"{where}: neither a force nor a moment is given; give one")
+        self._add("force", found.substructure, name, values, shapes, found.face)
+
+    def bearing(self, face: str, force: Any, factor: Value = 1.0, name: str | None = None) -> None:
+        """Force of a pin in a hole: a pressure with the cosine of the angle to it, where the pin presses.
+
+        Parameters
+        ----------
+        face
+            The wall of the hole.
+        force
+            d numbers: the total force that the pin exerts. What the mesh makes of its transverse resultant is
+            taken out, so that the total is exact.
+        factor
+            A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+        """
+        where = f"bearing on {face!r}"
+        found = self._face(face, where)
+        vector = plain_vector(where, "force", force)
+        if not np.any(vector):
+            raise SceneError(f"{where}: force = {short(force)} has no direction; give one that is not 0")
+        self._add("bearing", found.substructure, name, {"factor": factor}, {"factor": vector}, found.face)
+
+    def point_force(self, part: str, point: Sequence[float], force: Any, name: str | None = None) -> None:
+        """Force at a point of a part, inside or on its surface: the displacement there grows as the mesh is
+        refined (a concentrated force has infinite stress).
+
+        Parameters
+        ----------
+        force
+            d components: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``, ``z``.
+        """
+        where = f"point_force on {part!r}"
+        place = plain_vector(where, "point", point)
+        values, axes = components(where, "force", force)
+        self._add("point_force", part, name, values, {key: (axis, place) for key, axis in axes.items()})
 
     def initial_strain(self, part: str, strain: Any, factor: Value = 1.0, name: str | None = None) -> None:
         """Initial strain of a part: its stress is that of the strain less this one.

@@ -303,7 +303,7 @@ class Law:
             value = getattr(self, name)
             if isinstance(value, Varying):
                 changes[name] = value.pattern(amplitude)
-            elif amplitude is not None:
+            elif amplitude is not None and value is not None:
                 changes[name] = 0.0
         return self._changed(changes)
 
