@@ -103,6 +103,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "substructure",
         "places",
         "part_loads",
+        "remote",
         "problem",
         "held",
         "assemble",

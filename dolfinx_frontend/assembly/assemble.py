@@ -35,6 +35,7 @@ from dolfinx_frontend.assembly.ranks import (
     place,
     swap,
 )
+from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
@@ -181,7 +182,7 @@ def _described(scene: Scene) -> dict[str, object]:
     for name, joint in scene.interfaces.items():
         given[f"the law of interface {name!r}"] = joint.law
         given[f"the faces of interface {name!r}"] = tuple(map(str, joint.faces))
-        for what in ("quadrature_degree", "max_distance", "space", "overlap"):
+        for what in ("quadrature_degree", "max_distance", "space", "overlap", "remote"):
             given[f"{what} of interface {name!r}"] = getattr(joint, what)
     return given
 
@@ -216,7 +217,7 @@ def _holds(scene: Scene, substructures: Mapping[str, Substructure]) -> dict[_Whe
     faces: dict[str, list[_Where]] = {name: [] for name in substructures}
     for name, joint in scene.interfaces.items():
         for number, face in enumerate(joint.faces):
-            if face.substructure in faces and joint.law.rigid:
+            if face.substructure in faces and joint.law.rigid and joint.remote is None:
                 faces[face.substructure].append((name, number))
     out: dict[_Where, Held] = {}
     for part, members in faces.items():
@@ -275,7 +276,7 @@ def _own_parts(
                 substructures[name] = discretise(specs[name])
         for name, joint in scene.interfaces.items():
             for face in joint.faces:
-                if owner[face.substructure] == rank:
+                if owner[face.substructure] == rank and (joint.remote is None or joint.remote.node is None):
                     check_face(specs[face.substructure], face, f"interface {name!r}")
         held = _holds(scene, substructures)
         for name, joint in scene.interfaces.items():
@@ -284,6 +285,11 @@ def _own_parts(
                 if ranks[number] != rank:
                     continue
                 other = ranks[1 - number] if len(ranks) == 2 else rank
+                if other != rank and joint.remote is not None:
+                    raise SceneError(
+                        f"interface {name!r}: its parts are on ranks {ranks[0]} and {ranks[1]}; it works on one "
+                        "rank: give both parts the same rank= in scene.substructure"
+                    )
                 if other != rank:
                     s = substructures[face.substructure]
                     own = held.get((name, number))
@@ -315,6 +321,11 @@ def _own_interfaces(
             if rank not in ranks:
                 continue
             say(f"interface {name}")
+            if joint.remote is not None:
+                parts = tuple(substructures[face.substructure] for face in joint.faces)
+                interfaces[name] = remote_interface(joint, parts)
+                _check_law(interfaces[name])
+                continue
             members = [
                 substructures[face.substructure] if r == rank else elsewhere[name, number]
                 for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))

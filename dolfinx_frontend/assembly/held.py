@@ -26,6 +26,8 @@ def held(problem: Problem, interface: Interface, where: Flags | None = None) -> 
 def resistance_of(interface: Interface, length: float, where: Flags | None = None) -> Resistance:
     if interface.law.elimination is Elimination.TIED:
         return _of_tie(interface, cast(Rigid, interface.law.nominal), length)
+    if interface.wrench is not None:
+        return _of_wrench(interface, length, where)
     rows = interface.law.nominal.held_rows(interface)
     if where is not None:
         rows = rows * where.reshape(len(rows), -1, 1)
@@ -62,3 +64,14 @@ def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
             return sides, away @ along @ away, origin
     rows = np.reshape(held, (len(held), gram.shape[0]))
     return sides, rows.T @ rows, origin
+
+
+def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resistance:
+    """What an interface between mean motions of faces holds: one motion."""
+    assert interface.wrench is not None
+    d = interface.dim
+    row = interface.wrench.copy()
+    row[d:] /= length
+    holds = interface.law.nominal.holds(d)[0] and (where is None or bool(np.all(where)))
+    sides = tuple(side.substructure for side in interface.sides)
+    return sides, np.outer(row, row) * holds / max(float(row @ row), 1e-300), (interface.points[0].copy(), length)

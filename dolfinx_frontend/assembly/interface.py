@@ -143,6 +143,9 @@ class Interface(PointFrames):
         (k, m), area of each facet that belongs to each point.
     covered
         Fraction of side 1 that side 2 covers.
+    wrench
+        Of an interface that joins mean motions of faces by one point: the force (d,) and the moment about the
+        point, (3,) or in 2D (1,), on side 1 that a force 1 stands for, one after the other; None: it has points.
     vertices
         Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
@@ -164,6 +167,7 @@ class Interface(PointFrames):
     areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
     vertices: Vertices | None = field(default=None, repr=False)
     covered: float = 1.0
+    wrench: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)

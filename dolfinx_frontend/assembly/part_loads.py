@@ -20,7 +20,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.loads import AXES, Load, LoadTerm
 from dolfinx_frontend.scene.materials import strain
 
-__all__ = ["PartLoad", "part_load"]
+__all__ = ["FaceOf", "PartLoad", "cross", "fitting", "part_load"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,11 +189,11 @@ def _temperature(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
     return _from_strain(load, s, ufl.as_matrix(rows))
 
 
-class _FaceOf:
+class FaceOf:
     """A face of a part with its points: weights (m,), shape functions (m, nodes), resultants of tractions."""
 
-    def __init__(self, load: Load, s: Substructure) -> None:
-        facets = FacetMap(s.part, load.face, load.where)
+    def __init__(self, s: Substructure, face: str, where: str) -> None:
+        facets = FacetMap(s.part, face, where)
         degree = int(s.space.element.basix_element.degree)
         index, at, w = facets.quadrature(2 * degree)
         self.x, self.normals, area = facets.surface(index, at)
@@ -218,43 +218,43 @@ class _FaceOf:
         return np.asarray(force / self.area + np.cross(np.linalg.solve(inertia, moment), r))
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors (..., 2), a number, or (..., 3)."""
     if a.shape[-1] == 2:
         return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
     return np.cross(a, b)
 
 
-def _fits(where: str, what: str, vector: Any, d: int) -> Array:
+def fitting(where: str, what: str, vector: Any, d: int) -> Array:
     if len(vector) != d:
         raise SceneError(f"{where}: {what} has {len(vector)} numbers, the part {d} dimensions; give {d}")
     return np.asarray(vector, dtype=np.float64)
 
 
-def wrench(face: _FaceOf, kind: str, axis: int, point: Array) -> Array:
+def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
     """Traction (m, d) whose resultant is a unit force at a point, or a unit moment, along an axis."""
     d = face.dim
     if kind == "moment":
         moment = np.ones(1) if d == 2 else np.eye(3)[axis]
         return face.spread(np.zeros(d), moment)
     force = np.eye(d)[axis]
-    return face.spread(force, np.reshape(_cross(point - face.centre, force), -1))
+    return face.spread(force, np.reshape(cross(point - face.centre, force), -1))
 
 
 def _force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     kind, axis, point = shape
-    face = _FaceOf(load, s)
+    face = FaceOf(s, load.face, load.where)
     if axis >= s.dim and (kind == "force" or s.dim == 3):
         raise SceneError(f"{load.where}: a {kind} along {AXES[axis]!r} on a part of {s.dim} dimensions")
     if kind == "moment" and s.dim == 2 and axis != 2:
         raise SceneError(f"{load.where}: a part in two dimensions has a moment about z only; give a number")
-    place = face.centre if point is None else _fits(load.where, "point", point, s.dim)
-    return face.nodal(wrench(face, kind, axis, place)), None
+    place = face.centre if point is None else fitting(load.where, "point", point, s.dim)
+    return face.nodal(_wrench(face, kind, axis, place)), None
 
 
 def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
-    face = _FaceOf(load, s)
-    vector = _fits(load.where, "force", shape, s.dim)
+    face = FaceOf(s, load.face, load.where)
+    vector = fitting(load.where, "force", shape, s.dim)
     size = float(np.linalg.norm(vector))
     cosine = np.maximum(-face.normals @ vector / size, 0.0)
     total = float(face.weights @ cosine**2)
@@ -269,12 +269,12 @@ def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
 
 
 def _pressure(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
-    face = _FaceOf(load, s)
+    face = FaceOf(s, load.face, load.where)
     return face.nodal(-face.normals), None
 
 
 def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
-    face = _FaceOf(load, s)
+    face = FaceOf(s, load.face, load.where)
     if not isinstance(shape, int):
         values = np.asarray(shape(face.x), dtype=np.float64)
         if values.shape != face.x.shape:
@@ -289,7 +289,7 @@ def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
 
 def _point_force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     axis, point = shape
-    place = place_of(load.where, s.part.mesh, s.space, _fits(load.where, "point", point, s.dim))
+    place = place_of(load.where, s.part.mesh, s.space, fitting(load.where, "point", point, s.dim))
     if axis >= s.dim:
         raise SceneError(f"{load.where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
     nodal = np.zeros((s.size // s.dim, s.dim))

@@ -213,7 +213,8 @@ class Plan:
             rows = [[1.0 if (a := term.amplitude) is None else a(t) for t in self.times] for term in self.loads]
         else:
             rows = [[1.0] for _ in self.loads]
-        return np.reshape(np.array(rows, dtype=np.float64), (len(self.loads), -1))
+        columns = self.fixed_amplitudes.shape[1]
+        return np.reshape(np.array(rows, dtype=np.float64), (len(self.loads), columns))
 
     def in_time(self, block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Columns of a field (..., columns) as its values at all times, (T, ...)."""

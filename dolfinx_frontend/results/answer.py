@@ -64,6 +64,8 @@ class Surface:
         (m, components, d), directions of the components of force and jump in global axes.
     contact
         Whether it can open and slip.
+    wrench
+        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has points.
     bolt
         The step that ends the tightening if it is a bolt in a load history, else None.
     """
@@ -76,6 +78,7 @@ class Surface:
     frames: Array = field(repr=False)
     contact: bool = False
     bolt: int | None = None
+    wrench: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)

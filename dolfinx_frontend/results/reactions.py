@@ -152,8 +152,14 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
         if (nodal := each.on(part.name, parameter)) is not None and np.any(nodal[rows])
     ]
     acting = []
+    remote = []
     for other in answer.known:
         for sign, each in zip((1.0, -1.0), problem.interfaces[other].sides, strict=False):
+            whole = problem.interfaces[other]
+            if each.substructure == part.name and whole.wrench is not None:
+                number_of = next(k for k, s in enumerate(whole.sides) if s is each)
+                remote.append((sign, other, whole.local_trace(number_of)[0].toarray().ravel()[rows]))
+                continue
             if each.substructure == part.name and (shape := each.shape.tocsc()[:, nodes]).nnz:
                 acting.append((sign, answer.surface(other), shape.T.tocsr()))
 
@@ -170,6 +176,10 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
             weighted = np.moveaxis(sign * surface.weights[:, None] * force, 2, 0)  # (m, n, T, d)
             nodal = (shape @ weighted.reshape(len(weighted), -1)).reshape(-1, *weighted.shape[1:])
             out = out - np.moveaxis(nodal, 0, 2)
+        for sign, other, nodal in remote:
+            given = answer.load(other)
+            force = stepped(block.force(other) if given is None else given[None], times, 1)[..., 0, 0]
+            out = out - sign * (force[..., None] * nodal).reshape(out.shape)
         out = (1.0 - 2.0 * number) * out
         out[..., away] = 0.0
         return out

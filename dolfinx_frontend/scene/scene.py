@@ -30,6 +30,7 @@ from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import (
     Displacement,
+    Elastic,
     Elimination,
     Law,
     Pressure,
@@ -54,6 +55,7 @@ from dolfinx_frontend.scene.specs import (
     InterfaceSpec,
     Overlap,
     PartLike,
+    Remote,
     Space,
     SubstructureSpec,
     check_face,
@@ -379,6 +381,67 @@ class Scene:
             law = Rigid(group, found[0].substructure, k == 0, **(settings if k == 0 else shared))
             one = len(given) == 1
             self.interface(group if one and name is not None else f"{group}[{face}]" if not one else group, face, law)
+
+    def fix_point(
+        self,
+        part: str,
+        point: Sequence[float],
+        value: Value = 0.0,
+        components: Sequence[int] | int | None = None,
+        name: str | None = None,
+    ) -> None:
+        """Prescribe the displacement of a node of a part, of all or of some global components (0 is x).
+
+        Parameters
+        ----------
+        point
+            Where a node is, within 1e-6 of the part's size.
+        """
+        where = f"fix_point of {part!r}"
+        check_known("substructure", part, self.substructures, where)
+        place = plain_vector(where, "point", point)
+        shown = ", ".join(f"{v:.6g}" for v in place)
+        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
+        remote = Remote(node=tuple(map(float, place)))
+        self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
+
+    def _remote(self, name: str, faces: tuple[Face, ...], law: Law, remote: Remote) -> None:
+        where = f"interface {checked_name('interface', name)!r}"
+        if name in self.interfaces or name in self.loads:
+            raise SceneError(f"{where}: the name is in use; names are unique")
+        spec = self.substructures[faces[0].substructure]
+        law.check_dimension(3 if spec.lazy else spec.dim, where)
+        self.interfaces[name] = InterfaceSpec(name, faces, law, None, None, "points", "full", remote)
+
+    def springs(
+        self, face: str, name: str | None = None, point: Sequence[float] | None = None, **stiffness: Value
+    ) -> None:
+        """Springs from the mean rigid motion of a face to the ground (RBE3: the face itself stays as soft as it is).
+
+        Parameters
+        ----------
+        face
+            ``"substructure:face"``.
+        name
+            Each spring is an interface ``"<name>.x"``, whose stiffness is the parameter ``"<name>.x.normal"``; None:
+            ``"springs(face)"``.
+        point
+            Where the springs are; None: the centroid of the face.
+        stiffness
+            ``x``, ``y``, ``z`` (force / length) and ``rx``, ``ry``, ``rz`` (force * length), numbers or random; in
+            2D x, y and rz.
+        """
+        where = f"springs of {face!r}"
+        found = self._face(face, where)
+        place = None if point is None else tuple(map(float, plain_vector(where, "point", point)))
+        if not stiffness:
+            raise SceneError(f"{where}: no stiffness is given; give x=, y=, z=, rx=, ry= or rz=")
+        for key, value in stiffness.items():
+            check_known("spring", key, ("x", "y", "z", "rx", "ry", "rz"), where)
+            force, moment = np.zeros(3), np.zeros(3)
+            (moment if key[0] == "r" else force)["xyz".index(key[-1])] = 1.0
+            remote = Remote(points=(place,), forces=(tuple(force),), moments=(tuple(moment),))
+            self._remote(f"{name or f'springs({face})'}.{key}", (found,), Elastic(normal=value), remote)
 
     # --- loads of parts -------------------------------------------------------------------------
     def _add(

@@ -25,6 +25,7 @@ __all__ = [
     "InterfaceSpec",
     "Overlap",
     "PartLike",
+    "Remote",
     "Space",
     "SubstructureSpec",
     "check_face",
@@ -160,6 +161,27 @@ class Face:
 
 
 @dataclass(frozen=True)
+class Remote:
+    """What an interface with one point joins in place of the points of its faces.
+
+    Attributes
+    ----------
+    node
+        A point of the part at which there is a node; None: the mean rigid motion of each face.
+    points
+        By side: the point (d,) of which the displacement is taken; None: the centroid of the face.
+    forces, moments
+        By side: the displacement of the interface is force . displacement + moment . rotation (d and 3 numbers,
+        in 2D one).
+    """
+
+    node: tuple[float, ...] | None = None
+    points: tuple[tuple[float, ...] | None, ...] = ()
+    forces: tuple[tuple[float, ...], ...] = ()
+    moments: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True)
 class InterfaceSpec:
     """One or two faces with a law; see :meth:`Scene.interface`."""
 
@@ -170,6 +192,7 @@ class InterfaceSpec:
     max_distance: float | None
     space: Space = "auto"
     overlap: Overlap = "full"
+    remote: Remote | None = None
 
 
 def check_face(spec: SubstructureSpec, face: Face, where: str) -> None:
