@@ -69,6 +69,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "distributions",
         "parameters",
         "correlated",
+        "derived",
         "fields",
         "chaos",
         "space",

@@ -682,7 +682,7 @@ def _history(
     """Load patterns, what a history needs of columns, and why."""
     if times is None:
         return (None,), "none", ""
-    if not amplitudes:
+    if not amplitudes and not any(i.law.timed for i in problem.interfaces.values()):
         return (None,), "none", "nothing changes in time: one column answers for all times"
     constant = (None,) if constant_loads or _constant_loads(problem) else ()
     patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)

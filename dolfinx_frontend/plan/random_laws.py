@@ -18,13 +18,14 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Fields, Law
 from dolfinx_frontend.scene.loads import LoadTerm
+from dolfinx_frontend.uncertainty.derived import DerivedParameter
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
 
-Source = RandomParameter | DiscretisedField
+Source = RandomParameter | DiscretisedField | DerivedParameter
 
 
 class SampledParameter(NamedTuple):
@@ -86,8 +87,20 @@ class RandomLaws:
         fields: dict[tuple[str, RandomField], DiscretisedField] = {}
         dropped = []
         for name, interface in problem.interfaces.items():
+            consumed: set[str] = set()
+            for target, (names, function) in interface.law.derived().items():
+                values = interface.law.parameters()
+                own = {key: values[key] for key in names if is_random(values[key])}
+                if own:
+                    fields_of = [key for key, value in own.items() if isinstance(value, RandomField)]
+                    if fields_of:
+                        raise SceneError(
+                            f"interface {name!r}: {fields_of[0]} is a random field; give a random number"
+                        )
+                    sources[name, target] = DerivedParameter(f"{name}.{target}", function, own)
+                    consumed |= set(own)
             for parameter, value in interface.law.parameters().items():
-                if not is_random(value):
+                if not is_random(value) or parameter in consumed:
                     continue
                 if not interface.law.matters(parameter):
                     dropped.append(f"{name}.{parameter}: the interface has no stiffness")

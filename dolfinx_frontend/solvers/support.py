@@ -198,6 +198,12 @@ def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[
         load = interface.law.load(interface, time)
         if load is None:
             continue
+        if interface.wrench is not None:
+            for k, (side, sign) in enumerate(zip(interface.sides, (1.0, -1.0), strict=False)):
+                if side.substructure in nodal:
+                    row = interface.local_trace(k)[0].toarray().ravel()
+                    nodal[side.substructure] += sign * (load[0, 0] * row).reshape(-1, interface.dim)
+            continue
         vectors = np.einsum("pij,pi->pj", interface.frames, load * interface.weights[:, None])
         for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
             if side.substructure in nodal:

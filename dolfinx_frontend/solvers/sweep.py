@@ -96,6 +96,11 @@ def _swept(
             kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
             if parameter in where.law.not_negative and values.min() < 0.0:
                 raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
+            if any(p.interface == interface and p.parameter == kernel_name for p in parameters):
+                raise SceneError(
+                    f"sweep: {name!r} and another swept value of {interface!r} set the same number of its law "
+                    f"({kernel_name}): sweep one of them, or the result of both"
+                )
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
             parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
     absent = [f"{t.load}.{t.parameter}" for t in loads if t not in plan.loads]

@@ -21,10 +21,15 @@ from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
+from dolfinx_frontend.uncertainty.derived import DerivedParameter
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 
 __all__ = ["Expansion", "RandomSpace", "Sobol"]
+
+
+_MORE_POINTS = 12
+"""Gauss points of a germ beyond the degree on which a function of other parameters is projected."""
 
 
 class Expansion(NamedTuple):
@@ -70,7 +75,7 @@ class _Block:
     mixing: Array  # (members, germs) lower triangular: normal scores = mixing @ germs
 
 
-Source: TypeAlias = RandomParameter | DiscretisedField
+Source: TypeAlias = RandomParameter | DiscretisedField | DerivedParameter
 
 
 def _machine_memory() -> float:
@@ -106,7 +111,11 @@ class RandomSpace:
 
     def __init__(self, sources: Iterable[Source]) -> None:
         seen: dict[str, Source] = {}
-        for source in sources:
+        given = list(sources)
+        alone = [
+            each for s in given for each in (s.of.values() if isinstance(s, DerivedParameter) else (s,))
+        ]
+        for source in alone:
             if not isinstance(source, (RandomParameter, DiscretisedField)):
                 raise SceneError(
                     f"{source!r} of type {type(source).__name__} is not a random parameter; a "
@@ -258,7 +267,31 @@ class RandomSpace:
     # -- coefficients --------------------------------------------------------------------------
     def columns(self, source: Source) -> tuple[int, ...]:
         """Numbers of the germs that a parameter or field shares in."""
+        if isinstance(source, DerivedParameter):
+            return tuple(sorted({c for each in source.of.values() for c in self.columns(each)}))
         return self._find(source)[0].columns
+
+    def _derived_coefficients(self, source: DerivedParameter, table: npt.NDArray[np.int32]) -> Array:
+        """Projection of a function of other parameters, by a tensor rule on its germs."""
+        columns = list(self.columns(source))
+        others = np.setdiff1d(np.arange(self.dimension), columns)
+        inside = ~np.any(table[:, others] > 0, axis=1)
+        own = table[np.ix_(inside, columns)]
+        highest = own.max(axis=0, initial=0)
+        germs = [self.germs[c] for c in columns]
+        counts = [
+            min(int(h) + _MORE_POINTS, g.capacity if g.capacity is not None else 2**30)
+            for h, g in zip(highest, germs, strict=True)
+        ]
+        rule = core.tensor_gauss(germs, counts, 0.0)
+        points = np.zeros((len(rule.points), self.dimension))
+        points[:, columns] = rule.points
+        psi = np.ones((len(rule.points), len(own)))
+        for k, germ in enumerate(germs):
+            psi *= germ.evaluate(np.ascontiguousarray(rule.points[:, k]), int(highest[k]))[:, own[:, k]]
+        result = np.zeros((1, len(table)))
+        result[0, inside] = psi.T @ (rule.weights * self.values(source, points))
+        return result
 
     def _find(self, source: Source) -> tuple[_Block, int]:
         """Block of a source, and its place among the members."""
@@ -272,6 +305,8 @@ class RandomSpace:
 
     def coefficients_at(self, source: Source, table: npt.NDArray[np.int32]) -> Array:
         """Chaos coefficients of a parameter or field on multi-indices (n, L): (rows, n)."""
+        if isinstance(source, DerivedParameter):
+            return self._derived_coefficients(source, table)
         block, position = self._find(source)
         columns = list(block.columns)
         others = np.ones(self.dimension, dtype=bool)
@@ -313,8 +348,7 @@ class RandomSpace:
         SceneError
             There are more modes than memory.
         """
-        block, _ = self._find(source)
-        columns = list(block.columns)
+        columns = list(self.columns(source))
         table = basis.indices.table[:, columns]
         highest = 2 * table.max(axis=0, initial=0)
         order = 2 * int(table.sum(axis=1).max(initial=0))
@@ -322,7 +356,7 @@ class RandomSpace:
             highest, order = np.minimum(highest, 1), min(order, 1)
         caps = np.zeros(self.dimension, dtype=int)
         caps[columns] = highest
-        rows = len(block.field.points) if block.field is not None else 1
+        rows = len(source.points) if isinstance(source, DiscretisedField) else 1
         try:
             indices = MultiIndexSet(
                 "total",
@@ -362,6 +396,8 @@ class RandomSpace:
     def values(self, source: Source, points: npt.ArrayLike) -> Array:
         """A parameter (N,) or field (m, N) at points (N, L) of the germs; not by its chaos."""
         xi = self.checked_points(points, "values")
+        if isinstance(source, DerivedParameter):
+            return source.value({key: self.values(each, xi) for key, each in source.of.items()})
         block, position = self._find(source)
         own = xi[:, list(block.columns)]
         if block.field is not None:

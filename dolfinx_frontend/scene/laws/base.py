@@ -267,6 +267,11 @@ class Law:
         """Values that may vary or be overridden, by name; those that are None are absent."""
         return {}
 
+    def derived(self) -> dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, Array]], Array]]]:
+        """Parameters that follow from others of them: name -> the names of these, and arrays (N,) of those that
+        vary -> (N,)."""
+        return {}
+
     def with_(self, **changes: Any) -> Self:
         """Copy of the law with other values.
 
@@ -332,6 +337,11 @@ class Law:
     @property
     def history(self) -> bool:
         """Whether the answer at a time depends on those before: such laws need the steps of a history."""
+        return False
+
+    @property
+    def timed(self) -> bool:
+        """Whether it changes in time without an amplitude, as a bolt does that is tightened at its turn."""
         return False
 
     @property
