@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, face_copy
-from dolfinx_frontend.assembly.held import resistance_of
+from dolfinx_frontend.assembly.held import axis_resistances, resistance_of
 from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.pairing import make_interface
@@ -155,7 +155,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
-        [resistances[name] for name in scene.interfaces],
+        [*(resistances[name] for name in scene.interfaces), *axis_resistances(parts)],
     )
     with agreement(comm):
         loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}

@@ -34,6 +34,8 @@ class FaceCopy:
         Degree and variant of the displacements.
     dofs, coordinates
         (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
+    around
+        Whether the part is axisymmetric: areas are those of rings.
     held
         Some of the nodes, and projectors (d, d) onto the directions in which other interfaces hold them.
     """
@@ -48,6 +50,7 @@ class FaceCopy:
     dofs: Ints = field(repr=False)
     coordinates: Array = field(repr=False)
     held: tuple[Ints, Array] | None = field(default=None, repr=False)
+    around: bool = False
 
     @property
     def space(self) -> Any:
@@ -90,6 +93,7 @@ def face_copy(
         dofs=dofs.reshape(len(facets), -1),
         coordinates=space.tabulate_dof_coordinates()[nodes],
         held=None if held is None else (np.searchsorted(nodes, held[0]), held[1]),
+        around=facets.around,
     )
 
 
@@ -148,10 +152,12 @@ class FacetMap:
             basix.ElementFamily.P, self.cell, copy.order, basix.LagrangeVariant(copy.variant)
         )
         self.order = copy.order
+        self.around = copy.around
         self.nodes: Array = copy.nodes
 
     def _read(self, part: PartLike, face: str, where: str) -> None:
         """The facets of a mesh."""
+        self.around = bool(getattr(part, "around", False))
         mesh = part.mesh
         tdim = mesh.topology.dim
         self.dim = int(mesh.geometry.dim)
@@ -204,6 +210,8 @@ class FacetMap:
         )[:, :, 0]
         length = np.linalg.norm(conormal, axis=1)
         area = np.abs(np.linalg.det(jacobian)) * length * self.scale[local]
+        if self.around:
+            area = area * 2.0 * np.pi * x[:, 0]
         return x, conormal / length[:, None], area
 
     def quadrature(self, degree: int) -> tuple[Ints, Array, Array]:
@@ -257,7 +265,8 @@ class FacetMap:
             If there is one.
         """
         if not np.all(np.isfinite(weights)) or weights.min(initial=np.inf) <= 0.0:
-            raise SceneError(f"{where}: facets of {name} have no area; fix the mesh")
+            axis = ": a face on the axis of an axisymmetric part is none" if self.around else ""
+            raise SceneError(f"{where}: facets of {name} have no area{axis}; fix the mesh")
         areas = np.bincount(index, weights, minlength=len(self)).astype(np.float64)
         width = float((areas / self.sizes ** (self.dim - 2)).min(initial=np.inf))
         far = float(np.abs(self.nodes).max(initial=0.0))

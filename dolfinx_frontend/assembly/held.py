@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import Resistance, resistance
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Flags
 from dolfinx_frontend.scene.laws import Elimination, Rigid
 
-__all__ = ["held"]
+__all__ = ["axis_resistances", "held", "resistance_of"]
 
 
 def held(problem: Problem, interface: Interface, where: Flags | None = None) -> Resistance:
@@ -33,6 +35,15 @@ def resistance_of(interface: Interface, length: float, where: Flags | None = Non
         rows = rows * where.reshape(len(rows), -1, 1)
     sides = tuple(side.substructure for side in interface.sides)
     return resistance(sides, interface.points, interface.weights, rows, length)
+
+
+def axis_resistances(parts: Mapping[str, PartSummary]) -> list[Resistance]:
+    """What holds axisymmetric parts beside their interfaces: they move along their axis only."""
+    return [
+        ((name,), np.diag([1.0, 0.0, 1.0]), (part.centre, part.length))
+        for name, part in parts.items()
+        if part.around
+    ]
 
 
 def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:

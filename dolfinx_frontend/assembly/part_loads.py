@@ -12,13 +12,14 @@ import ufl
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.places import place_of
-from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.assembly.substructure import Substructure, ring
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.loads import AXES, Load, LoadTerm
 from dolfinx_frontend.scene.materials import strain
+from dolfinx_frontend.scene.values import is_zero
 
 __all__ = ["FaceOf", "PartLoad", "cross", "fitting", "part_load"]
 
@@ -77,7 +78,8 @@ def _assembled(where: str, s: Substructure, integrand: Any) -> Array:
                 f"{where}: the form returned {type(integrand).__name__}; it returns a scalar UFL integrand "
                 "or a form, linear in the test function"
             )
-        integrand = integrand * ufl.dx(domain=s.part.mesh)
+        around = ring(s.part.mesh) if s.around else 1.0
+        integrand = around * integrand * ufl.dx(domain=s.part.mesh)
     if len(integrand.arguments()) != 1 and not integrand.empty():
         raise SceneError(f"{where}: what the form returned is not linear in the test function alone")
     meshes = {d.ufl_cargo() for d in integrand.ufl_domains()} if not integrand.empty() else set()
@@ -150,7 +152,7 @@ def _from_strain(load: Load, s: Substructure, initial: Any) -> tuple[Array, Any]
         )
     stress = stress_of(initial, s.part.mesh)
     v = ufl.TestFunction(s.space)
-    return _assembled(load.where, s, ufl.inner(stress, strain(v))), stress
+    return _assembled(load.where, s, ufl.inner(stress, getattr(s.material, "strain", strain)(v))), stress
 
 
 def _initial_strain(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
@@ -203,6 +205,7 @@ class FaceOf:
         self.centre = self.weights @ self.x / self.area
         self.arms = self.x - self.centre
         self.dim = s.dim
+        self.around, self.where = facets.around, where
 
     def nodal(self, traction: Array) -> Array:
         """Nodal forces (n,) of a traction (m, d)."""
@@ -234,6 +237,13 @@ def fitting(where: str, what: str, vector: Any, d: int) -> Array:
 def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
     """Traction (m, d) whose resultant is a unit force at a point, or a unit moment, along an axis."""
     d = face.dim
+    if face.around:
+        if kind == "moment" or axis != 1:
+            raise SceneError(
+                f"{face.where}: a {kind} along {AXES[axis]!r} on an axisymmetric part, which has total forces along "
+                "y (its axis) only; use a pressure or a traction for radial ones"
+            )
+        return np.tile([0.0, 1.0 / face.area], (len(face.x), 1))
     if kind == "moment":
         moment = np.ones(1) if d == 2 else np.eye(3)[axis]
         return face.spread(np.zeros(d), moment)
@@ -254,6 +264,8 @@ def _force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
 
 def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     face = FaceOf(s, load.face, load.where)
+    if face.around:
+        raise SceneError(f"{load.where}: a bearing load on an axisymmetric part; it is not axisymmetric: model it in 3D")
     vector = fitting(load.where, "force", shape, s.dim)
     size = float(np.linalg.norm(vector))
     cosine = np.maximum(-face.normals @ vector / size, 0.0)
@@ -322,6 +334,10 @@ def part_load(load: Load, s: Substructure | None) -> PartLoad:
     stresses: dict[str, Any] = {}
     for parameter, shape in load.shapes.items() if s is not None else ():
         assert s is not None
+        if s.around and load.kind == "force" and shape[0] == "force" and shape[1] != 1:
+            if is_zero(load.values[parameter]):  # a vector with nothing along the radius
+                columns[parameter][s.name] = np.zeros(s.size)
+                continue
         nodal, stress = _KINDS[load.kind](load, s, shape)
         if not np.all(np.isfinite(nodal)):
             raise SceneError(f"{load.where}: {parameter}: its nodal forces are NaN or infinite")

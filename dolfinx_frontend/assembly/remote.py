@@ -91,6 +91,12 @@ def _mean_motion(
     """A side, its force and moment (about the point), and the point."""
     where, d = f"interface {spec.name!r}", s.dim
     own = FaceOf(s, face.face, where)
+    if s.around:
+        force, moment = np.array(remote.forces[number]), np.array(remote.moments[number])
+        if moment.any() or force[[0, 2]].any():
+            raise SceneError(f"{where}: an axisymmetric part has springs along y (its axis) only")
+        row = own.nodal(np.tile([0.0, force[1] / own.area], (len(own.x), 1)))
+        return _row(s, face, row, np.array([0.0, force[1], 0.0]), own.centre)
     given = remote.points[number]
     point = own.centre if given is None else fitting(where, "point", given, d)
     force, moment = np.array(remote.forces[number]), np.array(remote.moments[number])
@@ -100,8 +106,16 @@ def _mean_motion(
         force, moment = force[:2], moment[2:]
     about = moment + np.reshape(cross(point - own.centre, force), -1)
     row = own.nodal(own.spread(force, about))
+    return _row(s, face, row, np.concatenate([force, moment]), np.array(point))
+
+
+def _row(
+    s: Substructure, face: Face, row: Array, wrench: Array, point: Array
+) -> tuple[Side, Array, Array]:
+    """A side whose displacement is a row (n,) times the unknowns, its wrench, and the point."""
+    d = s.dim
     touched = np.flatnonzero(np.any(row.reshape(-1, d) != 0.0, axis=1))
     columns = np.flatnonzero(row)
     trace = sp.csr_matrix((row[columns], (np.zeros(len(columns), dtype=int), columns)), shape=(d, s.size))
     nothing = sp.csr_matrix((1, s.size // d))
-    return _side(s, face, trace, nothing, touched), np.concatenate([force, moment]), np.array(point)
+    return _side(s, face, trace, nothing, touched), wrench, point

@@ -36,7 +36,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
-__all__ = ["Substructure"]
+__all__ = ["Substructure", "ring"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,6 +66,8 @@ class Substructure:
         Volume (area in 2D) and centre of gravity.
     dof_coordinates
         (nodes, d).
+    around
+        Whether it is the section of a body of revolution: volumes and forces are those of the whole ring.
     material
         As the scene has it; None for a part that was not assembled from one.
     """
@@ -83,6 +85,7 @@ class Substructure:
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     material: Any = field(default=None, repr=False)
+    around: bool = False
 
     def __post_init__(self) -> None:
         locked(self)
@@ -160,12 +163,12 @@ _FLAT, _LOST = 1e-5, 1e-8
 digits are left of sixteen, or none."""
 
 
-def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
-    """Volume and centre of gravity of a mesh; rejects cells that are inside out, or flat to rounding."""
+def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float, Array]:
+    """Volume and centre of gravity of a mesh (of a body of revolution that of its section); rejects cells that are inside out, or flat to rounding."""
     cell = basix.CellType[mesh.topology.cell_name()]
     element = coordinate_element(mesh)
     d, order = int(mesh.geometry.dim), int(coordinate_map(mesh).degree)
-    points, weights = quadrature(cell, d * order + (order > 1))
+    points, weights = quadrature(cell, d * order + (order > 1) + around)
     tables = tabulate(element, 1, points)
     volume, moment, bad = 0.0, np.zeros(d, dtype=np.float64), 0
     flat, worst, lowest, at = 0, np.inf, np.inf, np.zeros(d)
@@ -178,6 +181,8 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
         det = np.linalg.det(jacobians)
         bad += np.count_nonzero(det.min(axis=1) * det.max(axis=1) <= 0.0)
         dx = np.abs(det) * weights
+        if around:
+            dx = dx * 2.0 * np.pi * (nodes[:, :, 0] @ tables[0].T)
         volume += float(dx.sum())
         moment += np.tensordot(dx @ tables[0], nodes, 2)
         # singular values of those cells only that a cheap bound does not clear
@@ -209,7 +214,7 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 
-def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
+def _modulus(K: sp.csr_matrix, x: Array, volume: float, around: bool = False) -> float:
     """Young's modulus, estimated from the energies of uniform volume-preserving strains.
 
     u = x_i e_i - x_j e_j has the energy u^T K u = 4 mu volume in an isotropic body, whatever its
@@ -217,6 +222,9 @@ def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
     Uniaxial strains would give lambda + 2 mu, which says nothing of E near incompressibility.
     """
     d = x.shape[1]
+    if around:  # the strain (1, -2, 1) of r, z and hoop has 12 mu volume
+        u = x * [1.0, -2.0]
+        return 0.65 * float(u.ravel() @ (K @ u.ravel())) / (3.0 * volume)
     total, pairs = 0.0, 0
     for i in range(d):
         for j in range(i):
@@ -230,6 +238,11 @@ def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
 def _integrand(material: Any) -> Callable[[Any, Any], Any]:
     integrand: Callable[[Any, Any], Any] = getattr(material, "bilinear", material)
     return integrand
+
+
+def ring(mesh: dmesh.Mesh) -> Any:
+    """2 pi r, UFL: what an integral over the section of a body of revolution is multiplied with."""
+    return 2.0 * np.pi * ufl.SpatialCoordinate(mesh)[0]
 
 
 def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
@@ -248,7 +261,10 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
         order = int(coordinate_map(spec.part.mesh).degree)
         simplex = spec.cell in ("triangle", "tetrahedron")
         constant = isinstance(material, (LinearElastic, OrthotropicElastic))
-        degree = 2 * (spec.degree - (simplex and constant)) + 2 * (order - 1)
+        degree = 2 * (spec.degree - (simplex and constant and not spec.axisymmetric)) + 2 * (order - 1)
+        if spec.axisymmetric:
+            integrand = ring(spec.part.mesh) * integrand
+            degree += 1
         integrand = integrand * ufl.dx(domain=spec.part.mesh, degree=degree)
     if len(integrand.arguments()) != 2:
         raise SceneError(
@@ -273,7 +289,8 @@ def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
             f"({spec.dim},) is wanted"
         )
     v = ufl.TestFunction(space)
-    nodal = fem.assemble_vector(fem.form(ufl.inner(force, v) * ufl.dx(domain=spec.part.mesh)))
+    around = ring(spec.part.mesh) if spec.axisymmetric else 1.0
+    nodal = fem.assemble_vector(fem.form(around * ufl.inner(force, v) * ufl.dx(domain=spec.part.mesh)))
     return np.array(nodal.array, dtype=np.float64)
 
 
@@ -282,7 +299,9 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     mesh = spec.part.mesh
     d = spec.dim
     space = fem.functionspace(mesh, ("Lagrange", spec.degree, (d,)))
-    volume, centre = _measure(mesh, where)
+    volume, centre = _measure(mesh, where, spec.axisymmetric)
+    if spec.axisymmetric:
+        centre = np.array([0.0, centre[1]])
     matrix = fem_petsc.assemble_matrix(_bilinear(spec, space))
     matrix.assemble()
     K = csr(matrix)
@@ -297,13 +316,13 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     if abs(x @ (K @ y) - y @ (K @ x)) > 1e-9 * scale:
         raise SceneError(f"{where}: its stiffness is not symmetric; check the material")
     coordinates = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, :d].copy()
-    modulus = _modulus(K, coordinates - centre, volume)
+    modulus = _modulus(K, coordinates - centre, volume, spec.axisymmetric)
     if not modulus > 0.0:
         raise SceneError(
             f"{where}: a uniform shear has the energy {modulus * volume:g}; its stiffness must be "
             "positive, check the material"
         )
-    length = volume ** (1.0 / d)
+    length = volume ** (1.0 / (3 if spec.axisymmetric else d))
     loads: dict[Amplitude | None, Array] = {None: _load(spec, space, None)}
     varies = isinstance(spec.body_force, Varying)
     for amplitude, force in spec.body_force.terms if varies else ((None, spec.body_force),):
@@ -323,10 +342,11 @@ def discretise(spec: SubstructureSpec) -> Substructure:
         dof_coordinates=coordinates,
         varying_loads={a: f for a, f in loads.items() if a is not None},
         material=spec.material,
+        around=spec.axisymmetric,
     )
 
 
 def summary(s: Substructure) -> PartSummary:
     return PartSummary(
-        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load))
+        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load)), s.around
     )

@@ -248,14 +248,14 @@ class _PartWriter:
             data["displacement std"] = vector_values(np.sqrt(square))
         if stress is not None:
             data["stress"] = self._symmetric(stress)
-            if self._d == 3:
+            if stress.shape[1] == 3:
                 data["von Mises"] = (von_mises(stress), "")
             if spread:
                 data["stress std"] = self._symmetric(np.sqrt(stress_square))
         return Grid(self._x, self._cells, self._type, data)
 
     def _symmetric(self, tensor: Array) -> Values:
-        which = _SYMMETRIC[self._d]
+        which = _SYMMETRIC[int(tensor.shape[1])]
         values = np.stack([tensor[:, i, j] for i, j in which], axis=1)
         return values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which)
 

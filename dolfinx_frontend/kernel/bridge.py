@@ -80,7 +80,8 @@ def _modulus(problem: Problem) -> float:
 def _length(problem: Problem) -> float:
     """L of the scene: (sum of volumes)^(1/d)."""
     parts = problem.parts.values()
-    return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
+    d = next(iter(parts)).dim
+    return float(sum(part.length**d for part in parts) ** (1.0 / d))
 
 
 def _direction(

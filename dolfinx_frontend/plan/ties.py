@@ -38,6 +38,7 @@ class _Group:
     nodes: Ints
     classes: Ints
     x: Array
+    around: bool
 
 
 def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Array]:
@@ -84,7 +85,8 @@ def _groups(
             x.append(problem.substructures[side.substructure].dof_coordinates[side.nodes])
         every = np.concatenate(nodes)
         classes, first = np.unique(label[every], return_index=True)
-        groups.append(_Group(law, normal, every[first], classes, np.concatenate(x)[first]))
+        around = problem.substructures[members[0][0].sides[0].substructure].around
+        groups.append(_Group(law, normal, every[first], classes, np.concatenate(x)[first], around))
     seen: dict[int, str] = {}
     for group in groups:
         for c in group.classes:
@@ -181,6 +183,14 @@ def _of_group(
         values = np.array([*law.motions().values()])
     else:
         rows, values = given_motions(law, centre, length)
+    if group.around:  # the only rigid motion is that along the axis
+        if law.plane and not law.tilts and abs(group.normal[1]) < 1.0 - _LEVEL:
+            pass  # all points move alike along the radius
+        elif law.plane:
+            rows, values = np.vstack([rows, span[2:]]), np.append(values, np.zeros(len(span[2:])))
+        else:
+            rows = np.vstack([rows, np.eye(3)[[0, 2]]])
+            values = np.append(values, np.zeros(2))
     # what supports leave of the displacements of a node has to be a displacement of the rigid motion
     equations, wanted, at = [rows], [values], []
     for k, c in enumerate(group.classes):

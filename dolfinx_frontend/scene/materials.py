@@ -7,7 +7,7 @@ share one compiled form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import dolfinx.fem as fem
@@ -23,7 +23,14 @@ from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
 from dolfinx_frontend.scene.values import Parameter, is_plain
 
-__all__ = ["LinearElastic", "Material", "OrthotropicElastic", "matrix_stress", "strain"]
+__all__ = [
+    "LinearElastic",
+    "Material",
+    "OrthotropicElastic",
+    "matrix_stress",
+    "revolved_strain",
+    "strain",
+]
 
 
 @runtime_checkable
@@ -39,6 +46,14 @@ def strain(u: Any) -> Any:
     return ufl.sym(ufl.grad(u))
 
 
+def revolved_strain(u: Any) -> Any:
+    """Linearised strain of an axisymmetric displacement (u_r, u_z) at (r, z): UFL (3, 3), r, z, hoop."""
+    g = strain(u)
+    r = ufl.SpatialCoordinate(extract_unique_domain(u))[0]
+    hoop = ufl.conditional(ufl.gt(r, 0.0), u[0] / r, g[0, 0])  # on the axis the limit
+    return ufl.as_matrix([[g[0, 0], g[0, 1], 0.0], [g[0, 1], g[1, 1], 0.0], [0.0, 0.0, hoop]])
+
+
 def _constant(u: Any, value: npt.ArrayLike) -> Any:
     return fem.Constant(extract_unique_domain(u), np.asarray(value, dtype=np.float64))
 
@@ -48,8 +63,8 @@ def _dim(u: Any) -> int:
 
 
 def _check_plane(name: str, plane: str) -> None:
-    if not isinstance(plane, str) or plane not in ("strain", "stress"):
-        raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress'")
+    if not isinstance(plane, str) or plane not in ("strain", "stress", "axisymmetric"):
+        raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress', 'axisymmetric'")
 
 
 def _check_known(name: str, constant: str, value: Any) -> None:
@@ -77,7 +92,8 @@ class LinearElastic:
     nu
         Poisson's ratio: a number in (-1, 1/2) or a UFL expression.
     plane
-        ``"strain"`` or ``"stress"``, in 2D; 3D parts take ``"strain"`` (the default) only.
+        ``"strain"`` or ``"stress"``, in 2D; 3D parts take ``"strain"`` (the default) only. In an axisymmetric
+        scene it is ``"axisymmetric"`` by itself.
     alpha
         Coefficient of thermal expansion, 1 / temperature, that :meth:`Scene.temperature` takes; None: none.
     """
@@ -114,8 +130,8 @@ class LinearElastic:
         SceneError
             Plane stress in 3D.
         """
-        if dim == 3 and self.plane == "stress":
-            raise SceneError("LinearElastic: plane='stress' in 3D; it is for 2D parts only")
+        if dim == 3 and self.plane != "strain":
+            raise SceneError(f"LinearElastic: plane={self.plane!r} in 3D; it is for 2D parts only")
 
     def locks(self, dim: int) -> bool:
         """Whether linear elements are too stiff for it: nu > 0.45, lambda > 9 mu, and volume is kept."""
@@ -126,8 +142,17 @@ class LinearElastic:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
         self.check(_dim(u))
         lmbda, mu2 = self._lame(extract_unique_domain(u))
-        eps = strain(u)
-        return lmbda * ufl.tr(eps) * ufl.Identity(_dim(u)) + mu2 * eps
+        eps = self.strain(u)
+        return lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0]) + mu2 * eps
+
+    def strain(self, u: Any) -> Any:
+        """Strain that the stress works on, UFL (d, d), of an axisymmetric part (3, 3)."""
+        return revolved_strain(u) if self.plane == "axisymmetric" else strain(u)
+
+    @property
+    def revolved(self) -> LinearElastic:
+        """The material of an axisymmetric part."""
+        return replace(self, plane="axisymmetric")
 
     def _lame(self, domain: Any) -> tuple[Any, Any]:
         """lambda (of plane stress, too) and 2 mu as constants of a mesh."""
@@ -140,7 +165,7 @@ class LinearElastic:
 
     def stress_of(self, eps: Any, mesh: Any) -> Any:
         """Stress, UFL (d, d), of a strain (3, 3) of a part: what an initial strain takes away."""
-        d = int(mesh.geometry.dim)
+        d = 3 if self.plane == "axisymmetric" else int(mesh.geometry.dim)
         lmbda, mu2 = self._lame(mesh)
         # in plane stress the strain across the plane is free
         trace = eps[0, 0] + eps[1, 1] if self.plane == "stress" else ufl.tr(eps)
@@ -150,7 +175,8 @@ class LinearElastic:
     def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
         """The matrix of :func:`matrix_stress`, force / area; None: E or nu is no number."""
         self.check(dim)
-        if not all(isinstance(c, (int, float, np.number)) for c in (self.E, self.nu)):
+        known = all(isinstance(c, (int, float, np.number)) for c in (self.E, self.nu))
+        if not known or self.plane == "axisymmetric":
             return None
         E, nu = float(self.E), float(self.nu)
         lmbda = E * nu / (1 - nu**2) if self.plane == "stress" else E * nu / ((1 + nu) * (1 - 2 * nu))
@@ -161,7 +187,7 @@ class LinearElastic:
 
     def bilinear(self, u: Any, v: Any) -> Any:
         """UFL integrand sigma(u) : eps(v)."""
-        return ufl.inner(self.stress(u), strain(v))
+        return ufl.inner(self.stress(u), self.strain(v))
 
 
 _VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -257,8 +283,8 @@ class OrthotropicElastic:
         SceneError
             Plane stress or too few constants in 3D, axes of another dimension.
         """
-        if dim == 3 and self.plane == "stress":
-            raise SceneError("OrthotropicElastic: plane='stress' in 3D; it is for 2D parts")
+        if dim == 3 and self.plane != "strain":
+            raise SceneError(f"OrthotropicElastic: plane={self.plane!r} in 3D; it is for 2D parts")
         if dim == 3 and not self._is_full():
             raise SceneError("OrthotropicElastic: 3D needs three values each of E, nu and G")
         if self.axes is not None and len(np.asarray(self.axes)) != dim:
@@ -307,18 +333,30 @@ class OrthotropicElastic:
 
     def stress_of(self, eps: Any, mesh: Any) -> Any:
         """Stress, UFL (d, d), of a strain (3, 3) of a part: what an initial strain takes away."""
-        d = int(mesh.geometry.dim)
-        C = self._full(d)
+        revolved = self.plane == "axisymmetric"
+        d = 3 if revolved else int(mesh.geometry.dim)
+        C = self._full(2 if revolved else d)
         pairs = _VOIGT if len(C) == 6 else ((0, 0), (1, 1), (0, 1))
         voigt = ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in pairs])
         s = ufl.dot(fem.Constant(mesh, C), voigt)
         of = {pair: s[k] for k, pair in enumerate(pairs)}
         return ufl.as_matrix([[of[min(i, j), max(i, j)] for j in range(d)] for i in range(d)])
 
+    @property
+    def revolved(self) -> OrthotropicElastic:
+        """The material of an axisymmetric part: axes r, z, hoop."""
+        return replace(self, plane="axisymmetric")
+
+    def strain(self, u: Any) -> Any:
+        """Strain that the stress works on, UFL (d, d), of an axisymmetric part (3, 3)."""
+        return revolved_strain(u) if self.plane == "axisymmetric" else strain(u)
+
     def stress(self, u: Any) -> Any:
-        """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
+        """Stress, UFL (d, d), force / area (in-plane components in 2D; of an axisymmetric part (3, 3))."""
         dim = _dim(u)
         self.check(dim)
+        if self.plane == "axisymmetric":
+            return self.stress_of(revolved_strain(u), extract_unique_domain(u))
         return matrix_stress(self._global_elasticity(dim), u)
 
     def elasticity(self, dim: int) -> npt.NDArray[np.float64]:
@@ -328,4 +366,4 @@ class OrthotropicElastic:
 
     def bilinear(self, u: Any, v: Any) -> Any:
         """UFL integrand sigma(u) : eps(v)."""
-        return ufl.inner(self.stress(u), strain(v))
+        return ufl.inner(self.stress(u), self.strain(v))

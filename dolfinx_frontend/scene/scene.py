@@ -68,6 +68,12 @@ __all__ = ["Scene"]
 class Scene:
     """Substructures and interfaces.
 
+    Parameters
+    ----------
+    axisymmetric
+        All parts are sections (r, z) = (x, y) of bodies of revolution about x = 0: areas and volumes are those of
+        the full ring, forces are totals, and the only rigid motion is along z.
+
     Examples
     --------
     >>> scene = Scene()
@@ -76,14 +82,15 @@ class Scene:
     >>> scene.symmetry("cover:side")
     """
 
-    def __init__(self) -> None:
+    def __init__(self, axisymmetric: bool = False) -> None:
+        self.axisymmetric = checked_flag("Scene", "axisymmetric", axisymmetric)
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
         self.loads: dict[str, Load] = {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         """A scene of its own; parts and laws, which never change, are shared."""
-        other = Scene()
+        other = Scene(self.axisymmetric)
         other.substructures.update(self.substructures)
         other.interfaces.update(self.interfaces)
         other.loads.update(self.loads)
@@ -138,7 +145,7 @@ class Scene:
         where = f"substructure {checked_name('substructure', name, colon=False)!r}"
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
-        spec = SubstructureSpec(name, part, material, degree, body_force, rank)
+        spec = SubstructureSpec(name, part, material, degree, body_force, rank, self.axisymmetric)
         if not is_whole(degree) or degree not in (1, 2, 3):
             raise SceneError(f"{where}: degree = {short(degree)} is not supported; use 1, 2 or 3")
         if rank is not None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, cast, get_args
 
+import numpy as np
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
@@ -60,6 +61,19 @@ class PartLike(Protocol):
 
 
 @dataclass(frozen=True)
+class Revolved:
+    """A part whose mesh is the section (r, z) of a body of revolution about r = 0; what is not here is its part's."""
+
+    part: PartLike
+    around: bool = True
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "part":
+            raise AttributeError(name)
+        return getattr(self.part, name)
+
+
+@dataclass(frozen=True)
 class SubstructureSpec:
     """A part with its material; see :meth:`Scene.substructure`."""
 
@@ -69,6 +83,7 @@ class SubstructureSpec:
     degree: int
     body_force: Any
     rank: int | None = None
+    axisymmetric: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "body_force", frozen(self.body_force))
@@ -120,6 +135,22 @@ class SubstructureSpec:
             )
         if spec.part.mesh.comm.size != 1:
             raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        plane = getattr(spec.material, "plane", "")
+        if spec.axisymmetric and not isinstance(spec.source, Revolved):
+            if spec.dim != 2:
+                raise SceneError(f"{where}: {spec.dim} dimensions in an axisymmetric scene; mesh its section (r, z)")
+            lowest = float(np.asarray(spec.part.mesh.geometry.x)[:, 0].min())
+            size = float(np.ptp(np.asarray(spec.part.mesh.geometry.x), axis=0).max())
+            if lowest < -1e-9 * size:
+                raise SceneError(
+                    f"{where}: its section has radii down to {lowest:.4g}; x is the radius: mesh one half, x >= 0"
+                )
+            if plane == "stress":
+                raise SceneError(f"{where}: plane = 'stress' in an axisymmetric scene; leave plane out")
+            material = getattr(spec.material, "revolved", spec.material)
+            spec = replace(spec, material=material, source=Revolved(spec.part))
+        elif plane == "axisymmetric" and not spec.axisymmetric:
+            raise SceneError(f"{where}: plane = 'axisymmetric' is for Scene(axisymmetric=True)")
         check = getattr(spec.material, "check", None)
         if check is not None:
             try:

@@ -37,7 +37,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from dolfinx_frontend.assembly.held import held
+from dolfinx_frontend.assembly.held import axis_resistances, held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
@@ -157,7 +157,7 @@ def _decide(problem: Problem, work: Callable[[], T]) -> T:
 
 def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
     parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
-    motions = free_motions(parts, list(resistances.values()))
+    motions = free_motions(parts, [*resistances.values(), *axis_resistances(problem.parts)])
     if not len(motions):
         return motions
     groups, r, q = motions.basis.shape

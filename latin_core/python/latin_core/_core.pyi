@@ -312,6 +312,7 @@ class mortar:
         near_first: Array,
         near_second: Array,
         opposed: float,
+        around: bool = False,
     ) -> dict[str, Any]: ...
 
 class stochastic:

@@ -146,6 +146,7 @@ def integrate(
     rule: tuple[Array, Array],
     near: tuple[Array, Array],
     opposed: float,
+    around: bool = False,
 ) -> Overlap:
     """Integrate over the intersections of the facets of two faces.
 
@@ -163,6 +164,8 @@ def integrate(
         (n1,) and (n2,), length: largest distance from each facet; of a pair the larger one holds.
     opposed
         Two facets face each other if the product of their unit normals is below this.
+    around
+        The faces are turned about the axis x = 0: integrals over 2 pi x ds.
     """
     found = _native.integrate(
         first.native,
@@ -174,5 +177,6 @@ def integrate(
         near_first=near[0],
         near_second=near[1],
         opposed=opposed,
+        around=around,
     )
     return Overlap(**found)

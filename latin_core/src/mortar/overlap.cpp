@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "latin/common/error.hpp"
 #include "latin/mortar/box_tree.hpp"
@@ -236,6 +237,9 @@ class Integrator {
     Point2 s2 = mapped(two.reference, inverted(subject, y));
     if (second_.curved()) {
       s2 = dropped(second_, two.facet, plane, place.x, s2);
+    }
+    if (rule_.around) {
+      weights_[point] *= 2.0 * std::numbers::pi * place.x.x();
     }
     places_.col(point) = place.x;
     normals_.col(point) = area / size;
