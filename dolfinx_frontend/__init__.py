@@ -25,7 +25,9 @@ from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
     Contact,
     Debonding,
@@ -75,7 +77,9 @@ from latin_core import __version__ as __version__
 
 __all__ = [
     "Amplitude",
+    "AtPoint",
     "Beta",
+    "BoltStiffness",
     "Chaos",
     "ChaosResult",
     "Contact",

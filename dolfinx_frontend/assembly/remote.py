@@ -35,12 +35,49 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
         return _at_node(spec, parts[0], remote.node)
     d = parts[0].dim
     sides, wrench, where = [], np.zeros(0), np.zeros(d)
+    if remote.beam:
+        remote = _of_beam(spec, remote.beam, parts)
     for number, (face, s) in enumerate(zip(spec.faces, parts, strict=True)):
         side, of_side, point = _mean_motion(spec, s, face, remote, number)
         sides.append(side)
         if number == 0:
             wrench, where = of_side, point
     return _made(spec, tuple(sides), where, wrench)
+
+
+def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> Remote:
+    """Forces and moments at both ends of one deformation of a beam.
+
+    Its bending energy is E I / 2 L (theta2 - theta1)^2 + 6 E I / L ((theta1 + theta2) / 2 - dv / L)^2.
+    """
+    where, d = f"interface {spec.name!r}", parts[0].dim
+    ends = [
+        FaceOf(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)
+    ]
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    size = max(s.length for s in parts)
+    if length < 1e-6 * size:
+        raise SceneError(f"{where}: the centroids of its faces coincide; a beam has a length > 0")
+    along = np.zeros(3)
+    along[:d] = (ends[1] - ends[0]) / length
+    helper = np.eye(3)[2 if d == 2 else int(np.argmin(np.abs(along)))]
+    first = helper - (helper @ along) * along
+    first /= np.linalg.norm(first)
+    about = {"1": first, "2": np.cross(along, first)}.get(way[-1], along)
+    nothing = np.zeros(3)
+    if way == "axial":
+        rows = ((along, nothing), (along, nothing))
+    elif way == "torsion" or way.startswith("bending"):
+        rows = ((nothing, about), (nothing, about))
+    else:
+        slope = -np.cross(about, along) / length
+        rows = ((slope, -0.5 * about), (slope, 0.5 * about))
+    return Remote(
+        points=(None, None),
+        forces=tuple(tuple(map(float, force)) for force, _ in rows),
+        moments=tuple(tuple(map(float, moment)) for _, moment in rows),
+        beam=way,
+    )
 
 
 def _made(spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Array | None) -> Interface:
@@ -56,9 +93,16 @@ def _made(spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Ar
         matching=None,
         tangent_axis=1 % d,
         areas=sp.csr_matrix((0, 1)),
-        why="one point",
+        why=_why(spec),
         wrench=wrench,
     )
+
+
+def _why(spec: InterfaceSpec) -> str:
+    assert spec.remote is not None
+    if spec.remote.beam:
+        return "a beam between the mean motions of two faces"
+    return "a node" if spec.remote.node is not None else "the mean motion of a face"
 
 
 def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> Interface:

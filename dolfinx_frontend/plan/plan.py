@@ -559,11 +559,15 @@ def _of_interfaces(
 def _of_spaces(problem: Problem) -> list[Decision]:
     """Where laws hold that are not imposed point by point, and why."""
     why: dict[tuple[str, str], list[str]] = {}
+    remote: dict[str, list[str]] = {}
     for name, interface in problem.interfaces.items():
+        if interface.wrench is not None:
+            remote.setdefault(interface.why, []).append(name)
         if interface.space != "points":
             reason = interface.why or "asked for"
             why.setdefault((interface.space, reason), []).append(name)
-    return [Decision(f"space {space}", ", ".join(names), reason) for (space, reason), names in why.items()]
+    found = [Decision(f"space {space}", ", ".join(names), reason) for (space, reason), names in why.items()]
+    return [*found, *(Decision("one point", ", ".join(names), reason) for reason, names in remote.items())]
 
 
 def _columns(

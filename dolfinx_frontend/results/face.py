@@ -26,6 +26,7 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
+from dolfinx_frontend.results.probes import reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
 from dolfinx_frontend.results.stress import stress_function, stress_of
 from dolfinx_frontend.results.surfaces import surface_of
@@ -431,6 +432,11 @@ class Face(ABC):
             weights=np.concatenate(weights) if weights else None,
             kind=self.statistics,
         )
+
+    def reaction(self, interface: str, component: str, step: int = -1) -> Callable[[Block], Array]:
+        """The reaction of a support or glued face for :meth:`quantity`, see
+        :func:`dolfinx_frontend.results.probes.reaction_of`."""
+        return reaction_of(self, interface, component, step)
 
     def table(
         self,

@@ -12,7 +12,9 @@ from typing import Any, NoReturn, SupportsIndex
 import numpy as np
 
 from dolfinx_frontend.common.checks import (
+    check_kind,
     check_known,
+    check_optional_kind,
     checked_callable,
     checked_flag,
     checked_name,
@@ -28,11 +30,13 @@ from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
+from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
     Displacement,
     Elastic,
     Elimination,
     Law,
+    Preload,
     Pressure,
     Rigid,
     Symmetry,
@@ -449,6 +453,50 @@ class Scene:
             (moment if key[0] == "r" else force)["xyz".index(key[-1])] = 1.0
             remote = Remote(points=(place,), forces=(tuple(force),), moments=(tuple(moment),))
             self._remote(f"{name or f'springs({face})'}.{key}", (found,), Elastic(normal=value), remote)
+
+    def beam(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        stiffness: BoltStiffness,
+        preload: Preload | None = None,
+    ) -> None:
+        """A straight beam between the centroids of two faces, whose mean motions it joins (RBE3): a bolt that is not
+        meshed, between the faces under its head and its nut.
+
+        Each of its deformations is an interface with one point: ``"<name>.axial"`` (tension > 0), ``".torsion"``,
+        ``".bending1"``, ``".bending2"`` (its ends turn against each other) and ``".shear1"``, ``".shear2"`` (they
+        turn together); in 2D axial, bending1 and shear1.
+
+        Parameters
+        ----------
+        stiffness
+            :class:`BoltStiffness`, e.g. ``BoltStiffness.vdi2230(d=12, pitch=1.75, shank=20, thread=10, E=205e3)``.
+        preload
+            How it is tightened; its `stiffness` is the beam's.
+        """
+        where = f"beam {checked_name('beam', name)!r}"
+        check_kind(where, "stiffness", stiffness, BoltStiffness, "give BoltStiffness.vdi2230(...)")
+        check_optional_kind(where, "preload", preload, Preload, "give Preload(force=...)")
+        faces = (self._face(first, where), self._face(second, where))
+        if self.axisymmetric:
+            raise SceneError(f"{where}: a beam in an axisymmetric scene; a single bolt is not axisymmetric: model it in 3D")
+        if faces[0] == faces[1]:
+            raise SceneError(f"{where}: both ends are {faces[0]}; join two different faces")
+        spec = self.substructures[faces[0].substructure]
+        flat = not spec.lazy and spec.dim == 2
+        axial: Law = Elastic(normal=stiffness.axial)
+        if preload is not None:
+            axial = preload.with_(stiffness=stiffness.axial)
+        laws = {"axial": axial}
+        for k in (1,) if flat else (1, 2):
+            laws[f"bending{k}"] = Elastic(normal=stiffness.bending)
+            laws[f"shear{k}"] = Elastic(normal=12.0 * stiffness.bending)
+        if not flat:
+            laws["torsion"] = Elastic(normal=stiffness.torsion)
+        for way, law in laws.items():
+            self._remote(f"{name}.{way}", faces, law, Remote(points=(None, None), beam=way))
 
     # --- loads of parts -------------------------------------------------------------------------
     def _add(

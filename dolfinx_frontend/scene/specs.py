@@ -204,12 +204,15 @@ class Remote:
     forces, moments
         By side: the displacement of the interface is force . displacement + moment . rotation (d and 3 numbers,
         in 2D one).
+    beam
+        Of a beam between two faces: which of its deformations; forces and moments follow from their centroids.
     """
 
     node: tuple[float, ...] | None = None
     points: tuple[tuple[float, ...] | None, ...] = ()
     forces: tuple[tuple[float, ...], ...] = ()
     moments: tuple[tuple[float, ...], ...] = ()
+    beam: str = ""
 
 
 @dataclass(frozen=True)
