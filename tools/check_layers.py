@@ -106,6 +106,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "places",
         "part_loads",
         "remote",
+        "relief",
         "problem",
         "held",
         "assemble",

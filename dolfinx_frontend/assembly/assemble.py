@@ -35,17 +35,18 @@ from dolfinx_frontend.assembly.ranks import (
     place,
     swap,
 )
+from dolfinx_frontend.assembly.relief import Relief, supports
 from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
-from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
+from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import Elimination, Perfect
+from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.scene.specs import check_face
+from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, check_face
 
 __all__ = ["assemble"]
 
@@ -136,6 +137,8 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     _check_ties(scene, owner)
     substructures, copies, held = _own_parts(scene, owner, rank, say, comm)
     interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), held, say, comm)
+    if scene.densities is not None:
+        interfaces = {**interfaces, **_relief_supports(scene, substructures, comm)}
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -155,10 +158,14 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
-        [*(resistances[name] for name in scene.interfaces), *axis_resistances(parts)],
+        [*(resistances[name] for name in (scene.interfaces if comm else interfaces)), *axis_resistances(parts)],
     )
     with agreement(comm):
         loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
+    if scene.densities is not None:
+        relief = Relief(substructures, _densities(scene))
+        loads = {name: relief.load_balanced(each) for name, each in loads.items()}
+        substructures = relief.parts_balanced()
     if comm is None:
         return Problem(substructures, interfaces, None, loads)
     forces = [spec.body_force for spec in scene.substructures.values()]
@@ -185,6 +192,38 @@ def _described(scene: Scene) -> dict[str, object]:
         for what in ("quadrature_degree", "max_distance", "space", "overlap", "remote"):
             given[f"{what} of interface {name!r}"] = getattr(joint, what)
     return given
+
+
+def _densities(scene: Scene) -> dict[str, float]:
+    """Part -> mass per volume."""
+    given = scene.densities
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(scene.substructures, float(given))
+    for name in given:
+        check_known("substructure", name, scene.substructures, "inertia_relief")
+    missing = [name for name in scene.substructures if name not in given]
+    if missing:
+        raise SceneError(f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part")
+    return {name: float(value) for name, value in given.items()}
+
+
+def _relief_supports(
+    scene: Scene, substructures: Mapping[str, Substructure], comm: Any
+) -> dict[str, Interface]:
+    """What holds an assembly in inertia relief."""
+    if comm is not None:
+        raise SceneError("inertia_relief works on one rank: assemble without comm")
+    part = substructures[next(iter(scene.substructures))]
+    found = {}
+    for number, (node, axes) in enumerate(supports(part)):
+        name = "relief" if number == 0 else f"relief#{number + 1}"
+        place = tuple(map(float, part.dof_coordinates[node]))
+        shown = ", ".join(f"{v:.6g}" for v in place)
+        spec = InterfaceSpec(
+            name, (Face(part.name, f"({shown})"),), Displacement(0.0, axes), None, None, "points", "full", Remote(place)
+        )
+        found[name] = remote_interface(spec, (part,))
+    return found
 
 
 def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:

@@ -282,7 +282,12 @@ def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
 
 def _pressure(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     face = FaceOf(s, load.face, load.where)
-    return face.nodal(-face.normals), None
+    values = np.ones(len(face.x)) if isinstance(shape, int) else np.asarray(shape(face.x), dtype=np.float64)
+    if values.shape != (len(face.x),):
+        raise SceneError(
+            f"{load.where}: the function of the points returned shape {values.shape}, ({len(face.x)},) is wanted"
+        )
+    return face.nodal(-values[:, None] * face.normals), None
 
 
 def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:

@@ -6,7 +6,7 @@ where it is made.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
@@ -91,6 +91,7 @@ class Scene:
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
         self.loads: dict[str, Load] = {}
+        self.densities: Any = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         """A scene of its own; parts and laws, which never change, are shared."""
@@ -98,6 +99,7 @@ class Scene:
         other.substructures.update(self.substructures)
         other.interfaces.update(self.interfaces)
         other.loads.update(self.loads)
+        other.densities = self.densities
         return other
 
     def __copy__(self) -> Scene:
@@ -283,8 +285,8 @@ class Scene:
 
         A random number times an Amplitude makes a load of the part instead: parameter ``"<name>.p"``.
         """
-        if scattered(p):
-            self._on_faces("pressure", faces, {"p": p}, {"p": 0}, name)
+        if scattered(p) or self.densities is not None:
+            self._on_faces("pressure", faces, *shaped("pressure", p, "p", 0), name)
             return
         self._one_sided("pressure", faces, Pressure(p), name)
 
@@ -294,7 +296,7 @@ class Scene:
         Random components, and random numbers times an Amplitude, make a load of the part instead: parameters
         ``"<name>.x"``, ``y``, ``z``.
         """
-        if scattered(t):
+        if scattered(t) or self.densities is not None:
             self._on_faces("traction", faces, *components("traction", "t", t), name)
             return
         self._one_sided("traction", faces, Traction(t), name)
@@ -546,6 +548,36 @@ class Scene:
             Amplitude times one: parameter ``"<name>.factor"``.
         """
         self._add("body_force", part, name, *components(f"body_force of {part!r}", "force", force))
+
+    def inertia_relief(self, density: Value | Mapping[str, float]) -> None:
+        """Balance all loads by the inertia of the assembly, which nothing holds: it accelerates as a rigid body.
+
+        What remains is in equilibrium by itself. The assembly is held at nodes of its first part, in as many
+        components as it has rigid motions; these supports (``"relief"``) carry nothing, and displacements are
+        relative to them. Pressures and tractions that follow are loads of parts.
+
+        Parameters
+        ----------
+        density
+            Mass per volume of all parts, or part -> density.
+
+        Raises
+        ------
+        SceneError
+            Pressures or tractions come before it, which are interfaces already.
+        """
+        early = [i.name for i in self.interfaces.values() if i.law.elimination is Elimination.LOAD]
+        if early:
+            raise SceneError(
+                f"inertia_relief: {', '.join(map(repr, early))} came before it: call inertia_relief first, then the "
+                "loads, which it has to balance"
+            )
+        if isinstance(density, Mapping):
+            for part, each in density.items():
+                checked_number("inertia_relief", f"density of {part!r}", each, above=0.0)
+            self.densities = frozen(density)
+        else:
+            self.densities = checked_number("inertia_relief", "density", density, above=0.0)
 
     def _on_faces(
         self,
