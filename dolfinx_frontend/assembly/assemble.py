@@ -158,7 +158,10 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
-        [*(resistances[name] for name in (scene.interfaces if comm else interfaces)), *axis_resistances(parts)],
+        [
+            *(resistances[name] for name in (scene.interfaces if comm else interfaces)),
+            *axis_resistances(parts),
+        ],
     )
     with agreement(comm):
         loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
@@ -203,7 +206,9 @@ def _densities(scene: Scene) -> dict[str, float]:
         check_known("substructure", name, scene.substructures, "inertia_relief")
     missing = [name for name in scene.substructures if name not in given]
     if missing:
-        raise SceneError(f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part")
+        raise SceneError(
+            f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part"
+        )
     return {name: float(value) for name, value in given.items()}
 
 
@@ -220,7 +225,14 @@ def _relief_supports(
         place = tuple(map(float, part.dof_coordinates[node]))
         shown = ", ".join(f"{v:.6g}" for v in place)
         spec = InterfaceSpec(
-            name, (Face(part.name, f"({shown})"),), Displacement(0.0, axes), None, None, "points", "full", Remote(place)
+            name,
+            (Face(part.name, f"({shown})"),),
+            Displacement(0.0, axes),
+            None,
+            None,
+            "points",
+            "full",
+            Remote(place),
         )
         found[name] = remote_interface(spec, (part,))
     return found
@@ -234,15 +246,18 @@ def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
             own = tied.get(face)
             if own is not None and own is not joint and joint.law.prescribes == "jump":
                 raise SceneError(
-                    f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would hold its "
-                    "nodes a second time: add the other face to the rigid group, give its motion there, or use "
+                    f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would "
+                    "hold its "
+                    "nodes a second time: add the other face to the rigid group, give its motion there, or "
+                    "use "
                     "Elastic or Contact"
                 )
     for joint in tied.values():
         ranks = {owner[joint.faces[0].substructure], *(owner[part] for part in joint.law.partners)}
         if len(ranks) > 1:
             raise SceneError(
-                f"interface {joint.name!r}: its rigid group has parts on ranks {sorted(ranks)}; it works on one rank: "
+                f"interface {joint.name!r}: its rigid group has parts on ranks {sorted(ranks)}; it works on "
+                "one rank: "
                 "give these parts the same rank= in scene.substructure"
             )
 
@@ -326,7 +341,8 @@ def _own_parts(
                 other = ranks[1 - number] if len(ranks) == 2 else rank
                 if other != rank and joint.remote is not None:
                     raise SceneError(
-                        f"interface {name!r}: its parts are on ranks {ranks[0]} and {ranks[1]}; it works on one "
+                        f"interface {name!r}: its parts are on ranks {ranks[0]} and {ranks[1]}; it works on "
+                        "one "
                         "rank: give both parts the same rank= in scene.substructure"
                     )
                 if other != rank:

@@ -12,7 +12,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import Resistance, resistance
 from dolfinx_frontend.assembly.rigid import rigid_modes
-from dolfinx_frontend.common.arrays import Flags
+from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.scene.laws import Elimination, Rigid
 
 __all__ = ["axis_resistances", "held", "resistance_of"]
@@ -57,14 +57,15 @@ def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
     _, gram, origin = resistance(sides, interface.points, interface.weights, rows, length)
     if len(sides) == 2:
         return sides, gram, origin
-    held: list[np.ndarray] = []
+    held: list[Array] = []
     if law.leads and not law.plane:
         centre, size = origin
         place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
         at = rigid_modes(place[None], *origin)[0]
         units = np.eye(at.shape[1])
         for name in law.motions():
-            held.append(units[-1 if d == 2 else d + "xyz".index(name[1])] if name[0] == "r" else at["xyz".index(name)])
+            turn = -1 if d == 2 else d + "xyz".index(name[-1])
+            held.append(units[turn] if name[0] == "r" else at["xyz".index(name)])
     elif law.leads:
         along = gram  # of the normal at all points: it holds one translation and the tilts
         normal = np.concatenate([interface.sides[0].normal, np.zeros(gram.shape[0] - d)])
@@ -73,8 +74,8 @@ def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
         if not law.tilts:
             away = np.eye(len(gram)) - np.outer(normal, normal)
             return sides, away @ along @ away, origin
-    rows = np.reshape(held, (len(held), gram.shape[0]))
-    return sides, rows.T @ rows, origin
+    given: Array = np.reshape(np.array(held, dtype=np.float64), (len(held), gram.shape[0]))
+    return sides, given.T @ given, origin
 
 
 def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resistance:
@@ -85,4 +86,5 @@ def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resi
     row[d:] /= length
     holds = interface.law.nominal.holds(d)[0] and (where is None or bool(np.all(where)))
     sides = tuple(side.substructure for side in interface.sides)
-    return sides, np.outer(row, row) * holds / max(float(row @ row), 1e-300), (interface.points[0].copy(), length)
+    gram: Array = np.outer(row, row) * holds / max(float(row @ row), 1e-300)
+    return sides, gram, (interface.points[0].copy(), length)

@@ -145,7 +145,8 @@ class Interface(PointFrames):
         Fraction of side 1 that side 2 covers.
     wrench
         Of an interface that joins mean motions of faces by one point: the force (d,) and the moment about the
-        point, (3,) or in 2D (1,), on side 1 that a force 1 stands for, one after the other; None: it has points.
+        point, (3,) or in 2D (1,), on side 1 that a force 1 stands for, one after the other; None: it has
+        points.
     vertices
         Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """

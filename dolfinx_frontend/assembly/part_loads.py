@@ -90,7 +90,9 @@ def _assembled(where: str, s: Substructure, integrand: Any) -> Array:
     try:
         nodal = fem.assemble_vector(fem.form(integrand))
     except ufl.algorithms.check_arities.ArityMismatch as err:
-        raise SceneError(f"{where}: what the form returned is not linear in the test function: {err}") from None
+        raise SceneError(
+            f"{where}: what the form returned is not linear in the test function: {err}"
+        ) from None
     return np.array(nodal.array[: s.size], dtype=np.float64)
 
 
@@ -146,7 +148,8 @@ def _from_strain(load: Load, s: Substructure, initial: Any) -> tuple[Array, Any]
     stress_of = getattr(s.material, "stress_of", None)
     if stress_of is None:
         raise SceneError(
-            f"{load.where}: the material of part {s.name!r} is a form, of which the stress of an initial strain "
+            f"{load.where}: the material of part {s.name!r} is a form, of which the stress of an initial "
+            "strain "
             "is not known: give LinearElastic or OrthotropicElastic, a material with a method "
             "stress_of(strain, mesh), or the load itself by scene.load"
         )
@@ -175,12 +178,12 @@ def _initial_strain(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any
 def _temperature(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
     dT, alpha = shape
     mesh, where = s.part.mesh, load.where
-    warm = fem.Constant(mesh, 1.0) if isinstance(dT, float) else _on_mesh(where, s, dT, ())
+    warm = fem.Constant(mesh, np.float64(1.0)) if isinstance(dT, float) else _on_mesh(where, s, dT, ())
     if isinstance(alpha, ufl.core.expr.Expr):
         along = [alpha] * 3 if alpha.ufl_shape == () else [alpha[i] for i in range(alpha.ufl_shape[0])]
     else:
         along = list(np.broadcast_to(alpha, (3,)) if np.size(alpha) == 1 else np.asarray(alpha, dtype=float))
-        along = [fem.Constant(mesh, float(a)) for a in along]
+        along = [fem.Constant(mesh, np.float64(a)) for a in along]
     if len(along) != 3 and not (len(along) == s.dim == 2 and getattr(s.material, "plane", "") == "stress"):
         raise SceneError(
             f"{where}: alpha has {len(along)} values; give one, or one along each of x, y and z"
@@ -202,7 +205,7 @@ class FaceOf:
         self.weights = w * area
         self.shape = facets.trace(s.space, index, at, s.space.dofmap.index_map.size_local)
         self.area = float(self.weights.sum())
-        self.centre = self.weights @ self.x / self.area
+        self.centre: Array = np.asarray(self.weights @ self.x / self.area, dtype=np.float64)
         self.arms = self.x - self.centre
         self.dim = s.dim
         self.around, self.where = facets.around, where
@@ -225,7 +228,7 @@ def cross(a: Array, b: Array) -> Array:
     """Cross product of vectors (..., 2), a number, or (..., 3)."""
     if a.shape[-1] == 2:
         return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
-    return np.cross(a, b)
+    return np.asarray(np.cross(a, b), dtype=np.float64)
 
 
 def fitting(where: str, what: str, vector: Any, d: int) -> Array:
@@ -240,7 +243,8 @@ def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
     if face.around:
         if kind == "moment" or axis != 1:
             raise SceneError(
-                f"{face.where}: a {kind} along {AXES[axis]!r} on an axisymmetric part, which has total forces along "
+                f"{face.where}: a {kind} along {AXES[axis]!r} on an axisymmetric part, which has total "
+                "forces along "
                 "y (its axis) only; use a pressure or a traction for radial ones"
             )
         return np.tile([0.0, 1.0 / face.area], (len(face.x), 1))
@@ -265,14 +269,17 @@ def _force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
 def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     face = FaceOf(s, load.face, load.where)
     if face.around:
-        raise SceneError(f"{load.where}: a bearing load on an axisymmetric part; it is not axisymmetric: model it in 3D")
+        raise SceneError(
+            f"{load.where}: a bearing load on an axisymmetric part; it is not axisymmetric: model it in 3D"
+        )
     vector = fitting(load.where, "force", shape, s.dim)
     size = float(np.linalg.norm(vector))
     cosine = np.maximum(-face.normals @ vector / size, 0.0)
     total = float(face.weights @ cosine**2)
     if total <= 1e-9 * face.area:
         raise SceneError(
-            f"{load.where}: no part of the face looks against the force {vector.tolist()}: a pin presses on a wall "
+            f"{load.where}: no part of the face looks against the force {vector.tolist()}: a pin presses on "
+            "a wall "
             "whose outward normal is opposite to its force; turn the force round, or use scene.force"
         )
     traction = -size / total * cosine[:, None] * face.normals
@@ -285,7 +292,8 @@ def _pressure(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     values = np.ones(len(face.x)) if isinstance(shape, int) else np.asarray(shape(face.x), dtype=np.float64)
     if values.shape != (len(face.x),):
         raise SceneError(
-            f"{load.where}: the function of the points returned shape {values.shape}, ({len(face.x)},) is wanted"
+            f"{load.where}: the function of the points returned shape {values.shape}, ({len(face.x)},) is "
+            "wanted"
         )
     return face.nodal(-values[:, None] * face.normals), None
 
@@ -296,7 +304,8 @@ def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
         values = np.asarray(shape(face.x), dtype=np.float64)
         if values.shape != face.x.shape:
             raise SceneError(
-                f"{load.where}: the function of the points returned shape {values.shape}, {face.x.shape} is wanted"
+                f"{load.where}: the function of the points returned shape {values.shape}, {face.x.shape} is "
+                "wanted"
             )
         return face.nodal(values), None
     if shape >= s.dim:

@@ -65,7 +65,8 @@ def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
         if gaps[best] > NEAR * size:
             shown = ", ".join(f"{v:.6g}" for v in point)
             raise SceneError(
-                f"{where}: the point ({shown}) is {gaps[best]:.4g} outside the part; give one inside or on its "
+                f"{where}: the point ({shown}) is {gaps[best]:.4g} outside the part; give one inside or on "
+                "its "
                 "surface"
             )
         cell = int(every[best])
@@ -78,4 +79,5 @@ def place_of(where: str, mesh: Any, space: Any, point: Array) -> Place:
 def _vertices(mesh: Any, cell: int) -> Array:
     corners = mesh.topology.connectivity(mesh.topology.dim, 0).links(cell)
     shape = len(corners)
-    return np.asarray(mesh.geometry.x)[cell_nodes(mesh)[cell][:shape]]
+    found: Array = np.asarray(mesh.geometry.x, dtype=np.float64)[cell_nodes(mesh)[cell][:shape]]
+    return found

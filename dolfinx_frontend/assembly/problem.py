@@ -324,7 +324,9 @@ class Problem(OneProcess):
             known = [f"{name}.{each}" for name, law in out.items() for each in law.parameters()]
             check_known("parameter", key, [*known, *self.load_parameters])
             if key in self.load_parameters:
-                raise SceneError(f"{key!r} is of a load, not of a law: problem.with_laws(values=...) takes it")
+                raise SceneError(
+                    f"{key!r} is of a load, not of a law: problem.with_laws(values=...) takes it"
+                )
             name, _, parameter = key.rpartition(".")
             out[name] = out[name].with_(**{parameter: value})
         return out
@@ -371,11 +373,11 @@ class Problem(OneProcess):
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
         lines += [f"  {line}" for line in columns(rows, "<<>><")]
         if self.loads:
-            rows = [("load", "part", "values")]
+            table = [("load", "part", "values")]
             for name, each in self.loads.items():
                 given = ", ".join(f"{k} = {short(v)}" for k, v in each.load.values.items())
-                rows.append((name, each.load.part, given))
-            lines += [f"  {line}" for line in columns(rows, "<<<")]
+                table.append((name, each.load.part, given))
+            lines += [f"  {line}" for line in columns(table, "<<<")]
         return "\n".join(lines)
 
 

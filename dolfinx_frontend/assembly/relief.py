@@ -1,7 +1,7 @@
 """Inertia relief: loads of a free assembly, balanced by the forces of its rigid acceleration.
 
-Every load f is replaced by f - M R a with R' (f - M R a) = 0: what is left is in equilibrium by itself, so that
-the supports that hold the assembly, as many as it has rigid motions, carry nothing.
+Every load f is replaced by f - M R a with R' (f - M R a) = 0: what is left is in equilibrium by itself, so
+that the supports that hold the assembly, as many as it has rigid motions, carry nothing.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Relief:
     def __init__(self, parts: Mapping[str, Substructure], densities: Mapping[str, float]) -> None:
         self.parts = parts
         mass = sum(densities[n] * s.volume for n, s in parts.items())
-        self.centre: Array = np.sum([densities[n] * s.volume * s.centre for n, s in parts.items()], axis=0) / mass
+        moments = [densities[n] * s.volume * s.centre for n, s in parts.items()]
+        self.centre: Array = np.sum(moments, axis=0) / mass
         self.length = max(s.length for s in parts.values())
         self._motions = {n: self._modes(s) for n, s in parts.items()}
         self._inertia = {n: densities[n] * self._masses(s) for n, s in parts.items()}

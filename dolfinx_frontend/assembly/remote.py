@@ -34,7 +34,9 @@ def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> In
     if remote.node is not None:
         return _at_node(spec, parts[0], remote.node)
     d = parts[0].dim
-    sides, wrench, where = [], np.zeros(0), np.zeros(d)
+    sides: list[Side] = []
+    wrench: Array = np.zeros(0)
+    where: Array = np.zeros(d)
     if remote.beam:
         remote = _of_beam(spec, remote.beam, parts)
     for number, (face, s) in enumerate(zip(spec.faces, parts, strict=True)):
@@ -64,7 +66,8 @@ def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> 
     first = helper - (helper @ along) * along
     first /= np.linalg.norm(first)
     about = {"1": first, "2": np.cross(along, first)}.get(way[-1], along)
-    nothing = np.zeros(3)
+    nothing: Array = np.zeros(3)
+    rows: tuple[tuple[Array, Array], ...]
     if way == "axial":
         rows = ((along, nothing), (along, nothing))
     elif way == "torsion" or way.startswith("bending"):
@@ -114,7 +117,8 @@ def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> 
     if away[node] > _NEAR * size:
         near = ", ".join(f"{v:.6g}" for v in s.dof_coordinates[node])
         raise SceneError(
-            f"{where}: there is no node of {s.name!r} at ({', '.join(f'{v:.6g}' for v in point)}); the nearest one "
+            f"{where}: there is no node of {s.name!r} at ({', '.join(f'{v:.6g}' for v in point)}); the "
+            "nearest one "
             f"is at ({near}), {away[node]:.4g} away: give that, or fix a face"
         )
     count = s.size // s.dim

@@ -164,7 +164,8 @@ digits are left of sixteen, or none."""
 
 
 def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float, Array]:
-    """Volume and centre of gravity of a mesh (of a body of revolution that of its section); rejects cells that are inside out, or flat to rounding."""
+    """Volume and centre of gravity of a mesh (of a body of revolution that of its section); rejects cells
+    that are inside out, or flat to rounding."""
     cell = basix.CellType[mesh.topology.cell_name()]
     element = coordinate_element(mesh)
     d, order = int(mesh.geometry.dim), int(coordinate_map(mesh).degree)

@@ -175,7 +175,9 @@ def _part_grids(
         part = _PartWriter(function, s.material if materials is None else materials.get(name), put, initial)
         in_time = partial(stepped, times=answer.times)
         numbers = [in_time(answer.load_number(load, parameter)) for load, parameter, _ in loads]
-        of_spread = [[in_time(e) for e in answer.load_spread(load, parameter)] for load, parameter, _ in loads]
+        of_spread = [
+            [in_time(each) for each in answer.load_spread(load, parameter)] for load, parameter, _ in loads
+        ]
         beside = {key: in_time(values) for key, values in extra.items()}
         yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside, numbers, of_spread)
 

@@ -448,7 +448,9 @@ def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     for term in plan.loads:
         for known in found:
             body = next(iter(known.values()))
-            nothing = {name: np.zeros(problem.substructures[name].size) for name in body.members}
+            nothing: dict[str, Array] = {
+                name: np.zeros(problem.substructures[name].size) for name in body.members
+            }
             of_term = {name: problem.loads[term.load].on(name, term.parameter) for name in body.members}
             load = {name: nothing[name] if f is None else f for name, f in of_term.items()}
             known[term] = replace(body, offset=nothing, load=load)

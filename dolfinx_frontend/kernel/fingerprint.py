@@ -112,7 +112,10 @@ def _problem(problem: Problem, times: npt.NDArray[np.float64]) -> Facts:
 def _load(load: PartLoad, times: npt.NDArray[np.float64]) -> Facts:
     facts: Facts = {}
     for parameter, columns in load.columns.items():
-        numbers = [[a(t) if (a := n.amplitude) is not None else 1.0 for t in times] for n in load.load.terms(parameter)]
+        numbers = [
+            [a(t) if (a := n.amplitude) is not None else 1.0 for t in times]
+            for n in load.load.terms(parameter)
+        ]
         facts[f"load {load.load.name!r}, {parameter}"] = [
             {part: _sums(nodal) for part, nodal in columns.items()},
             [_sums(n.mean) for n in load.load.terms(parameter)],

@@ -210,7 +210,9 @@ class Plan:
         if self.history == "patterns":
             rows = [[float(a == term.amplitude) for a in self.patterns] for term in self.loads]
         elif self.history == "steps" and self.times is not None:
-            rows = [[1.0 if (a := term.amplitude) is None else a(t) for t in self.times] for term in self.loads]
+            rows = [
+                [1.0 if (a := term.amplitude) is None else a(t) for t in self.times] for term in self.loads
+            ]
         else:
             rows = [[1.0] for _ in self.loads]
         columns = self.fixed_amplitudes.shape[1]
@@ -261,7 +263,8 @@ def check_keeps(where: str, plan: Plan, interfaces: Iterable[str], loads: Iterab
     fixed = [f"{term.load}.{term.parameter}" for term in loads if term not in plan.loads]
     if fixed:
         raise SceneError(
-            f"{where}: the plan has no column for {', '.join(fixed)}, which is random: leave the plan out, or "
+            f"{where}: the plan has no column for {', '.join(fixed)}, which is random: leave the plan out, "
+            "or "
             "make it for what is random"
         )
     lost = [name for name in interfaces if name in plan.eliminated]
@@ -376,7 +379,9 @@ def make_plan(
     if varied:
         names = ", ".join(dict.fromkeys(f"{t.load}.{t.parameter}" for t in varied))
         decisions.append(
-            Decision("load columns", names, "loads that vary: a column of the right-hand side, no factorisation")
+            Decision(
+                "load columns", names, "loads that vary: a column of the right-hand side, no factorisation"
+            )
         )
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
@@ -471,7 +476,8 @@ def _wanted(
     tied = [n for n in reasons if problem.interfaces[n].law.elimination is Elimination.TIED]
     if tied:
         raise SceneError(
-            f"plan: {', '.join(map(repr, tied))} ties nodes to a rigid motion and cannot vary: its motion is no "
+            f"plan: {', '.join(map(repr, tied))} ties nodes to a rigid motion and cannot vary: its motion is "
+            "no "
             "parameter; vary a load or a spring on it"
         )
     everything = isinstance(active, str) and active == "all"

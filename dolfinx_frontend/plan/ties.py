@@ -42,7 +42,8 @@ class _Group:
 
 
 def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Array]:
-    """Rows (k, r) and values (k,) of the motions that are given, about a centre; rotations over the length."""
+    """Rows (k, r) and values (k,) of the motions that are given, about a centre; rotations over the
+    length."""
     d = len(centre)
     place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
     at = rigid_modes(place[None], centre, length)[0]
@@ -77,8 +78,10 @@ def _groups(
                 off = float(np.linalg.norm(side.normal - np.sign(side.normal @ normal) * normal))
                 if side.flatness > _LEVEL or off > _LEVEL:
                     raise SceneError(
-                        f"interface {interface.name!r}: {side.substructure}:{side.face} cannot be kept plane with "
-                        f"group {name!r}: it is curved or not parallel to the first face (off by {max(off, side.flatness):.3g}); "
+                        f"interface {interface.name!r}: {side.substructure}:{side.face} cannot be kept plane "
+                        "with "
+                        f"group {name!r}: it is curved or not parallel to the first face (off by "
+                        f"{max(off, side.flatness):.3g}); "
                         "use scene.rigid"
                     )
             nodes.append(side.nodes + start[side.substructure])
@@ -93,7 +96,8 @@ def _groups(
             other = seen.setdefault(int(c), group.law.group)
             if other != group.law.group:
                 raise SceneError(
-                    f"rigid faces {other!r} and {group.law.group!r} share nodes: make them one group, or shrink one"
+                    f"rigid faces {other!r} and {group.law.group!r} share nodes: make them one group, or "
+                    "shrink one"
                 )
     return groups
 
@@ -206,7 +210,8 @@ def _of_group(
                 continue
             if size < 1.0 - _LEVEL:
                 raise SceneError(
-                    f"{where}: a support holds some of its nodes at an angle to its normal; shrink one of the faces"
+                    f"{where}: a support holds some of its nodes at an angle to its normal; shrink one of "
+                    "the faces"
                 )
             at.append((share / size, base, True))
         else:
@@ -246,7 +251,8 @@ def _solved(where: str, rows: Array, values: Array) -> tuple[Array, Array]:
     off = float(np.abs(rows @ constant - values).max(initial=0.0))
     if off > 1e-9 * max(float(np.abs(values).max()), 1e-300):
         raise SceneError(
-            f"{where}: its supports and given motions contradict each other, by {off:.4g}: no rigid motion does "
+            f"{where}: its supports and given motions contradict each other, by {off:.4g}: no rigid motion "
+            "does "
             "both; give others or shrink a face"
         )
     return vt[rank:].T, constant

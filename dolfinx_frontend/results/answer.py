@@ -65,7 +65,8 @@ class Surface:
     contact
         Whether it can open and slip.
     wrench
-        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has points.
+        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has
+        points.
     bolt
         The step that ends the tightening if it is a bolt in a load history, else None.
     """

@@ -715,7 +715,8 @@ class ChaosResult(Result, StochasticResult):
 
 
 def amplitudes_of(plan: Plan, random: RandomLaws, basis: stochastic.ChaosBasis) -> Array:
-    """Amplitudes (l, modes * steps) of the load patterns: those of loads that vary have the modes of these."""
+    """Amplitudes (l, modes * steps) of the load patterns: those of loads that vary have the modes of
+    these."""
     found = [np.kron(np.eye(1, len(basis)), plan.fixed_amplitudes)]
     for term, factors in zip(plan.loads, plan.load_factors, strict=True):
         found.append(np.kron(random.load_coefficients(term, basis), factors)[None])

@@ -340,8 +340,8 @@ class Face(ABC):
             for block in self.moment_blocks():
                 fields = stepped(block.displacement(part), self.times, 1)[:, step]
                 every = [stepped(block.load(*key), self.times, 1)[:, step] for key in keys]
-                numbers = np.reshape(every, (len(keys), len(fields))).T
-                found = [stress(each, now) for each, now in zip(fields, numbers, strict=True)]
+                at_samples: Array = np.reshape(every, (len(keys), len(fields))).T
+                found = [stress(fields[n], list(at_samples[n])) for n in range(len(fields))]
                 sums.add({part: np.array(found)}, block.weights)
             out.x.array[:] = sums.found()[part][1]
         return out

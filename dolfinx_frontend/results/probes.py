@@ -25,7 +25,8 @@ _AXES = "xyz"
 
 
 class AtPoint:
-    """A number at a point of a part: ``result.quantity(AtPoint(problem, "plate", (0, 0, 5), "stress", "zz"))``.
+    """A number at a point of a part: ``result.quantity(AtPoint(problem, "plate", (0, 0, 5), "stress",
+    "zz"))``.
 
     Parameters
     ----------
@@ -34,11 +35,11 @@ class AtPoint:
     part, point
         Its name, and d coordinates inside it or on its surface.
     of
-        ``"displacement"`` (length) or ``"stress"`` (force / area, initial strains taken out; in the cell that the
-        point was found in).
+        ``"displacement"`` (length) or ``"stress"`` (force / area, initial strains taken out; in the cell
+        that the point was found in).
     component
-        Of the displacement ``"x"``, ``"y"``, ``"z"``; of the stress ``"xx"``, ``"xy"``, ... and ``"mises"`` (in 3D and
-        of axisymmetric parts, where ``"zz"`` is the hoop stress, x the radius and y the axis).
+        Of the displacement ``"x"``, ``"y"``, ``"z"``; of the stress ``"xx"``, ``"xy"``, ... and ``"mises"``
+        (in 3D and of axisymmetric parts, where ``"zz"`` is the hoop stress, x the radius and y the axis).
     step
         Of a load history; the last by default.
 
@@ -91,7 +92,8 @@ class AtPoint:
     def _evaluated(self, stress: Any) -> Array:
         """A stress, UFL, at the point, (d * d,)."""
         expression = fem.Expression(stress, self._place.reference[None])
-        return np.asarray(expression.eval(self._s.part.mesh, np.array([self._place.cell], dtype=np.int32))).ravel()
+        cells = np.array([self._place.cell], dtype=np.int32)
+        return np.asarray(expression.eval(self._s.part.mesh, cells)).ravel()
 
     @cached_property
     def _rows(self) -> Array:
@@ -138,20 +140,24 @@ def reaction_of(answer: Answer, interface: str, component: str, step: int = -1) 
     Raises
     ------
     SceneError
-        Other interfaces hold the same nodes, or its force is known at its points (a :class:`Resultant` has it).
+        Other interfaces hold the same nodes, or its force is known at its points (a :class:`Resultant` has
+        it).
     """
     check_known("interface", interface, answer.problem.interfaces, "reaction")
     check_known("component", component, _AXES[: answer.problem.dim], "reaction")
     if interface in answer.known:
         raise SceneError(
-            f"reaction: the force of {interface!r} is known at its points: take Resultant({interface!r}) or its row in "
+            f"reaction: the force of {interface!r} is known at its points: take Resultant({interface!r}) or "
+            "its row in "
             "the table"
         )
     held = reaction(answer, interface)
     if held is None:
         raise SceneError(
-            f"reaction: other interfaces hold the nodes of {interface!r} in the same directions; their forces cannot "
-            f"be told apart: solve with active=[{interface!r}], or ask for the sum in the table of another face"
+            f"reaction: other interfaces hold the nodes of {interface!r} in the same directions; their "
+            "forces cannot "
+            f"be told apart: solve with active=[{interface!r}], or ask for the sum in the table of another "
+            "face"
         )
     axis = _AXES.index(component)
 

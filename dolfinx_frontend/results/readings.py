@@ -191,7 +191,8 @@ def measure(
     axes = {"xyz"[a]: tangents[:, :, a] for a in range(surface.dim)}
     rows = {c: np.einsum("pcd,pd->pc", frames, r) for c, r in _levers(surface.points, surface.centre).items()}
     if surface.wrench is not None:
-        rows = {c: np.reshape([value, *[0.0] * (len(out[0]) - 1)], (1, -1)) for c, value in zip(rows, surface.wrench, strict=True)}
+        first = np.eye(1, len(out[0]))
+        rows = {c: value * first for c, value in zip(rows, surface.wrench, strict=True)}
     rows |= {"normal": out} | axes
     sums = _summed(force, {column: weights[:, None] * row for column, row in rows.items()})
     values = {"area": np.full(force.shape[:-2], weights.sum())}

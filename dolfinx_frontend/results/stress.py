@@ -73,9 +73,10 @@ def stress_function(
 def stress_of(
     displacement: fem.Function, material: Any, degree: int, initial: Sequence[Any] = ()
 ) -> Callable[[Sequence[float]], fem.Function]:
-    """The stress of what a function holds when it is called with the numbers of initial stresses: compiled once."""
+    """The stress of what a function holds when it is called with the numbers of initial stresses: compiled
+    once."""
     mesh = displacement.function_space.mesh
-    numbers = [fem.Constant(mesh, 0.0) for _ in initial]
+    numbers = [fem.Constant(mesh, np.float64(0.0)) for _ in initial]
     total = material.stress(displacement)
     for number, each in zip(numbers, initial, strict=True):
         total = total - number * each

@@ -54,8 +54,9 @@ class BoltStiffness:
     def vdi2230(
         cls, d: float, pitch: float, shank: float, thread: float, E: float, nu: float = 0.3, nut: bool = True
     ) -> BoltStiffness:
-        """A bolt with a hexagon head by VDI 2230: shank and free thread, with what head, engaged thread and nut
-        yield: 0.5 d at the nominal diameter, 0.5 d at the minor one, 0.4 d (a tapped hole: 0.33 d) at the nominal one.
+        """A bolt with a hexagon head by VDI 2230: shank and free thread, with what head, engaged thread and
+        nut yield: 0.5 d at the nominal diameter, 0.5 d at the minor one, 0.4 d (a tapped hole: 0.33 d) at the
+        nominal one.
 
         Parameters
         ----------
@@ -67,6 +68,6 @@ class BoltStiffness:
         checked_number("BoltStiffness", "d", d, above=0.0)
         checked_number("BoltStiffness", "pitch", pitch, least=0.0, below=d / 1.22687)
         minor = d - 1.22687 * pitch
-        return cls.of_cylinders(
-            [(0.5 * d, d), (shank, d), (thread, minor), (0.5 * d, minor), ((0.4 if nut else 0.33) * d, d)], E, nu
-        )
+        end = 0.4 * d if nut else 0.33 * d
+        cylinders = [(0.5 * d, d), (shank, d), (thread, minor), (0.5 * d, minor), (end, d)]
+        return cls.of_cylinders(cylinders, E, nu)

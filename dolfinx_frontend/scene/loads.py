@@ -181,7 +181,8 @@ def shaped(where: str, value: Any, number: str, unit: Any) -> tuple[dict[str, An
         fields = [(a, v) for a, v in value.terms if is_field(v)]
         numbers = tuple((a, v) for a, v in value.terms if not is_field(v))
     else:
-        fields, numbers = ([(None, value)], ()) if is_field(value) else ([], ((None, value),))
+        alone: tuple[Amplitude | None, Any] = (None, value)
+        fields, numbers = ([alone], ()) if is_field(value) else ([], (alone,))
     values: dict[str, Any] = {}
     shapes: dict[str, Any] = {}
     if numbers:

@@ -157,7 +157,8 @@ class LinearElastic:
     def _lame(self, domain: Any) -> tuple[Any, Any]:
         """lambda (of plane stress, too) and 2 mu as constants of a mesh."""
         E, nu = (
-            fem.Constant(domain, np.asarray(c, dtype=np.float64)) if is_real(c) else c for c in (self.E, self.nu)
+            fem.Constant(domain, np.asarray(c, dtype=np.float64)) if is_real(c) else c
+            for c in (self.E, self.nu)
         )
         if self.plane == "stress":
             return E * nu / (1 - nu**2), E / (1 + nu)

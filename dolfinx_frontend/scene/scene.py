@@ -75,8 +75,8 @@ class Scene:
     Parameters
     ----------
     axisymmetric
-        All parts are sections (r, z) = (x, y) of bodies of revolution about x = 0: areas and volumes are those of
-        the full ring, forces are totals, and the only rigid motion is along z.
+        All parts are sections (r, z) = (x, y) of bodies of revolution about x = 0: areas and volumes are
+        those of the full ring, forces are totals, and the only rigid motion is along z.
 
     Examples
     --------
@@ -333,9 +333,9 @@ class Scene:
     ) -> None:
         """Faces that move as one rigid body, of one part or of several (RBE2).
 
-        Their nodes are condensed to the motions of the body: nothing is iterated on, and stiffness is added by
-        the constraint only. Forces on it are those on its faces, :meth:`force`. What a face takes of it is its row
-        in the table of a result.
+        Their nodes are condensed to the motions of the body: nothing is iterated on, and stiffness is added
+        by the constraint only. Forces on it are those on its faces, :meth:`force`. What a face takes of it is
+        its row in the table of a result.
 
         Parameters
         ----------
@@ -375,7 +375,8 @@ class Scene:
         self._tied("plane", faces, name, plane=True, tilts=tilts, n=n)
 
     def _tied(self, kind: str, faces: str | Sequence[str], name: str | None, **settings: Any) -> None:
-        given = [str(faces)] if isinstance(faces, str) else checked_names(kind, "faces", faces, " 'part:face'")
+        one = isinstance(faces, str)
+        given = [str(faces)] if one else checked_names(kind, "faces", faces, " 'substructure:face'")
         if not given:
             raise SceneError(f"{kind}: no face given; write 'substructure:face'")
         found = [self._face(face, kind) for face in given]
@@ -384,16 +385,16 @@ class Scene:
         for face in found:
             if face in used:
                 raise SceneError(
-                    f"{kind} {group!r}: {face} is rigid already by {used[face].name!r}; a rigid face belongs to one "
+                    f"{kind} {group!r}: {face} is rigid already by {used[face].name!r}; a rigid face belongs "
+                    "to one "
                     "group: name all of its faces there"
                 )
         if len(set(found)) < len(found):
             raise SceneError(f"{kind} {group!r}: faces = {given}: name every face once")
         shared = {key: settings[key] for key in ("plane", "tilts") if key in settings}
-        for k, face in enumerate(given):
+        for k, each in enumerate(given):
             law = Rigid(group, found[0].substructure, k == 0, **(settings if k == 0 else shared))
-            one = len(given) == 1
-            self.interface(group if one and name is not None else f"{group}[{face}]" if not one else group, face, law)
+            self.interface(group if len(given) == 1 else f"{group}[{each}]", each, law)
 
     def fix_point(
         self,
@@ -429,19 +430,22 @@ class Scene:
     def springs(
         self, face: str, name: str | None = None, point: Sequence[float] | None = None, **stiffness: Value
     ) -> None:
-        """Springs from the mean rigid motion of a face to the ground (RBE3: the face itself stays as soft as it is).
+        """Springs from the mean rigid motion of a face to the ground (RBE3: the face itself stays as soft as
+        it is).
 
         Parameters
         ----------
         face
             ``"substructure:face"``.
         name
-            Each spring is an interface ``"<name>.x"``, whose stiffness is the parameter ``"<name>.x.normal"``; None:
+            Each spring is an interface ``"<name>.x"``, whose stiffness is the parameter
+            ``"<name>.x.normal"``; None:
             ``"springs(face)"``.
         point
             Where the springs are; None: the centroid of the face.
         stiffness
-            ``x``, ``y``, ``z`` (force / length) and ``rx``, ``ry``, ``rz`` (force * length), numbers or random; in
+            ``x``, ``y``, ``z`` (force / length) and ``rx``, ``ry``, ``rz`` (force * length), numbers or
+            random; in
             2D x, y and rz.
         """
         where = f"springs of {face!r}"
@@ -464,17 +468,19 @@ class Scene:
         stiffness: BoltStiffness,
         preload: Preload | None = None,
     ) -> None:
-        """A straight beam between the centroids of two faces, whose mean motions it joins (RBE3): a bolt that is not
-        meshed, between the faces under its head and its nut.
+        """A straight beam between the centroids of two faces, whose mean motions it joins (RBE3): a bolt
+        that is not meshed, between the faces under its head and its nut.
 
-        Each of its deformations is an interface with one point: ``"<name>.axial"`` (tension > 0), ``".torsion"``,
-        ``".bending1"``, ``".bending2"`` (its ends turn against each other) and ``".shear1"``, ``".shear2"`` (they
-        turn together); in 2D axial, bending1 and shear1.
+        Each of its deformations is an interface with one point: ``"<name>.axial"`` (tension > 0),
+        ``".torsion"``,
+        ``".bending1"``, ``".bending2"`` (its ends turn against each other) and ``".shear1"``, ``".shear2"``
+        (they turn together); in 2D axial, bending1 and shear1.
 
         Parameters
         ----------
         stiffness
-            :class:`BoltStiffness`, e.g. ``BoltStiffness.vdi2230(d=12, pitch=1.75, shank=20, thread=10, E=205e3)``.
+            :class:`BoltStiffness`, e.g. ``BoltStiffness.vdi2230(d=12, pitch=1.75, shank=20, thread=10,
+            E=205e3)``.
         preload
             How it is tightened; its `stiffness` is the beam's.
         """
@@ -483,7 +489,9 @@ class Scene:
         check_optional_kind(where, "preload", preload, Preload, "give Preload(force=...)")
         faces = (self._face(first, where), self._face(second, where))
         if self.axisymmetric:
-            raise SceneError(f"{where}: a beam in an axisymmetric scene; a single bolt is not axisymmetric: model it in 3D")
+            raise SceneError(
+                f"{where}: a beam in an axisymmetric scene; a single bolt is not axisymmetric: model it in 3D"
+            )
         if faces[0] == faces[1]:
             raise SceneError(f"{where}: both ends are {faces[0]}; join two different faces")
         spec = self.substructures[faces[0].substructure]
@@ -521,7 +529,9 @@ class Scene:
             raise SceneError(f"{where}: the name is in use; names are unique")
         self.loads[unique] = Load(unique, part, kind, values, shapes, face)
 
-    def load(self, part: str, form: Callable[[Any], Any], factor: Value = 1.0, name: str | None = None) -> None:
+    def load(
+        self, part: str, form: Callable[[Any], Any], factor: Value = 1.0, name: str | None = None
+    ) -> None:
         """Any load of a part: a linear form of the test function.
 
         Parameters
@@ -550,7 +560,8 @@ class Scene:
         self._add("body_force", part, name, *components(f"body_force of {part!r}", "force", force))
 
     def inertia_relief(self, density: Value | Mapping[str, float]) -> None:
-        """Balance all loads by the inertia of the assembly, which nothing holds: it accelerates as a rigid body.
+        """Balance all loads by the inertia of the assembly, which nothing holds: it accelerates as a rigid
+        body.
 
         What remains is in equilibrium by itself. The assembly is held at nodes of its first part, in as many
         components as it has rigid motions; these supports (``"relief"``) carry nothing, and displacements are
@@ -569,7 +580,8 @@ class Scene:
         early = [i.name for i in self.interfaces.values() if i.law.elimination is Elimination.LOAD]
         if early:
             raise SceneError(
-                f"inertia_relief: {', '.join(map(repr, early))} came before it: call inertia_relief first, then the "
+                f"inertia_relief: {', '.join(map(repr, early))} came before it: call inertia_relief first, "
+                "then the "
                 "loads, which it has to balance"
             )
         if isinstance(density, Mapping):
@@ -588,7 +600,8 @@ class Scene:
         name: str | None,
     ) -> None:
         """A load on each of some faces."""
-        given = [str(faces)] if isinstance(faces, str) else checked_names(kind, "faces", faces, " 'part:face'")
+        one = isinstance(faces, str)
+        given = [str(faces)] if one else checked_names(kind, "faces", faces, " 'substructure:face'")
         if not given:
             raise SceneError(f"{kind}: no face given; write 'substructure:face'")
         for each in given:
@@ -606,15 +619,16 @@ class Scene:
     ) -> None:
         """Total force and moment on a face, at a point that may be remote (RBE3).
 
-        It is spread over the face statically, as the traction a + b x (x - centroid) that has this resultant: no
-        stiffness is added. On a rigid face it is the force on the rigid body.
+        It is spread over the face statically, as the traction a + b x (x - centroid) that has this
+        resultant: no stiffness is added. On a rigid face it is the force on the rigid body.
 
         Parameters
         ----------
         face
             ``"substructure:face"``.
         force
-            d components, force: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``, ``z``.
+            d components, force: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``,
+            ``z``.
         moment
             3 components, in 2D one number, force * length; parameters ``"<name>.mx"``, ``my``, ``mz``.
         point
@@ -628,7 +642,9 @@ class Scene:
         if force is not None:
             values, axes = components(where, "force", force)
             if "factor" in values:
-                raise SceneError(f"{where}: force = {short(force)} is a field; a total force is numbers: use traction")
+                raise SceneError(
+                    f"{where}: force = {short(force)} is a field; a total force is numbers: use traction"
+                )
             shapes = {key: ("force", axis, place) for key, axis in axes.items()}
         if moment is not None:
             numbers = [v for _, v in moment.terms] if isinstance(moment, Varying) else [moment]
@@ -690,7 +706,9 @@ class Scene:
         if not is_field(strain):
             matrix = checked_numbers(where, "strain", strain, "give a symmetric matrix", dimensions=2)
             if matrix.shape not in ((2, 2), (3, 3)) or not (matrix == matrix.T).all():
-                raise SceneError(f"{where}: strain = {short(strain)}; give a symmetric matrix (d, d) or (3, 3)")
+                raise SceneError(
+                    f"{where}: strain = {short(strain)}; give a symmetric matrix (d, d) or (3, 3)"
+                )
         self._add("initial_strain", part, name, {"factor": factor}, {"factor": strain})
 
     def temperature(
@@ -703,12 +721,13 @@ class Scene:
         Parameters
         ----------
         dT
-            A number (also random, or an Amplitude times one): parameter ``"<name>.dT"``. Or a field: a dolfinx
+            A number (also random, or an Amplitude times one): parameter ``"<name>.dT"``. Or a field: a
+            dolfinx
             Function or UFL expression on the part's mesh, or a callable x (m, d) -> (m,), also times an
             Amplitude.
         alpha
-            Coefficient of expansion, 1 / temperature: a number, d numbers or 3 along the global axes, or a UFL
-            expression; None: the material's ``alpha``.
+            Coefficient of expansion, 1 / temperature: a number, d numbers or 3 along the global axes, or a
+            UFL expression; None: the material's ``alpha``.
         factor
             Multiplies a field: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
 

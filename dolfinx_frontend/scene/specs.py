@@ -62,7 +62,8 @@ class PartLike(Protocol):
 
 @dataclass(frozen=True)
 class Revolved:
-    """A part whose mesh is the section (r, z) of a body of revolution about r = 0; what is not here is its part's."""
+    """A part whose mesh is the section (r, z) of a body of revolution about r = 0; what is not here is its
+    part's."""
 
     part: PartLike
     around: bool = True
@@ -138,12 +139,15 @@ class SubstructureSpec:
         plane = getattr(spec.material, "plane", "")
         if spec.axisymmetric and not isinstance(spec.source, Revolved):
             if spec.dim != 2:
-                raise SceneError(f"{where}: {spec.dim} dimensions in an axisymmetric scene; mesh its section (r, z)")
+                raise SceneError(
+                    f"{where}: {spec.dim} dimensions in an axisymmetric scene; mesh its section (r, z)"
+                )
             lowest = float(np.asarray(spec.part.mesh.geometry.x)[:, 0].min())
             size = float(np.ptp(np.asarray(spec.part.mesh.geometry.x), axis=0).max())
             if lowest < -1e-9 * size:
                 raise SceneError(
-                    f"{where}: its section has radii down to {lowest:.4g}; x is the radius: mesh one half, x >= 0"
+                    f"{where}: its section has radii down to {lowest:.4g}; x is the radius: mesh one half, x "
+                    ">= 0"
                 )
             if plane == "stress":
                 raise SceneError(f"{where}: plane = 'stress' in an axisymmetric scene; leave plane out")
@@ -202,10 +206,11 @@ class Remote:
     points
         By side: the point (d,) of which the displacement is taken; None: the centroid of the face.
     forces, moments
-        By side: the displacement of the interface is force . displacement + moment . rotation (d and 3 numbers,
-        in 2D one).
+        By side: the displacement of the interface is force . displacement + moment . rotation (d and 3
+        numbers, in 2D one).
     beam
-        Of a beam between two faces: which of its deformations; forces and moments follow from their centroids.
+        Of a beam between two faces: which of its deformations; forces and moments follow from their
+        centroids.
     """
 
     node: tuple[float, ...] | None = None

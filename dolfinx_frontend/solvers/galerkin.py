@@ -52,6 +52,7 @@ from dolfinx_frontend.solvers.collocation import collocation
 from dolfinx_frontend.solvers.deterministic import check_start, start_states
 from dolfinx_frontend.solvers.sampling import sample_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.derived import DerivedParameter
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -140,7 +141,7 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
 
 def _limit(source: Source, basis: stochastic.ChaosBasis, space: RandomSpace) -> str:
     """What the coefficient of variation would have to be, where that is known."""
-    if isinstance(source, DiscretisedField) or not source.affine:
+    if isinstance(source, DiscretisedField | DerivedParameter) or not source.affine:
         return ""
     column = space.germ_names.index(source.name)
     order = int(basis.indices.table[:, column].max(initial=0))

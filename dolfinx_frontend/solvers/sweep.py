@@ -80,12 +80,13 @@ def _swept(
 ) -> list[SweptParameter]:
     """The swept values at all points of the grid."""
     of_loads = {name for name, (load, _) in targets.items() if load in problem.loads}
-    missing = [n for n, (interface, _) in targets.items() if n not in of_loads and interface not in plan.active]
+    of_laws = {name: interface for name, (interface, _) in targets.items() if name not in of_loads}
+    missing = [name for name, interface in of_laws.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     mesh = np.meshgrid(*axes.values(), indexing="ij")
-    parameters = []
     loads: dict[LoadTerm, Array] = {}
+    parameters: list[SweptParameter] = []
     for key, values in zip(axes, mesh, strict=True):
         for name in key:
             interface, parameter = targets[name]
@@ -98,7 +99,8 @@ def _swept(
                 raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
             if any(p.interface == interface and p.parameter == kernel_name for p in parameters):
                 raise SceneError(
-                    f"sweep: {name!r} and another swept value of {interface!r} set the same number of its law "
+                    f"sweep: {name!r} and another swept value of {interface!r} set the same number of its "
+                    "law "
                     f"({kernel_name}): sweep one of them, or the result of both"
                 )
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)

@@ -110,23 +110,23 @@ class RandomSpace:
     """
 
     def __init__(self, sources: Iterable[Source]) -> None:
-        seen: dict[str, Source] = {}
+        seen: dict[str, RandomParameter | DiscretisedField] = {}
         given = list(sources)
-        alone = [
+        alone: list[RandomParameter | DiscretisedField] = [
             each for s in given for each in (s.of.values() if isinstance(s, DerivedParameter) else (s,))
         ]
-        for source in alone:
-            if not isinstance(source, (RandomParameter, DiscretisedField)):
+        for single in alone:
+            if not isinstance(single, (RandomParameter, DiscretisedField)):
                 raise SceneError(
-                    f"{source!r} of type {type(source).__name__} is not a random parameter; a "
+                    f"{single!r} of type {type(single).__name__} is not a random parameter; a "
                     "RandomField must be put on its points first"
                 )
-            other = seen.setdefault(source.name, source)
-            same = other is source or other == source
+            other = seen.setdefault(single.name, single)
+            same = other is single or other == single
             if not same:
                 raise SceneError(
-                    f"random parameter {source.name!r} has two definitions: {other!r} and "
-                    f"{source!r}; give them different names, or use one object in both places"
+                    f"random parameter {single.name!r} has two definitions: {other!r} and "
+                    f"{single!r}; give them different names, or use one object in both places"
                 )
         self._sources = seen
         self.names = tuple(seen)

@@ -79,6 +79,5 @@ void bind_mortar(py::module_& m) {
         return arrays(std::move(found), first.facets(), chi, first.functions(), second.functions());
       },
       "first"_a, "second"_a, py::kw_only(), "degree"_a, "multipliers"_a, "points"_a, "weights"_a,
-      "near_first"_a, "near_second"_a, "opposed"_a,
-      "around"_a = false);
+      "near_first"_a, "near_second"_a, "opposed"_a, "around"_a = false);
 }

@@ -268,8 +268,8 @@ class Law:
         return {}
 
     def derived(self) -> dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, Array]], Array]]]:
-        """Parameters that follow from others of them: name -> the names of these, and arrays (N,) of those that
-        vary -> (N,)."""
+        """Parameters that follow from others of them: name -> the names of these, and arrays (N,) of those
+        that vary -> (N,)."""
         return {}
 
     def with_(self, **changes: Any) -> Self:
@@ -301,8 +301,8 @@ class Law:
         return self._changed({k: v.nominal for k, v in self.varying.items()})
 
     def pattern(self, amplitude: object) -> Self:
-        """The law with the part of its loading that one amplitude multiplies (None: the constant part; what is
-        no amplitude: nothing)."""
+        """The law with the part of its loading that one amplitude multiplies (None: the constant part; what
+        is no amplitude: nothing)."""
         changes: dict[str, Any] = {}
         for name in self.loading:
             value = getattr(self, name)

@@ -35,18 +35,19 @@ class Preload(Law):
     another, and again: before the first one the section has its original length (a bolt that just fits).
 
     It is tightened by a force, by a torque, which is a force by the friction of thread and head (VDI 2230,
-    F = M / (P / 2 pi + mu_thread d2 / (2 cos 30) + mu_head D / 2) with d2 = d - 0.6495 P), or by a shortening or
-    the angle of a nut (P angle / 360), which are given throughout. Where both are given, the section is shortened
-    further from the length that the force or the torque left it with: a torque to snug, then an angle.
+    F = M / (P / 2 pi + mu_thread d2 / (2 cos 30) + mu_head D / 2) with d2 = d - 0.6495 P), or by a
+    shortening or the angle of a nut (P angle / 360), which are given throughout. Where both are given, the
+    section is shortened further from the length that the force or the torque left it with: a torque to snug,
+    then an angle.
 
     Parameters
     ----------
     force
         Force on the whole section as it is modelled (half of it on half a bolt), > 0 in tension.
     torque, mu_thread, mu_head, d, pitch, bearing
-        Tightening torque (force * length) of the whole bolt, friction coefficients, nominal diameter and pitch of
-        the thread, mean diameter D of the bearing of the head (None: 1.3 d), length. Torque and friction may be
-        random or swept.
+        Tightening torque (force * length) of the whole bolt, friction coefficients, nominal diameter and
+        pitch of the thread, mean diameter D of the bearing of the head (None: 1.3 d), length. Torque and
+        friction may be random or swept.
     shortening, angle
         Length, or degrees on a thread of this pitch; numbers, random, swept, or an Amplitude times one.
     embedding
@@ -101,7 +102,9 @@ class Preload(Law):
     def _validate_tightening(self) -> None:
         given = self.given("force", "torque", "shortening", "angle")
         if not given:
-            raise SceneError("Preload: it is not said how it is tightened: give force, torque, shortening or angle")
+            raise SceneError(
+                "Preload: it is not said how it is tightened: give force, torque, shortening or angle"
+            )
         for pair in (("force", "torque"), ("shortening", "angle")):
             if set(pair) <= set(given):
                 raise SceneError(f"Preload: {' and '.join(pair)} are given: give one")
@@ -111,11 +114,14 @@ class Preload(Law):
             checked_number("Preload", "stiffness", self.stiffness, above=0.0)
         by_force = bool({"force", "torque"} & set(given))
         if not by_force and (self.until is not None or self.during is not None):
-            raise SceneError("Preload: until and during are for force and torque; a shortening is given throughout")
+            raise SceneError(
+                "Preload: until and during are for force and torque; a shortening is given throughout"
+            )
         slack = self.given("shortening", "angle", "embedding")
         if by_force and slack and self.until is None and self.during is None:
             raise SceneError(
-                f"Preload: {', '.join(slack)} beside a force that is given throughout changes nothing: say until "
+                f"Preload: {', '.join(slack)} beside a force that is given throughout changes nothing: say "
+                "until "
                 "when it is given (until=, during=)"
             )
         random = [k for k, v in slack.items() if not is_plain(v) and isinstance(v, Parameter)]
@@ -126,7 +132,9 @@ class Preload(Law):
             )
         if self.angle is not None:
             if self.pitch is None:
-                raise SceneError(f"Preload: angle = {short(self.angle)} without the pitch of the thread; give pitch=")
+                raise SceneError(
+                    f"Preload: angle = {short(self.angle)} without the pitch of the thread; give pitch="
+                )
             checked_number("Preload", "pitch", self.pitch, above=0.0)
         if self.torque is not None:
             self._validate_thread()
@@ -135,16 +143,19 @@ class Preload(Law):
         missing = [n for n in ("mu_thread", "mu_head", "d", "pitch") if getattr(self, n) is None]
         if missing:
             raise SceneError(
-                f"Preload: torque = {short(self.torque)} needs {', '.join(missing)}: friction of thread and head, "
+                f"Preload: torque = {short(self.torque)} needs {', '.join(missing)}: friction of thread and "
+                "head, "
                 "nominal diameter and pitch"
             )
         for name in ("mu_thread", "mu_head"):
             value = getattr(self, name)
             if isinstance(value, Varying) or not (is_real(value) or isinstance(value, Parameter)):
                 raise SceneError(f"Preload: {name} = {short(value)}; give a number or a random number")
-        if isinstance(self.torque, Varying) or not (is_real(self.torque) or isinstance(self.torque, Parameter)):
+        known = is_real(self.torque) or isinstance(self.torque, Parameter)
+        if isinstance(self.torque, Varying) or not known:
             raise SceneError(
-                f"Preload: torque = {short(self.torque)}; give a number or a random number, and the times at which "
+                f"Preload: torque = {short(self.torque)}; give a number or a random number, and the times at "
+                "which "
                 "it acts by until= or during="
             )
         checked_number("Preload", "d", self.d, above=0.0)
@@ -154,7 +165,8 @@ class Preload(Law):
         if self._lever(self._nominal("mu_thread"), self._nominal("mu_head")) <= 0.0:
             raise SceneError(
                 f"Preload: torque = {short(self.torque)} with mu_thread = {short(self.mu_thread)}, mu_head = "
-                f"{short(self.mu_head)} and pitch = {self.pitch:g}: nothing takes the torque, the force would be "
+                f"{short(self.mu_head)} and pitch = {self.pitch:g}: nothing takes the torque, the force "
+                "would be "
                 "infinite; give a pitch or friction > 0"
             )
 
@@ -293,7 +305,8 @@ class Preload(Law):
         others = [p for p in self.varying if self.kernel_name(p) == name]
         if others:
             raise SceneError(
-                f"interface {points.name!r}: {parameter} is swept where {others[0]} changes in time; sweep the "
+                f"interface {points.name!r}: {parameter} is swept where {others[0]} changes in time; sweep "
+                "the "
                 "force, or give numbers"
             )
         of = self._force_of if name == "force" else self._slack_of

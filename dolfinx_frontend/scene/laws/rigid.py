@@ -76,7 +76,8 @@ class Rigid(Law):
         given = self.parameters()
         if self.plane and set(given) - ({"n"} if not self.tilts else set()):
             raise SceneError(
-                f"plane face {self.group!r}: {', '.join(given)} is given; a face that is kept plane takes n, and "
+                f"plane face {self.group!r}: {', '.join(given)} is given; a face that is kept plane takes n, "
+                "and "
                 "with tilts=False only: use scene.rigid for more"
             )
         if not self.plane and "n" in given:

@@ -536,7 +536,7 @@ class Sweep {
   const Matrix& amplitudes_;  ///< at all points, but for swept loads
   std::vector<const SweptParameter*> loads_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
-  std::vector<State> known_;  ///< without the answer to swept loads
+  std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;
   bool stop_ = false;  ///< a callback of this rank asked for the end
   const Callback callback_;
