@@ -86,5 +86,5 @@ def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resi
     row[d:] /= length
     holds = interface.law.nominal.holds(d)[0] and (where is None or bool(np.all(where)))
     sides = tuple(side.substructure for side in interface.sides)
-    gram: Array = np.outer(row, row) * holds / max(float(row @ row), 1e-300)
+    gram: Array = np.asarray(np.outer(row, row) * holds / max(float(row @ row), 1e-300), dtype=np.float64)
     return sides, gram, (interface.points[0].copy(), length)

@@ -176,7 +176,10 @@ def _part_tree(answer: Any, name: str) -> Tree:
         values = np.concatenate([block.displacement(name) for block in answer.blocks()])
     tree: Tree = {
         "displacement": values.reshape(*values.shape[:-1], -1, part.dim),
-        "mesh": part_arrays(part.part, part.V, part.material),
+        # a file has no initial stresses, without which a stress from its material would be wrong
+        "mesh": part_arrays(
+            part.part, part.V, None if answer.problem.initial_stresses(name) else part.material
+        ),
     }
     deviation = answer.deviation(name)
     if deviation is not None and answer.kind != "chaos":  # of a chaos it follows from the modes

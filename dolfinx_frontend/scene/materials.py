@@ -360,9 +360,11 @@ class OrthotropicElastic:
             return self.stress_of(revolved_strain(u), extract_unique_domain(u))
         return matrix_stress(self._global_elasticity(dim), u)
 
-    def elasticity(self, dim: int) -> npt.NDArray[np.float64]:
-        """The matrix of :func:`matrix_stress`, force / area."""
+    def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
+        """The matrix of :func:`matrix_stress`, force / area; None: of an axisymmetric part."""
         self.check(dim)
+        if self.plane == "axisymmetric":
+            return None
         return self._global_elasticity(dim)
 
     def bilinear(self, u: Any, v: Any) -> Any:
