@@ -190,7 +190,8 @@ def test_any_linear_form_and_body_forces_are_loads() -> None:
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 def test_remote_forces_have_their_resultants(cell: str) -> None:
     scene = lf.Scene()
-    scene.substructure("a", geometry.box((2, 3, 5), (2, 2, 3), cell=cell), lf.LinearElastic(1e3, NU), degree=2)
+    box = geometry.box((2, 3, 5), (2, 2, 3), cell=cell)
+    scene.substructure("a", box, lf.LinearElastic(1e3, NU), degree=2)
     scene.fix("a:z0")
     at = np.array([7.0, -3.0, 9.0])
     scene.force("a:z1", (1.0, 1.0, 1.0), (1.0, 1.0, 1.0), point=at, name="remote")
