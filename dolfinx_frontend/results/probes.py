@@ -63,7 +63,8 @@ class AtPoint:
         self.problem, self.part, self.step = problem, part, step
         self._s = problem.substructures[part]
         where = f"AtPoint of {part!r}"
-        self.point = checked_numbers(where, "point", point, f"give {self._s.dim} numbers", dimensions=1).copy()
+        wanted = f"give {self._s.dim} numbers"
+        self.point = checked_numbers(where, "point", point, wanted, dimensions=1).copy()
         if self.point.shape != (self._s.dim,):
             raise SceneError(f"{where}: point = {short(point)}; give {self._s.dim} numbers")
         self.of = checked_word(where, "of", of, ("displacement", "stress"))

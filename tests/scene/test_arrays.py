@@ -120,7 +120,8 @@ INPUTS: dict[str, tuple[Given, Callable[..., Any]]] = {
     ),
 }
 NO_ARRAYS = (
-    "AtPoint Beta BoltStiffness Cut Errors Estimate FromDistribution Gamma IndefiniteError Interface Law LinearElastic LogNormal "
+    "AtPoint BoltStiffness "
+    "Beta Cut Errors Estimate FromDistribution Gamma IndefiniteError Interface Law LinearElastic LogNormal "
     "Material NearlyIndefiniteWarning Normal Options Perfect Plan Preload Quantity RandomField RandomLaws "
     "ResultFileError Resultant SavedResult SceneError SceneWarning StochasticResult Substructure Symmetry "
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
