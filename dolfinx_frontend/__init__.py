@@ -152,5 +152,3 @@ __all__ = [
     "sweep",
     "tensor_quadrature",
 ]
-
-Problem.exporter = staticmethod(export)

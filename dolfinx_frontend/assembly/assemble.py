@@ -7,7 +7,6 @@ the traces, weights and frames of every interface.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -31,6 +30,8 @@ from dolfinx_frontend.assembly.ranks import (
     bound_threads,
     check_alike,
     end_all_on_errors,
+    exchanged,
+    one_call,
     own_communicator,
     place,
     swap,
@@ -41,7 +42,7 @@ from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
 from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
@@ -56,7 +57,7 @@ _log = logging.getLogger(__name__)
 def _check_law(interface: Interface) -> None:
     """Evaluate the values of a law once, so that mistakes are reported here."""
     law = interface.law.nominal
-    law.check_faces(interface, interface.sag)
+    law.check_faces(interface, interface.sag, interface.chords)
     if law.linear:
         law.fields(interface)
 
@@ -88,10 +89,19 @@ def assemble(
         Everything that is wrong with meshes, materials, faces, laws, and parts that can move
         without resistance. If one rank fails, all raise.
     """
+    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
+    if comm == MPI.COMM_NULL:
+        raise SceneError("assemble: comm is MPI.COMM_NULL, or was freed; give another, or None")
+    comm = None if comm is None or (comm.size == 1 and MPI.COMM_WORLD.size == 1) else comm
+    spread = own_communicator(comm) if comm is not None and comm.size > 1 else None
+    with one_call(spread, "assemble"):
+        return _checked_assembly(scene, progress, comm)
+
+
+def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm: Any) -> Problem:
     check_kind("assemble", "scene", scene, Scene, "give a Scene, which describes the parts and interfaces")
     if progress is not None:
         checked_callable("assemble", "progress", progress, "give a function of a line, or None")
-    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     began = perf_counter()
@@ -119,18 +129,17 @@ def assemble(
 
 def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
-        warnings.warn(
+        warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
             "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
             SceneWarning,
-            stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
     if comm is not None:
         comm = own_communicator(comm)
         end_all_on_errors(comm)
-        bound_threads(comm.py2f())
         check_alike(comm, "assemble", _described(scene))
+        bound_threads(comm.py2f())
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
@@ -148,7 +157,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is not None:
         bare = {name: _bare(interfaces[name]) for name in resistances}
         for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
-            for each in comm.allgather(its):
+            for each in exchanged(comm, its):
                 known.update({n: value for n, value in each.items() if n not in known})
         interfaces = {
             name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()

@@ -84,23 +84,24 @@ def _projectors(gram: Array, least: float) -> Array:
 
 def held_by(name: str, law: Law, label: tuple[str, str], sides: int, facets: FacetMap, space: Any) -> Held:
     """What a law holds at the nodes of one of its faces."""
-    index, s, w = facets.quadrature(2 * space.element.basix_element.degree)
-    points, normals, area = facets.surface(index, s)
-    weights = w * area
+    s, w = facets.rule(2 * int(space.element.basix_element.degree))
+    points, (normals, area) = facets.alike(s), facets.alike_surface(s)
+    share = np.abs(facets.alike_shapes(space, s)) * (w * area)[:, :, None]
+    d = facets.dim
+    points, normals, weights = points.reshape(-1, d), normals.reshape(-1, d), (w * area).ravel()
     mean = weights @ normals / weights.sum()
     flatness = float(np.linalg.norm(normals - mean, axis=1).max())
     length = float(np.linalg.norm(mean))
-    side = _Side(*label, unit(mean) if length > 1e-9 else np.zeros(facets.dim), flatness)
+    side = _Side(*label, unit(mean) if length > 1e-9 else np.zeros(d), flatness)
     probe = _Probe(name, points, weights, frames(normals)[0], (side,) * sides, law)
     rows = _rows(law, probe)
-    nodes = facets.face_nodes(space)
-    share = abs(facets.trace(space, index, s, space.dofmap.index_map.size_local)[:, nodes]).multiply(
-        weights[:, None]
-    )
-    d = facets.dim
-    gram = (share.T @ np.einsum("mri,mrj->mij", rows, rows).reshape(-1, d * d)).reshape(-1, d, d)
-    gram /= np.maximum(np.asarray(share.sum(axis=0)).ravel(), 1e-300)[:, None, None]
-    return Held(nodes, _projectors(gram, 0.3))
+    both = np.einsum("mri,mrj->mij", rows, rows).reshape(len(facets), -1, d * d)
+    nodes, at = np.unique(facets.closure_dofs(space), return_inverse=True)
+    parts = (np.swapaxes(share, 1, 2) @ both).reshape(-1, d * d)
+    several = [np.bincount(at.ravel(), parts[:, k]) for k in range(d * d)]
+    weight = np.maximum(np.bincount(at.ravel(), share.sum(axis=1).ravel()), 1e-300)
+    gram = np.asarray(np.stack(several, axis=1) / weight[:, None], dtype=np.float64)
+    return Held(nodes, _projectors(gram.reshape(-1, d, d), 0.3))
 
 
 def joined_holds(several: list[Held]) -> Held | None:

@@ -164,21 +164,22 @@ def multipliers(
     np.add.at(distance, corners, found.gap[facets])
     np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
     weights = merging @ weights
-    inverse = sp.diags(1.0 / weights) @ merging
+    inverse = (sp.diags(1.0 / weights) @ merging).tocsr()
     mean = found.mean[facets][:, :, None]
-    plane = float(np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max()) < _PLANE
+    plane = not len(found.own_normal) or bool(
+        np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max() < _PLANE
+    )
     shapes, along = [], []
-    sides = [(carrier, dual, facets, corners, found.own[facets], found.own_normal[facets])]
+    sides = [(carrier, dual, facets, facets, corners, found.own, found.own_normal)]
     if other is not None:
-        sides.append(
-            (other, of_pairs, found.second[pairs], here, found.other[pairs], found.other_normal[pairs])
-        )
-    for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
+        sides.append((other, of_pairs, pairs, found.second[pairs], here, found.other, found.other_normal))
+    for (face, psi, taken, which, rows, few, several), v in zip(sides, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
-        shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
+        shapes.append((inverse @ _assembled(psi @ few[taken], rows, nodes, m, count)).tocsr())
         if plane:
             continue
-        several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
+        several = several[taken, :, :, :d]
+        several = psi @ several.reshape(*several.shape[:2], -1)
         unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
         along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
     areas = sp.csr_matrix(
@@ -219,23 +220,16 @@ def _normals_at_vertices(face: FacetMap, facets: Ints, corners: Ints, weights: A
     For laws that hold all directions alike, whose forces are best told in the frame of the place. Laws that
     tell the normal direction from the others take the mean over psi, along which rigid motions slide freely.
     """
-    k, v = corners.shape
-    s = np.tile(np.asarray(basix.geometry(face.facet_cell)), (k, 1))
-    _, normal, _ = face.surface(np.repeat(facets, v), s)
+    normal, _ = face.alike_surface(np.asarray(basix.geometry(face.facet_cell)))
     out = np.zeros((corners.max() + 1, face.dim))
-    np.add.at(out, corners.ravel(), weights.reshape(-1, 1) * normal)
+    np.add.at(out, corners, weights[:, :, None] * normal[facets])
     return unit_rows(out)
 
 
 def _assembled(blocks: Array, rows: Ints, columns: Ints, m: int, n: int) -> sp.csr_matrix:
     """(m, n): the sum of blocks (b, r, c) at rows (b, r) and columns (b, c)."""
-    row = np.broadcast_to(rows[:, :, None], blocks.shape)
-    column = np.broadcast_to(columns[:, None, :], blocks.shape)
-    out = sp.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(m, n))
-    # integrals that are zero are rounding otherwise
-    out.data[np.abs(out.data) < 1e-15 * np.abs(out.data).max(initial=0.0)] = 0.0
-    out.eliminate_zeros()
-    return out
+    starts, indices, data = kernel.sum_of(blocks, rows, columns, (m, n))
+    return sp.csr_matrix((data, indices, starts), shape=(m, n))
 
 
 def _merging(corners: Ints, alone: Flags) -> sp.csr_matrix:

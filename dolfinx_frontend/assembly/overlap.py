@@ -21,6 +21,7 @@ from dolfinx_frontend.assembly.elements import quadrature, tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.threads import own_threads
 from dolfinx_frontend.scene.specs import Overlap
 
 __all__ = [
@@ -110,22 +111,13 @@ def _face(facets: FacetMap, space: Any) -> mortar.Face:
     closure = np.array(facets.element.entity_closure_dofs[facets.dim - 1])[facets.local]
     nodes = np.take_along_axis(facets.nodes, closure[:, :, None], axis=1)
     middle = np.asarray(basix.geometry(facets.facet_cell)).mean(axis=0)
-    index = np.arange(len(facets))
-    s = np.tile(middle, (len(facets), 1))
-    _, jacobian = facets.push_forward(index, s)
-    tangents = jacobian @ facets.tangents[facets.local]
-    normal: Array
-    if facets.dim == 2:
-        normal = np.stack([-tangents[:, 1, 0], tangents[:, 0, 0]], axis=1)
-    else:
-        normal = np.asarray(np.cross(tangents[:, :, 0], tangents[:, :, 1]), dtype=np.float64)
-    _, outward, _ = facets.surface(index, s)
+    _, orientation = facets.alike_normals(middle[None])
     return mortar.Face(
         shape_of(facets),
         facets.order,
         nodes,
         facets.local.astype(np.int64),
-        np.sign(np.einsum("fi,fi->f", normal, outward)),
+        orientation[:, 0],
         _on_facets(facets, facets.element),
         _on_facets(facets, space.element.basix_element),
     )
@@ -138,11 +130,7 @@ def piece_degree(facets: FacetMap, degree: int) -> int:
     if facets.facet_cell != basix.CellType.quadrilateral:
         return degree
     # the inverse of a bilinear map is analytic in a region that grows like 1 / twist
-    corners, _ = facets.push_forward(
-        np.repeat(np.arange(len(facets)), 4),
-        np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (len(facets), 1)),
-    )
-    c = corners.reshape(len(facets), 4, -1)
+    c = facets.alike(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
     size = np.ptp(c, axis=1).max(axis=1)
     twist = float((np.abs(c[:, 0] - c[:, 1] + c[:, 2] - c[:, 3]).max(axis=1) / size).max())
     if twist < 1e-13:
@@ -181,7 +169,7 @@ def common(
     first, second = (_face(face, v) for face, v in zip(faces, spaces, strict=True))
     around = faces[0].around
     rule = quadrature(cell, degree + around)
-    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, around)
+    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, own_threads(), around)
 
 
 def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int | None) -> mortar.Overlap:
@@ -189,31 +177,28 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
     element, d = space.element.basix_element, facets.dim
     if degree is None:
         degree = element.degree + chi.degree + 2 * (facets.order - 1) + d - 2 + facets.around
-    index, s, w = facets.quadrature(max(degree, 1))
-    x, normals, area = facets.surface(index, s)
+    s, w = facets.rule(max(degree, 1))
+    x, (normals, area) = facets.alike(s), facets.alike_surface(s)
     n = len(facets)
     w = w * area
     values = mortar.monomials(shape_of(facets), chi.degree, s) @ chi.coefficients[0].T
-    weighed = (w[:, None] * values).reshape(n, -1, values.shape[1])
-    closure = np.array(element.entity_closure_dofs[d - 1])[facets.local[index]]
-    shape = np.take_along_axis(tabulate(element, 0, facets.reference(index, s))[0], closure, axis=1)
-
-    x, normals = (np.pad(v, ((0, 0), (0, 3 - d))) for v in (x, normals))
-    along = shape[:, :, None] * normals[:, None, :]
+    weighed = w[:, :, None] * values
+    shape = facets.alike_shapes(space, s)
+    x, normals = (np.pad(v, ((0, 0), (0, 0), (0, 3 - d))) for v in (x, normals))
+    along = shape[:, :, :, None] * normals[:, :, None, :]
 
     def over(fields: Array) -> Array:
-        out: Array = np.einsum("fqc,fqk->fck", weighed, fields.reshape(n, -1, fields.shape[1]))
-        return out
+        return np.swapaxes(weighed, 1, 2) @ fields
 
-    areas = w.reshape(n, -1).sum(axis=1)
+    areas = w.sum(axis=1)
     none, chis = np.zeros(0, dtype=np.int64), values.shape[1]
     return mortar.Overlap(
         whole=areas,
         covered=areas,
         mean=weighed.sum(axis=1),
-        mass=np.einsum("fqc,fqk->fck", weighed, values.reshape(n, -1, chis)),
+        mass=over(values[None]),
         own=over(shape),
-        own_normal=over(along.reshape(len(w), -1)).reshape(n, values.shape[1], -1, 3),
+        own_normal=over(along.reshape(*w.shape, -1)).reshape(n, values.shape[1], -1, 3),
         place=over(x),
         normal=over(normals),
         offset=np.zeros((n, chis, 3)),
@@ -230,9 +215,7 @@ def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int
 
 def closure_nodes(facets: FacetMap, space: Any) -> Ints:
     """(facets, functions): nodes of a space on each facet, in the order of the integrals."""
-    closure = np.array(space.element.basix_element.entity_closure_dofs[facets.dim - 1])
-    nodes = np.asarray(space.dofmap.list)[facets.cells]
-    return np.take_along_axis(nodes, closure[facets.local], axis=1).astype(np.int64)
+    return facets.closure_dofs(space)
 
 
 def check_cover(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import dolfinx.fem as fem
 import numpy as np
@@ -12,7 +12,7 @@ import ufl
 
 from dolfinx_frontend.assembly.facet_map import FacetMap
 from dolfinx_frontend.assembly.places import place_of
-from dolfinx_frontend.assembly.substructure import Substructure, ring
+from dolfinx_frontend.assembly.substructure import Sources, Substructure, ring
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -36,11 +36,14 @@ class PartLoad:
         Parameter -> part -> nodal forces (n,) of the number 1; of the parts on this rank.
     stresses
         Parameter -> initial stress of the number 1, UFL (d, d), force / area; of its part on this rank.
+    sources
+        What its shapes were assembled from, and what was in it then; on the rank of its part.
     """
 
     load: Load
     columns: Mapping[str, Mapping[str, Array]] = field(repr=False)
     stresses: Mapping[str, Any] = field(repr=False)
+    sources: tuple[Sources, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -51,6 +54,11 @@ class PartLoad:
     def on(self, part: str, parameter: str) -> Array | None:
         """Nodal forces (n,) of a number 1 on a part; None: there are none."""
         return self.columns[parameter].get(part)
+
+    def check_sources(self) -> None:
+        """Raise SceneError if what its shapes depend on was changed since it was assembled."""
+        for each in self.sources:
+            each.check_values(self.load.where)
 
     def with_values(self, values: Mapping[str, Any]) -> PartLoad:
         """The same shapes with other numbers."""
@@ -70,8 +78,16 @@ class PartLoad:
         return sum(t.mean for t in self.load.terms(parameter) if t.amplitude == amplitude)
 
 
-def _assembled(where: str, s: Substructure, integrand: Any) -> Array:
-    """Nodal forces of a form, or of an integrand over the part."""
+class _Shape(NamedTuple):
+    """Nodal forces (n,) of a shape, its initial stress (UFL), and the form that it was assembled from."""
+
+    nodal: Array
+    stress: Any = None
+    form: Any = None
+
+
+def _assembled(where: str, s: Substructure, integrand: Any, stress: Any = None) -> _Shape:
+    """A shape that is a form, or an integrand over the part."""
     if not isinstance(integrand, ufl.Form):
         if integrand is None or getattr(integrand, "ufl_shape", None) != ():
             raise SceneError(
@@ -86,14 +102,14 @@ def _assembled(where: str, s: Substructure, integrand: Any) -> Array:
     if meshes - {s.part.mesh.ufl_domain().ufl_cargo()}:
         raise SceneError(f"{where}: its form is on another mesh than that of part {s.name!r}; use that one")
     if integrand.empty():
-        return np.zeros(s.size)
+        return _Shape(np.zeros(s.size), stress)
     try:
         nodal = fem.assemble_vector(fem.form(integrand))
     except ufl.algorithms.check_arities.ArityMismatch as err:
         raise SceneError(
             f"{where}: what the form returned is not linear in the test function: {err}"
         ) from None
-    return np.array(nodal.array[: s.size], dtype=np.float64)
+    return _Shape(np.array(nodal.array[: s.size], dtype=np.float64), stress, integrand)
 
 
 def _on_mesh(where: str, s: Substructure, value: Any, shape: tuple[int, ...]) -> Any:
@@ -127,11 +143,11 @@ def _on_mesh(where: str, s: Substructure, value: Any, shape: tuple[int, ...]) ->
     return value
 
 
-def _form(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
-    return _assembled(load.where, s, shape(ufl.TestFunction(s.space))), None
+def _form(load: Load, s: Substructure, shape: Any) -> _Shape:
+    return _assembled(load.where, s, shape(ufl.TestFunction(s.space)))
 
 
-def _body_force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+def _body_force(load: Load, s: Substructure, shape: Any) -> _Shape:
     v = ufl.TestFunction(s.space)
     if isinstance(shape, int):
         if shape >= s.dim:
@@ -139,11 +155,11 @@ def _body_force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
                 f"{load.where}: the force has a component {AXES[shape]!r}, the part {s.dim} dimensions; give "
                 f"{s.dim} numbers"
             )
-        return _assembled(load.where, s, v[shape]), None
-    return _assembled(load.where, s, ufl.inner(_on_mesh(load.where, s, shape, (s.dim,)), v)), None
+        return _assembled(load.where, s, v[shape])
+    return _assembled(load.where, s, ufl.inner(_on_mesh(load.where, s, shape, (s.dim,)), v))
 
 
-def _from_strain(load: Load, s: Substructure, initial: Any) -> tuple[Array, Any]:
+def _from_strain(load: Load, s: Substructure, initial: Any) -> _Shape:
     """Forces and stress of an initial strain, UFL (3, 3)."""
     stress_of = getattr(s.material, "stress_of", None)
     if stress_of is None:
@@ -155,10 +171,11 @@ def _from_strain(load: Load, s: Substructure, initial: Any) -> tuple[Array, Any]
         )
     stress = stress_of(initial, s.part.mesh)
     v = ufl.TestFunction(s.space)
-    return _assembled(load.where, s, ufl.inner(stress, getattr(s.material, "strain", strain)(v))), stress
+    own = getattr(s.material, "strain", strain)
+    return _assembled(load.where, s, ufl.inner(stress, own(v)), stress)
 
 
-def _initial_strain(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
+def _initial_strain(load: Load, s: Substructure, shape: Any) -> _Shape:
     if isinstance(shape, ufl.core.expr.Expr):
         domain = ufl.domain.extract_unique_domain(shape)
         if domain is not None and domain.ufl_cargo() is not s.part.mesh.ufl_domain().ufl_cargo():
@@ -175,7 +192,7 @@ def _initial_strain(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any
     return _from_strain(load, s, ufl.as_matrix(rows))
 
 
-def _temperature(load: Load, s: Substructure, shape: Any) -> tuple[Array, Any]:
+def _temperature(load: Load, s: Substructure, shape: Any) -> _Shape:
     dT, alpha = shape
     mesh, where = s.part.mesh, load.where
     warm = fem.Constant(mesh, np.float64(1.0)) if isinstance(dT, float) else _on_mesh(where, s, dT, ())
@@ -255,7 +272,7 @@ def _wrench(face: FaceOf, kind: str, axis: int, point: Array) -> Array:
     return face.spread(force, np.reshape(cross(point - face.centre, force), -1))
 
 
-def _force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+def _force(load: Load, s: Substructure, shape: Any) -> _Shape:
     kind, axis, point = shape
     face = FaceOf(s, load.face, load.where)
     if axis >= s.dim and (kind == "force" or s.dim == 3):
@@ -263,10 +280,10 @@ def _force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
     if kind == "moment" and s.dim == 2 and axis != 2:
         raise SceneError(f"{load.where}: a part in two dimensions has a moment about z only; give a number")
     place = face.centre if point is None else fitting(load.where, "point", point, s.dim)
-    return face.nodal(_wrench(face, kind, axis, place)), None
+    return _Shape(face.nodal(_wrench(face, kind, axis, place)))
 
 
-def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+def _bearing(load: Load, s: Substructure, shape: Any) -> _Shape:
     face = FaceOf(s, load.face, load.where)
     if face.around:
         raise SceneError(
@@ -284,10 +301,10 @@ def _bearing(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
         )
     traction = -size / total * cosine[:, None] * face.normals
     # a mesh that is not symmetric leaves a transverse resultant
-    return face.nodal(traction + (vector - face.weights @ traction) / face.area), None
+    return _Shape(face.nodal(traction + (vector - face.weights @ traction) / face.area))
 
 
-def _pressure(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+def _pressure(load: Load, s: Substructure, shape: Any) -> _Shape:
     face = FaceOf(s, load.face, load.where)
     values = np.ones(len(face.x)) if isinstance(shape, int) else np.asarray(shape(face.x), dtype=np.float64)
     if values.shape != (len(face.x),):
@@ -295,10 +312,10 @@ def _pressure(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
             f"{load.where}: the function of the points returned shape {values.shape}, ({len(face.x)},) is "
             "wanted"
         )
-    return face.nodal(-values[:, None] * face.normals), None
+    return _Shape(face.nodal(-values[:, None] * face.normals))
 
 
-def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+def _traction(load: Load, s: Substructure, shape: Any) -> _Shape:
     face = FaceOf(s, load.face, load.where)
     if not isinstance(shape, int):
         values = np.asarray(shape(face.x), dtype=np.float64)
@@ -307,23 +324,23 @@ def _traction(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
                 f"{load.where}: the function of the points returned shape {values.shape}, {face.x.shape} is "
                 "wanted"
             )
-        return face.nodal(values), None
+        return _Shape(face.nodal(values))
     if shape >= s.dim:
         raise SceneError(f"{load.where}: a component {AXES[shape]!r} on a part of {s.dim} dimensions")
-    return face.nodal(np.tile(np.eye(s.dim)[shape], (len(face.x), 1))), None
+    return _Shape(face.nodal(np.tile(np.eye(s.dim)[shape], (len(face.x), 1))))
 
 
-def _point_force(load: Load, s: Substructure, shape: Any) -> tuple[Array, None]:
+def _point_force(load: Load, s: Substructure, shape: Any) -> _Shape:
     axis, point = shape
     place = place_of(load.where, s.part.mesh, s.space, fitting(load.where, "point", point, s.dim))
     if axis >= s.dim:
         raise SceneError(f"{load.where}: a component {AXES[axis]!r} on a part of {s.dim} dimensions")
     nodal = np.zeros((s.size // s.dim, s.dim))
     nodal[place.nodes, axis] = place.shape
-    return nodal.ravel(), None
+    return _Shape(nodal.ravel())
 
 
-_KINDS: dict[str, Callable[[Load, Substructure, Any], tuple[Array, Any]]] = {
+_KINDS: dict[str, Callable[[Load, Substructure, Any], _Shape]] = {
     "load": _form,
     "body_force": _body_force,
     "initial_strain": _initial_strain,
@@ -346,16 +363,19 @@ def part_load(load: Load, s: Substructure | None) -> PartLoad:
     """
     columns: dict[str, dict[str, Array]] = {parameter: {} for parameter in load.values}
     stresses: dict[str, Any] = {}
+    sources: list[Sources] = []
     for parameter, shape in load.shapes.items() if s is not None else ():
         assert s is not None
         if s.around and load.kind == "force" and shape[0] == "force" and shape[1] != 1:
             if is_zero(load.values[parameter]):  # a vector with nothing along the radius
                 columns[parameter][s.name] = np.zeros(s.size)
                 continue
-        nodal, stress = _KINDS[load.kind](load, s, shape)
+        nodal, stress, form = _KINDS[load.kind](load, s, shape)
         if not np.all(np.isfinite(nodal)):
             raise SceneError(f"{load.where}: {parameter}: its nodal forces are NaN or infinite")
         columns[parameter][s.name] = nodal
         if stress is not None:
             stresses[parameter] = stress
-    return PartLoad(load, columns, stresses)
+        if form is not None:
+            sources.append(Sources.of(s.part.mesh, form, "what it is made of"))
+    return PartLoad(load, columns, stresses, tuple(sources))

@@ -6,11 +6,11 @@ from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
-from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike
+from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -34,10 +34,6 @@ _COVERED = 0.99
 T = TypeVar("T")
 
 
-def _not_exported(problem: Problem, folder: str | Path, *args: Any, **settings: Any) -> Path:
-    raise SceneError("export: import dolfinx_frontend, which has what writes a folder")
-
-
 @dataclass(frozen=True)
 class Problem(OneProcess):
     """An assembled scene.
@@ -54,12 +50,11 @@ class Problem(OneProcess):
     def __post_init__(self) -> None:
         locked(self)
 
-    exporter: ClassVar[Callable[..., Path]] = _not_exported
-    """What :meth:`export` calls: it plans the problem, which is above this layer."""
-
     def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
         """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
-        return type(self).exporter(self, folder, *args, **settings)
+        from dolfinx_frontend.solvers.export import export
+
+        return export(self, folder, *args, **settings)
 
     @property
     def _instead(self) -> str:
@@ -102,7 +97,7 @@ class Problem(OneProcess):
         """What the ranks know of interfaces, put together, in the scene's order; collective."""
         known = dict(own)
         if self.comm is not None:
-            known = {n: each for found in self.comm.allgather(known) for n, each in found.items()}
+            known = {n: each for found in exchanged(self.comm, known) for n, each in found.items()}
         return {name: known[name] for name in self.interfaces if name in known}
 
     def everywhere(self, name: str, read: Callable[[], T]) -> T:
@@ -145,6 +140,28 @@ class Problem(OneProcess):
             part.check_unchanged()
         for interface in self.interfaces.values():
             interface.check_unchanged()
+
+    def check_here(self, part: str) -> None:
+        """Raise SceneError if a part of the scene is on another rank, and say on which."""
+        if self.distribution is not None and self.distribution.owner.get(part, self.rank) != self.rank:
+            raise SceneError(
+                f"substructure {part!r} is on rank {self.distribution.owner[part]}, this is rank "
+                f"{self.rank}: ask there"
+            )
+
+    def check_sources(self, part: str | None = None) -> None:
+        """Raise SceneError if the mesh, the material or a load of a part (None: of any of this rank) was
+        changed, see :meth:`Substructure.check_sources`."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_sources()
+        for load in self.loads.values():
+            if part in (None, load.load.part):
+                load.check_sources()
+
+    def check_mesh(self, part: str | None = None) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_mesh()
 
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,17 +30,85 @@ from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.common.frozen import locked, locked_matrix, read_only
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.frozen import OneProcess, locked, locked_matrix, read_only
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
-__all__ = ["Substructure", "ring"]
+__all__ = ["Sources", "Substructure", "ring"]
+
+
+_REMEDY = "after it was assembled: put it back, or assemble the scene again"
 
 
 @dataclass(frozen=True, repr=False)
-class Substructure:
+class Sources:
+    """What a part was assembled from and a user can write to, with what was in it then.
+
+    Attributes
+    ----------
+    mesh, nodes
+        The mesh, and a checksum of its coordinates.
+    constants
+        Constants of dolfinx in the material, and their values.
+    functions
+        Its functions, and checksums of their unknowns.
+    what
+        What they are of, for messages.
+    """
+
+    mesh: Any
+    nodes: int
+    constants: tuple[tuple[Any, Array], ...]
+    functions: tuple[tuple[Any, int], ...]
+    what: str
+
+    @classmethod
+    def of(cls, mesh: Any, form: Any, what: str = "its material") -> Sources:
+        """Of a UFL form on a mesh."""
+        values = [each for each in form.constants() if hasattr(each, "value")]
+        fields = [each for each in form.coefficients() if hasattr(each, "x")]
+        return cls(
+            mesh,
+            _checksum(mesh.geometry.x),
+            tuple((each, np.array(each.value)) for each in values),
+            tuple((each, _checksum(each.x.array)) for each in fields),
+            what,
+        )
+
+    def check_mesh(self, where: str) -> None:
+        """Raise SceneError if the nodes of the mesh were moved."""
+        if _checksum(self.mesh.geometry.x) != self.nodes:
+            raise SceneError(f"{where}: the nodes of its mesh were moved {_REMEDY}")
+
+    def check(self, where: str) -> None:
+        """Raise SceneError if something was written to."""
+        self.check_mesh(where)
+        self.check_values(where)
+
+    def check_values(self, where: str) -> None:
+        """As :meth:`check`, of constants and functions only."""
+        for constant, value in self.constants:
+            if not np.array_equal(constant.value, value):
+                now = short(np.asarray(constant.value).tolist())
+                raise SceneError(
+                    f"{where}: a Constant of {self.what} was changed from {short(value.tolist())} to {now} "
+                    f"{_REMEDY}"
+                )
+        for function, known in self.functions:
+            if _checksum(function.x.array) != known:
+                what = f"the Function {function.name!r} of {self.what}"
+                raise SceneError(f"{where}: {what} was changed {_REMEDY}")
+
+
+def _checksum(values: Array) -> int:
+    return zlib.crc32(np.ascontiguousarray(values).view(np.uint8).data) if values.size else 0
+
+
+@dataclass(frozen=True, repr=False)
+class Substructure(OneProcess):
     """A part, discretised; n = d * nodes unknowns, unknown d*node + component.
 
     Attributes
@@ -70,6 +138,8 @@ class Substructure:
         Whether it is the section of a body of revolution: volumes and forces are those of the whole ring.
     material
         As the scene has it; None for a part that was not assembled from one.
+    sources
+        What it was assembled from, and what was in it then; None: not known.
     """
 
     name: str
@@ -85,11 +155,29 @@ class Substructure:
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     material: Any = field(default=None, repr=False)
+    sources: Sources | None = field(default=None, repr=False)
     around: bool = False
 
     def __post_init__(self) -> None:
         locked(self)
         noted(self.stiffness)
+
+    @property
+    def _instead(self) -> str:
+        return "its mesh and matrices live in this process; assemble its scene where it is needed"
+
+    def check_sources(self) -> None:
+        """Raise SceneError if the mesh or what the material depends on was changed since it was assembled.
+
+        For what reads them again, stresses and files for example; a solution needs the matrices only.
+        """
+        if self.sources is not None:
+            self.sources.check(f"substructure {self.name!r}")
+
+    def check_mesh(self) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        if self.sources is not None:
+            self.sources.check_mesh(f"substructure {self.name!r}")
 
     def check_unchanged(self) -> None:
         """Raise SceneError if somebody has written to the stiffness."""
@@ -211,7 +299,7 @@ def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float,
         if worst < _LOST:
             raise SceneError(f"{text}: rounding leaves nothing of their stiffness; fix the mesh")
         text += ": rounding may be seen in the answer; mesh it again"
-        warnings.warn(text, SceneWarning, stacklevel=7)
+        warn(text, SceneWarning)
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 
@@ -247,7 +335,7 @@ def ring(mesh: dmesh.Mesh) -> Any:
 
 
 def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
-    """The compiled bilinear form of a substructure."""
+    """The bilinear form of a substructure."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     material = spec.material
     integrand = _integrand(material)(u, v)
@@ -271,7 +359,7 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
         raise SceneError(
             f"substructure {spec.name!r}: what the material returned is not bilinear in (u, v)"
         )
-    return fem.form(integrand)
+    return integrand
 
 
 def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
@@ -303,7 +391,8 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     volume, centre = _measure(mesh, where, spec.axisymmetric)
     if spec.axisymmetric:
         centre = np.array([0.0, centre[1]])
-    matrix = fem_petsc.assemble_matrix(_bilinear(spec, space))
+    bilinear = _bilinear(spec, space)
+    matrix = fem_petsc.assemble_matrix(fem.form(bilinear))
     matrix.assemble()
     K = csr(matrix)
     if not np.all(np.isfinite(K.data)):
@@ -344,6 +433,7 @@ def discretise(spec: SubstructureSpec) -> Substructure:
         varying_loads={a: f for a, f in loads.items() if a is not None},
         material=spec.material,
         around=spec.axisymmetric,
+        sources=Sources.of(mesh, bilinear),
     )
 
 

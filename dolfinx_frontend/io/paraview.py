@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem, plot
 
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -46,6 +47,7 @@ _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 """Components of a symmetric tensor in VTK's order."""
 
 
+@together("write")
 def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
     """Write parts and interfaces of a result into a folder, of a load history at all times.
 
@@ -62,13 +64,15 @@ def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tupl
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
     check_answer("write", "result", result)
-    where = checked_path("write", folder, "folder")
+    where = checked_path("write", folder, "folder", new=True)
+    result.problem.check_alike("write", folder=str(where), modes=modes)
     ending = "vtm" if result.times is None else "pvd"
     parts = write_fields(result, where / f"parts.{ending}", modes=modes)
     return parts, write_interfaces(result, where / f"interfaces.{ending}")
 
 
 # --- parts -----------------------------------------------------------------------------------------
+@together("write_fields")
 def write_fields(
     fields: Answer | Mapping[str, fem.Function],
     path: str | Path,
@@ -126,17 +130,23 @@ def write_fields(
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     if isinstance(fields, Mapping):
-        names, rank, made = list(fields), 0, dict(_function_grids(fields, materials or {}))
+        names, rank, comm = list(fields), 0, None
+        made = dict(_function_grids(fields, materials or {}))
     else:
-        names, rank = list(fields.problem.parts), fields.problem.rank
-        made = dict(_part_grids(fields, materials, modes))
+        given = {"path": str(target), "step": step, "modes": modes, "materials": materials is None}
+        fields.problem.check_alike("write_fields", **given)
+        names, rank, comm = list(fields.problem.parts), fields.problem.rank, fields.problem.comm
+        with agreement(comm):
+            fields.problem.check_sources()
+            made = dict(_part_grids(fields, materials, modes))
     if not names:
         raise ValueError("there are no displacements to write")
 
     def blocks(at: int) -> Blocks:
         return {name: partial(made[name], at) if name in made else None for name in names}
 
-    return write_blocks(target, times, step, blocks, rank)
+    with agreement(comm):
+        return write_blocks(target, times, step, blocks, rank)
 
 
 def _function_grids(
@@ -263,6 +273,7 @@ class _PartWriter:
 
 
 # --- interfaces ------------------------------------------------------------------------------------
+@together("write_interfaces")
 def write_interfaces(
     result: Answer,
     path: str | Path,
@@ -324,10 +335,14 @@ def write_interfaces(
     times = result.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_interfaces")
+    given = {"path": str(target), "step": step, "interfaces": interfaces}
+    result.problem.check_alike("write_interfaces", **given)
     chosen = known_interfaces(result, interfaces, "write_interfaces")
     if not chosen:
         raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
     problem = result.problem
+    with agreement(problem.comm):
+        problem.check_sources()
     writers = {name: InterfaceWriter(result, name) for name in chosen if problem.speaks_for(name)}
     # files of older versions know the points only
     meshed = all(i.sides[i.carrier].shape is not None for i in map(problem.interfaces.__getitem__, chosen))
@@ -342,4 +357,5 @@ def write_interfaces(
             for group in groups
         }
 
-    return write_blocks(target, times, step, blocks, problem.rank)
+    with agreement(problem.comm):
+        return write_blocks(target, times, step, blocks, problem.rank)

@@ -17,7 +17,7 @@ from latin_core import Laws, NumericalError, Structure, _core
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -61,6 +61,9 @@ SOFTEST = 1e-3
 
 GIVEN_REACH = 1e10
 """As :data:`dolfinx_frontend.plan.plan.REACH`, of one interface, whose own springs may be soft or stiff."""
+
+LARGEST = 1e300
+"""Largest force or displacement of a direct solution: sums of them must fit into double precision."""
 
 RANGE = 1e130
 """Largest strain of an iteration, and the inverse of the smallest: squares, moduli and tolerances must fit
@@ -344,7 +347,7 @@ def build(problem: Problem, plan: Plan) -> Built:
             interfaces.append(_made_interface(each, _law(own.interfaces[name], described.fields[name])))
     reduced = described.reduced
     loading = _loading(own, [body for patterns in reduced for body in patterns.values()], described.fields)
-    _check_range(loading if comm is None else max(comm.allgather(loading)))
+    _check_range(loading if comm is None else max(exchanged(comm, loading)))
     options = plan.options
     began = perf_counter()
     core = Structure(
@@ -400,6 +403,7 @@ def _interface(
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
     """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
     if not laws:
+        _check_forces(problem, bodies)
         return 0.0  # one solve; no squares, which may overflow
     found = [0.0]
 
@@ -421,6 +425,22 @@ def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields
         if "gap" in fields.parameters:  # an interference loads, an opening does not
             add(np.minimum(fields.parameters["gap"], 0.0), part.length)
     return max(found)
+
+
+def _check_forces(problem: Problem, bodies: Iterable[Body]) -> None:
+    """Refuse loads and prescribed displacements whose forces are no numbers, or whose sums are none."""
+    for body in bodies:
+        for name in body.members:
+            part = problem.substructures[name]
+            moved = float(np.abs(body.offset[name]).max(initial=0.0))
+            load = float(np.abs(body.load[name]).max(initial=0.0))
+            force = moved * (part.modulus * part.length ** (part.dim - 2))
+            if not max(moved, load, force) < LARGEST:
+                raise SceneError(
+                    f"substructure {name!r}: a load of {load:.0e} and a displacement of {moved:.0e} make "
+                    f"forces above {LARGEST:.0e}, the largest that can be summed up: scale the loads, or "
+                    "choose units that fit them"
+                )
 
 
 def _check_range(strain: float) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -313,6 +314,7 @@ def _one_column(problem: Problem) -> str:
     return "nothing is random and no law has a history"
 
 
+@together("plan")
 def make_plan(
     problem: Problem,
     method: Method = "auto",

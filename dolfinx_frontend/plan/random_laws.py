@@ -167,6 +167,13 @@ class RandomLaws:
         """Whether the law of an interface is linear: chaos coefficients go through it exactly."""
         return self.problem.interfaces[interface].law.linear
 
+    def make_laws(self, points: Array) -> bool:
+        """Whether all random parameters make laws at points (N, L) of the germs, see :meth:`sampled`."""
+        return all(
+            _makes_laws(self.problem.interfaces[name].law, parameter, self.space.values(source, points))
+            for (name, parameter), source in self.sources.items()
+        )
+
     def sampled(self, name: str, parameter: str, points: Array) -> SampledParameter:
         """A random parameter of an interface at points (N, L) of the germs, as the kernel takes it.
 
@@ -179,8 +186,7 @@ class RandomLaws:
         source = self.sources[name, parameter]
         values = np.atleast_2d(self.space.values(source, points))
         law = interface.law
-        inverted = parameter in law.inverse
-        if parameter in law.not_negative and (values.min() < 0.0 or (inverted and values.min() == 0.0)):
+        if not _makes_laws(law, parameter, values):
             count = int((values < 0.0).any(axis=0).sum())
             worst = int(values.min(axis=0).argmin())
             at = ", ".join(
@@ -243,3 +249,11 @@ def sampled_parameters(
             each = random.sampled(name, parameter, points)
             values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
     return {parameter: np.asfortranarray(block) for parameter, block in values.items()}
+
+
+def _makes_laws(law: Law, parameter: str, values: Array) -> bool:
+    """Whether a law can have all of these values: no negative stiffness, friction or threshold."""
+    if parameter not in law.not_negative:
+        return True
+    smallest = values.min()
+    return bool(smallest > 0.0 or (smallest == 0.0 and parameter not in law.inverse))

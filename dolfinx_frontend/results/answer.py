@@ -69,6 +69,8 @@ class Surface:
         points.
     bolt
         The step that ends the tightening if it is a bolt in a load history, else None.
+    places, mean_normals
+        (m, d), of which resultants are made, see :class:`Interface`; None: the points, and their normals.
     """
 
     name: str
@@ -80,9 +82,21 @@ class Surface:
     contact: bool = False
     bolt: int | None = None
     wrench: Array | None = field(default=None, repr=False)
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
+
+    @property
+    def acting(self) -> tuple[Array, Array]:
+        """(m, d) places, and (m, components, d), what a unit of each component adds to the resultant, per
+        area."""
+        places = self.points if self.places is None else self.places
+        if self.mean_normals is None:
+            return places, self.frames
+        out = np.einsum("pcd,pd->pc", self.frames, self.normals)
+        return places, self.frames + out[:, :, None] * (self.mean_normals - self.normals)[:, None]
 
     @property
     def dim(self) -> int:
@@ -97,7 +111,7 @@ class Surface:
     @property
     def centre(self) -> Array:
         """(d,), centroid."""
-        centre: Array = self.weights @ self.points / self.weights.sum()
+        centre: Array = self.weights @ self.acting[0] / self.weights.sum()
         return centre
 
     def vectors(self, values: Array) -> Array:

@@ -11,8 +11,15 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_callable, checked_flag, checked_name
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_callable,
+    checked_flag,
+    checked_name,
+    told_call,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
@@ -187,6 +194,7 @@ class Face(ABC):
         found: T = self.problem.everywhere(interface, read)
         return found
 
+    @together("gathered")
     def gathered(self, interface: str) -> tuple[Array, Array]:
         """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
 
@@ -204,6 +212,8 @@ class Face(ABC):
         check_known("interface", name, self.problem.interfaces, "result")
 
     def _check_part(self, name: str) -> None:
+        if isinstance(name, str):
+            self.problem.check_here(name)
         check_known("substructure", name, self.problem.substructures, "result")
         if self.without_displacements is not None:
             raise SceneError(f"displacements of {name!r} are not known: {self.without_displacements}")
@@ -273,6 +283,7 @@ class Face(ABC):
             As for :meth:`displacement`, or the material is a form that gives no stress.
         """
         u = self.displacement(part, step)
+        self.problem.check_sources(part)
         step = check_step(self.times, step, "stress")
         initial = [
             (stress, float(stepped(self.load_number(load, parameter), self.times)[step]))
@@ -313,6 +324,7 @@ class Face(ABC):
 
     def _stress_deviation(self, part: str, step: int) -> fem.Function:
         u = self.displacement(part, step)
+        self.problem.check_sources(part)
         material = self.problem.substructures[part].material
         loads = self.problem.initial_stresses(part)
         keys = [(load, parameter) for load, parameter, _ in loads]
@@ -422,8 +434,11 @@ class Face(ABC):
         wanted = "give a function of the fields of n samples that returns (n,) values"
         checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
+        where = f"quantity {name!r}"
         blocks = self.many(self.draws if samples is None else samples, seed)
-        found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
+        found = [
+            (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks
+        ]
         weights = [w for _, w in found if w is not None]
         return Quantity(
             name=name,
@@ -438,6 +453,7 @@ class Face(ABC):
         :func:`dolfinx_frontend.results.probes.reaction_of`."""
         return reaction_of(self, interface, component, step)
 
+    @together("table")
     def table(
         self,
         interfaces: Sequence[str] | str | None = None,
@@ -475,6 +491,7 @@ class Face(ABC):
         self.problem.check_alike("table", step=step, about=about, quantiles=quantiles)
         return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
 
+    @together("bolts")
     def bolts(
         self,
         interfaces: Sequence[str] | str | None = None,
@@ -487,6 +504,7 @@ class Face(ABC):
         self.problem.check_alike("bolts", quantiles=quantiles)
         return tables.bolts(self.readings(interfaces, samples, seed), quantiles)
 
+    @together("readings")
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:

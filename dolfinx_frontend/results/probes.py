@@ -74,6 +74,7 @@ class AtPoint:
             known = list(_AXES[: self._s.dim])
         else:
             known = [a + b for a in _AXES[:n] for b in _AXES[:n]] + (["mises"] if n == 3 else [])
+            problem.check_sources(part)
             if getattr(self._s.material, "stress", None) is None:
                 raise SceneError(
                     f"{where}: its material is a form that gives no stress: give one with a method stress(u)"

@@ -12,8 +12,9 @@ from latin_core import Laws, State, Summary
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_kind
+from dolfinx_frontend.common.checks import check_kind, checked_number
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -164,11 +165,15 @@ class Result(Value, Face):
         """None: there are displacement fields, whose gradients can be recovered."""
         return None
 
+    @together("tightened")
     def tightened(self, rtol: float) -> Self:
         """The run carried on to another tolerance, on the same factors."""
+        checked_number("tightened", "rtol", rtol, above=0.0, below=1.0)
+        self.problem.check_alike("tightened", rtol=rtol)
         more: Self = self.continuation(self, rtol)
         return more
 
+    @together("mean_std")
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; its standard deviation if it is random.
 
@@ -215,6 +220,7 @@ class Result(Value, Face):
         u = self.unknowns(part)[None]
         return u if unknowns is None else u[..., unknowns]
 
+    @together("errors")
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
 

@@ -102,6 +102,11 @@ class SavedInterface(PointFrames):
         Whether it can open; its clearance, friction coefficient and threshold, where they are known.
     bolt
         The step that ends its tightening if it is a bolt in a load history, else None.
+    wrench
+        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has
+        points.
+    places, mean_normals
+        (m, d), of which resultants are made; None: the points, and their normals.
     """
 
     name: str
@@ -118,6 +123,9 @@ class SavedInterface(PointFrames):
     contact: ContactValues | None = field(default=None, repr=False)
     bolt: int | None = field(default=None, repr=False)
     carrier: int = 0
+    wrench: Array | None = field(default=None, repr=False)
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
     _surface: _Surface | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -188,6 +196,19 @@ class SavedProblem:
     def initial_stresses(self, part: str) -> list[tuple[str, str, Any]]:
         """A file has none: parts that have some were saved without their material."""
         return []
+
+    def check_here(self, part: str) -> None:
+        """All is on one rank."""
+
+    def check_sources(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    def check_mesh(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    @property
+    def comm(self) -> None:
+        """None: all is on one rank."""
 
     def __repr__(self) -> str:
         return self.text
@@ -349,6 +370,9 @@ class SavedResult(Face):
             each.directions,
             each.is_contact,
             each.bolt,
+            each.wrench,
+            each.places,
+            each.mean_normals,
         )
 
     def load(self, interface: str) -> Array | None:
@@ -712,6 +736,9 @@ def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInt
         _contact(node["contact"]) if "contact" in node else None,
         None if bolt < 0 else bolt,
         carrier,
+        _optional(node, "wrench"),
+        _optional(node, "places"),
+        _optional(node, "mean_normals"),
         _read_surface(node, sides[carrier], len(points), parts),
     )
 

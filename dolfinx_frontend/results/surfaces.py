@@ -30,6 +30,8 @@ def surface_of(interface: Interface, times: Array | None) -> Surface:
         law.unilateral,
         None if times is None else law.tightened(interface, times),
         interface.wrench,
+        interface.places,
+        interface.mean_normals,
     )
 
 

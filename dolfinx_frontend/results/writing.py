@@ -35,6 +35,7 @@ def save(answer: Any, path: str | Path, fields: bool, samples: int | None, seed:
     """Write an answer, see :meth:`dolfinx_frontend.results.face.Face.save`."""
     target = _target(path)
     answer.problem.on_one_rank("save")
+    answer.problem.check_sources()
     write(target, _tree(answer, answer.readings(None, samples, seed), fields, samples, seed))
 
 
@@ -132,6 +133,9 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
         "areas": _sparse(interface.areas, "points"),
         "trace": _sparse(side.shape, "nodes"),
     }
+    for key in ("wrench", "places", "mean_normals"):
+        if (values := getattr(surface, key)) is not None:
+            tree[key] = values
     if interface.vertices is not None:
         nodal = _sparse(interface.vertices.nodal, "points")
         tree["vertices"] = {"corners": interface.vertices.corners.astype(np.int64)} | nodal

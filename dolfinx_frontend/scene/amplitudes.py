@@ -75,6 +75,8 @@ class Amplitude:
 
     def __call__(self, time: float) -> float:
         """The factor at a time."""
+        if not is_real(time):
+            raise SceneError(f"Amplitude: time = {short(time)} is not a number")
         if self._function is None:
             return float(np.interp(time, self._times, self._values))
         factor = self._function(time)

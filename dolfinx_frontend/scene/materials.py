@@ -7,6 +7,7 @@ share one compiled form.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -117,8 +118,9 @@ class LinearElastic:
             if not isinstance(self.alpha, ufl.core.expr.Expr):
                 checked_numbers("LinearElastic", "alpha", self.alpha, "give a number, or one per axis")
                 object.__setattr__(self, "alpha", frozen(self.alpha))
-        if is_real(self.E) and not 0.0 < self.E < np.inf:
-            raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
+        shown = short(self.E) if isinstance(self.E, int) else repr(self.E)
+        if is_real(self.E) and not 0.0 < self.E <= sys.float_info.max:
+            raise SceneError(f"LinearElastic: E = {shown}; Young's modulus is positive, finite")
         if is_real(self.nu) and not -1.0 < self.nu < 0.5:
             raise SceneError(f"LinearElastic: nu = {self.nu!r}; admissible: -1 < nu < 0.5")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, cast, get_args
@@ -11,7 +10,7 @@ import numpy as np
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
@@ -163,11 +162,10 @@ class SubstructureSpec:
                 raise SceneError(f"{where}: {err}") from None
         locks = getattr(spec.material, "locks", None)
         if spec.degree == 1 and locks is not None and locks(spec.dim):
-            warnings.warn(
+            warn(
                 f"{where}: nu = {getattr(spec.material, 'nu', None):g} with degree=1: linear elements lock "
                 "near nu = 1/2 (too stiff by any factor unless the stress is uniform); give degree=2",
                 SceneWarning,
-                stacklevel=3,
             )
         varies = isinstance(spec.body_force, Varying)
         for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:

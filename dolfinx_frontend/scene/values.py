@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import is_real
+from dolfinx_frontend.common.checks import is_real, refuse_masked, told_call
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Combination, Varying
@@ -106,7 +106,7 @@ def evaluate(
     origin = "gave"
     if not is_plain(value):
         if callable(value):
-            value = value(points)
+            value = told_call(what, value, points)
             origin = "returned"
         elif isinstance(value, Parameter):
             value = value.mean
@@ -148,6 +148,7 @@ def evaluate(
 
 def _as_array(value: Any, what: str) -> Array:
     """A value as finite numbers of any shape."""
+    refuse_masked(what, value)
     try:
         given = np.asarray(value)
         # a complex number would lose a part, a text may be read as a number, None as NaN

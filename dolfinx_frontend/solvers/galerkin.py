@@ -16,7 +16,6 @@ such an answer is compared with deterministic solves at check points before it i
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
@@ -27,9 +26,10 @@ import numpy.typing as npt
 from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_word
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, warn
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
@@ -172,12 +172,11 @@ def _guard(
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}"
             )
         elif matrix.smallest < NEAR * mean:
-            warnings.warn(
+            warn(
                 f"{where}: its Galerkin matrix is nearly indefinite, smallest eigenvalue "
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "
                 "LogNormal, Gamma and TruncatedNormal stay positive at every order",
                 NearlyIndefiniteWarning,
-                stacklevel=6,
             )
     if not bad:
         return ()
@@ -564,6 +563,8 @@ def _checked(result: ChaosResult) -> ChaosResult:
     they differ.
     """
     count, tolerance = result.chaos.check_points, result.chaos.tolerance
+    if not result.collocations and result.converged:
+        return result.with_notes(misfits=_misfits(result))
     if not result.collocations or count == 0 or not result.converged:
         return result
     problem = result.problem
@@ -585,6 +586,21 @@ def _checked(result: ChaosResult) -> ChaosResult:
     return result
 
 
+def _misfits(result: ChaosResult) -> dict[str, float] | None:
+    """Misfits of all interfaces with something random.
+
+    None: one of them was eliminated, or has patterns, or has no law at some points (a stiffness below 0).
+    """
+    problem, names = result.problem, result.random.interfaces
+    if result.plan.history == "patterns" or not set(names) <= set(result.plan.active):
+        return None
+    if not result.random.make_laws(result.points_of_misfit):
+        return None
+    with agreement(problem.comm):
+        own = {name: result.misfit(name) for name in names if problem.speaks_for(name)}
+    return problem.gather(own)
+
+
 def _warn_of_truncation(result: ChaosResult) -> None:
     tolerance = result.chaos.tolerance
     solves = sum(len(part.germs) for part in result.checked)
@@ -592,7 +608,7 @@ def _warn_of_truncation(result: ChaosResult) -> None:
     lost = sum(int((part.points.status != "converged").sum()) for part in result.checked)
     if lost:
         bad.append(f"{lost} check solves did not converge")
-    warnings.warn(
+    warn(
         f"the chaos of order {result.chaos.order} is not proven converged to {percent(tolerance)} by "
         f"{solves} deterministic solves:\n  "
         + "\n  ".join(bad)
@@ -600,7 +616,6 @@ def _warn_of_truncation(result: ChaosResult) -> None:
         "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
         "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
         TruncationWarning,
-        stacklevel=6,
     )
 
 

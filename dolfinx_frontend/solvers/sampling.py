@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -96,6 +97,7 @@ def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]
     return [*parameters, *swept_loads(plan, {term: random.load_values(term, germs) for term in random.loads})]
 
 
+@together("sample")
 def sample(
     problem: Problem,
     germs: npt.ArrayLike,
@@ -115,11 +117,16 @@ def sample(
     estimator: Estimator = not_measured,
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
+    settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     check_problem("sampling", problem, plan)
-    check_settings("sampling", plan, method, active=active, direction=direction, options=options, times=times)
+    check_settings("sampling", plan, method, **settings)
+    check_running("sampling", callback, progress, keep_states=keep_states)
+    checkpoint_path("sampling", problem, checkpoint)
     random = RandomLaws.of(problem)
     if not random.every:
         raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
+    _checked_rule(random, germs, weights, kind)
+    problem.check_alike("sampling", laws=True, method=method, plan=plan is None, **settings)
     if plan is None:
         plan = make_plan(
             problem, method, active, random.interfaces, direction, options, times=times, loads=random.loads
@@ -144,6 +151,7 @@ def sample(
     )
 
 
+@together("sample")
 def sample_chaos(
     result: ChaosResult,
     germs: npt.ArrayLike,
@@ -183,6 +191,7 @@ def sample_chaos(
     )
 
 
+@together("sample")
 def sample_on(
     solver: Solver,
     random: RandomLaws,
@@ -211,8 +220,11 @@ def sample_on(
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
     points, of_rule = _checked_rule(random, germs, weights, kind)
-    problem.check_alike("sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol)
-    parameters = _swept(random, plan, points)
+    problem.check_alike(
+        "sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol, states=keep_states
+    )
+    with agreement(problem.comm):
+        parameters = _swept(random, plan, points)
     file = checkpoint_path("sampling", problem, checkpoint)
     header = None if file is None else _header(problem, plan, parameters)
     iterations = 0

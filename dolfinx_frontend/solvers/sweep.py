@@ -13,6 +13,7 @@ import numpy.typing as npt
 from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -24,6 +25,7 @@ from dolfinx_frontend.common.checks import (
     checked_numbers,
     checked_path,
     checked_reals,
+    told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -45,11 +47,16 @@ Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
 
 
+_GRID = "give {'interface.parameter': values}"
+
+
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
-    check_kind("sweep", "grid", grid, Mapping, "give {'interface.parameter': values}")
+    check_kind("sweep", "grid", grid, Mapping, _GRID)
     axes = {}
     for key, values in grid.items():
         names = (key,) if isinstance(key, str) else tuple(checked_names("sweep", "axis", key))
+        if not names:
+            raise SceneError("sweep: axis = (): give one name at least, e.g. 'interface.parameter'")
         where, wanted = f"sweep over {', '.join(names)}", "give a list of finite numbers"
         data = checked_numbers(where, "values", values, wanted, dimensions=1)
         if not data.size:
@@ -122,6 +129,7 @@ def _swept_term(problem: Problem, load: str, parameter: str) -> LoadTerm:
     return LoadTerm(load, parameter, terms[0].amplitude)
 
 
+@together("sweep")
 def sweep(
     problem: Problem,
     grid: Mapping[Key, Sequence[float]],
@@ -143,7 +151,8 @@ def sweep(
 
     The grid is walked so that neighbours in the order differ in one parameter by one step; each
     point starts from the combination of the nearest solved interface states that leaves the
-    smallest residual.
+    smallest residual. Where all laws are linear there is nothing to iterate on: on one rank, the point in the
+    middle comes first and all others are solved together, by conjugate gradients on the condensed interfaces.
 
     Parameters
     ----------
@@ -182,6 +191,9 @@ def sweep(
     _check_request(problem, plan, method, grid, outputs, settings)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
     file = checkpoint_path("sweep", problem, checkpoint)
+    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
+    kept = {"keep_states": keep_states, "keep_fields": keep_fields}
+    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
     plan, axes, parameters = planned(problem, grid, method, plan, settings)
 
     began = perf_counter()
@@ -235,7 +247,9 @@ def planned(
         swept = {interface for interface, _ in targets.values() if interface not in problem.loads}
         loads = [_swept_term(problem, *each) for each in targets.values() if each[0] in problem.loads]
         plan = make_plan(problem, method, vary=swept, loads=loads, **settings)
-    return plan, axes, _swept(problem, plan, axes, targets)
+    with agreement(problem.comm):
+        parameters = _swept(problem, plan, axes, targets)
+    return plan, axes, parameters
 
 
 def _bar(problem: Problem, order: Sequence[int], progress: bool) -> Bar:
@@ -247,7 +261,7 @@ def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None)
     if checkpoint is None:
         return None
     problem.on_one_rank("a checkpoint")
-    return checked_path(where, checkpoint, "checkpoint")
+    return checked_path(where, checkpoint, "checkpoint", new=True)
 
 
 def _check_request(
@@ -259,13 +273,12 @@ def _check_request(
     settings: Mapping[str, Any],
 ) -> None:
     check_problem("sweep", problem, plan)
+    check_kind("sweep", "grid", grid, Mapping, _GRID)  # before grids of ranks are compared
     check_settings("sweep", plan, method, **settings)
     check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
     for name, function in outputs.items() if isinstance(outputs, Mapping) else ():
         checked_name("sweep: outputs", name, colon=False)
         checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
-    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
-    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **settings)
 
 
 def _header(
@@ -296,19 +309,25 @@ def _reading(
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
         # what a function does to its arrays is no business of the sweep's, nor of the next function's
         shown = {n: (read_only(force), read_only(jump)) for n, (force, jump) in fields.items()}
-        found = function(point_block(problem, plan, shown))
-        values = np.asarray(found) if isinstance(found, np.ndarray) else None
-        if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
-            values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
-        if values.ndim == 0 or len(values) != 1:
-            raise SceneError(
-                f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "
-                "a sample, with the samples in front"
-            )
-        first: Array = values[0]
-        return first
+        with agreement(problem.comm):
+            return _read_point(point_block(problem, plan, shown), name, function)
 
     return read
+
+
+def _read_point(fields: Block, name: str, function: Callable[[Block], npt.ArrayLike]) -> Array:
+    """What a user's function reads at a point."""
+    found = told_call(f"sweep: outputs[{name!r}]", function, fields)
+    values = found if type(found) is np.ndarray else None
+    if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
+        values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
+    if values.ndim == 0 or len(values) != 1:
+        raise SceneError(
+            f"sweep: outputs[{name!r}]: the function returned shape {values.shape} for 1 "
+            "sample; return one number or array a sample, with the samples in front"
+        )
+    first: Array = values[0]
+    return first
 
 
 def _through_time(

@@ -15,7 +15,8 @@ from scipy import linalg, special
 from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole
+from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole, is_list
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.uncertainty.checks import common_length
@@ -400,10 +401,18 @@ class RandomSpace:
             return source.value({key: self.values(each, xi) for key, each in source.of.items()})
         block, position = self._find(source)
         own = xi[:, list(block.columns)]
-        if block.field is not None:
-            return block.field.value(own)
-        parameter = block.members[position]
-        return parameter.value(own @ block.mixing[position])
+        with np.errstate(over="ignore", invalid="ignore"):
+            if block.field is not None:
+                found: Array = block.field.value(own)
+            else:
+                found = block.members[position].value(own @ block.mixing[position])
+        if not np.all(np.isfinite(found)):
+            bad = np.flatnonzero(~np.isfinite(found).all(axis=0) if found.ndim > 1 else ~np.isfinite(found))
+            raise SceneError(
+                f"{source!r} has no finite value at the germs {short(xi[bad[0]].tolist())}: germs are of "
+                "order 1 (standard normal, or within [-1, 1])"
+            )
+        return found
 
     def germ_points(self, values: Mapping[str, npt.ArrayLike]) -> Array:
         """Points (N, L) of the germs for given values of parameters, (N,) or one for all points.
@@ -487,7 +496,7 @@ class RandomSpace:
 
     def tensor_gauss(self, counts: int | Sequence[int], memory_limit: float = 0.0) -> Rule:
         """Tensor Gauss rule with this many points in each germ."""
-        if isinstance(counts, (list, tuple, np.ndarray)):
+        if is_list(counts):
             wanted = [checked_whole("tensor quadrature", "points", c, 1) for c in counts]
         else:
             wanted = [checked_whole("tensor quadrature", "points", counts, 1)] * self.dimension

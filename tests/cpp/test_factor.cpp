@@ -16,7 +16,7 @@ using latin::Matrix;
 using latin::algebra::FactorBackend;
 
 /// Lower triangle of a stiffness-like matrix: n^3 nodes of three coupled components, 27 neighbours each.
-latin::SparseColumns block_grid(int n) {
+latin::SparseRows block_grid(int n) {
   std::vector<Eigen::Triplet<double>> entries;
   const auto node = [n](int x, int y, int z) { return (z * n + y) * n + x; };
   for (int at = 0; at < n * n * n; ++at) {
@@ -40,14 +40,14 @@ latin::SparseColumns block_grid(int n) {
       }
     }
   }
-  latin::SparseColumns matrix(3 * n * n * n, 3 * n * n * n);
+  latin::SparseRows matrix(3 * n * n * n, 3 * n * n * n);
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
 }
 
 /// Stiffness of a bar of n nodes that nothing holds.
-latin::SparseColumns floating_bar(Index n, double stiffness) {
-  latin::SparseColumns lower(n, n);
+latin::SparseRows floating_bar(Index n, double stiffness) {
+  latin::SparseRows lower(n, n);
   for (Index i = 0; i < n; ++i) {
     lower.coeffRef(i, i) = (i == 0 || i + 1 == n ? 1.0 : 2.0) * stiffness;
     if (i + 1 < n) {
@@ -70,7 +70,7 @@ std::vector<FactorBackend> backends() {
 // the larger grid is ordered by nested dissection, the smaller one by minimum degree
 TEST(Factor, SolvesAndCondensesInEitherOrder) {
   for (const int n : {4, 17}) {
-    const latin::SparseColumns matrix = block_grid(n);
+    const latin::SparseRows matrix = block_grid(n);
     const latin::Index trailing = 3 * n;
     const auto factor = latin::algebra::factorise(matrix, trailing,
                                                   latin::algebra::FactorBackend::automatic, "grid");
@@ -111,7 +111,7 @@ TEST(Factor, RefusesAMotionThatNothingHolds) {
 }
 
 TEST(Factor, TakesWhatIsHeldSoftly) {
-  latin::SparseColumns bar = floating_bar(40, 1.0);
+  latin::SparseRows bar = floating_bar(40, 1.0);
   bar.coeffRef(0, 0) += 1e-9;
   Matrix force = Matrix::Zero(40, 1);
   force(39, 0) = 1.0;
@@ -122,7 +122,7 @@ TEST(Factor, TakesWhatIsHeldSoftly) {
 }
 
 TEST(Factor, SeveralThreadsMaySolve) {
-  const latin::SparseColumns matrix = block_grid(5);
+  const latin::SparseRows matrix = block_grid(5);
   for (const FactorBackend backend : backends()) {
     const auto factor = latin::algebra::factorise(matrix, 0, backend, "grid");
     const Matrix x = Matrix::Random(matrix.rows(), 3);

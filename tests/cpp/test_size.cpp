@@ -90,7 +90,7 @@ TEST(Yardstick, EveryStepIsMeasuredByItselfUnlessItIsQuiet) {
 TEST(Yardstick, WhatDoublePrecisionLeavesOfALargeStepIsNoErrorOfAQuietOne) {
   const Sizes whole = strains((Matrix(2, 1) << 0.0, 1.0).finished());
   const Yardstick yardstick = of({2, 1}, 1);
-  expect(yardstick.relative(strains((Matrix(2, 1) << 0.9e-28, 0.0).finished()), whole),
+  expect(yardstick.relative(strains((Matrix(2, 1) << 4.0e-30, 0.0).finished()), whole),
          Matrix::Zero(2, 1));
   expect(yardstick.relative(strains((Matrix(2, 1) << 4e-28, 0.0).finished()), whole),
          (Matrix(2, 1) << 2e-5, 0.0).finished());
@@ -142,10 +142,20 @@ TEST(Yardstick, RoundingDoesNotPassBetweenIslands) {
   expect(yardstick.relative(error, whole), Matrix{{0.0, 1e-2}});
 }
 
+TEST(Yardstick, AScatterIsStrainWhateverTheMeanDoes) {
+  // a scatter of 1e-5 in a body whose mean is all but a rigid motion between large forces
+  Sizes whole =
+      sizes((Matrix(2, 1) << 1e-10, 1e-20).finished(), (Matrix(2, 1) << 1.0, 1e-20).finished());
+  whole.work = (Matrix(2, 1) << 1.0, 1e-20).finished();
+  whole.pressed = (Matrix(2, 1) << 1.0, 1e-20).finished();
+  const Sizes error = sizes((Matrix(2, 1) << 0.0, 1e-22).finished(), Matrix::Zero(2, 1));
+  expect(of({1, 5}, 1, 1.0).relative(error, whole), (Matrix(2, 1) << 0.0, 0.1).finished());
+}
+
 TEST(Yardstick, RoundingOfOtherBodiesDoesNotStrainABody) {
   // a body that is hardly touched, beside one that moves by 1
   const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
-  const Sizes error = sizes(Matrix{{0.0, 0.9e-28}}, Matrix{{0.0, 0.9e-28}});
+  const Sizes error = sizes(Matrix{{0.0, 4.0e-30}}, Matrix{{0.0, 4.0e-30}});
   expect(of({}, 2, 1.0).relative(error, whole), Matrix{{0.0, 0.0}});
 }
 

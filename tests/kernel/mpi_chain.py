@@ -172,7 +172,12 @@ def columns() -> None:
     assert all(each.converged for each in expanded), expanded
     for name in ("bed", "j1", "j2"):
         mine = both[0].everywhere(name, lambda: samples[0].force(name))
-        same(mine, samples[1].force(name), f"samples {name}")
+        # what the iteration is asked for is an energy: totals have its digits, the forces at single points of
+        # a rigid contact (j2), which hardly move anything, four fewer (6e-9 on dolfinx 0.9, 1.3e-8 on 0.11)
+        weights = both[0].interfaces[name].weights
+        total, exact = (np.einsum("p,npc->nc", weights, f) for f in (mine, samples[1].force(name)))
+        same(total, exact, f"total of samples {name}", 1e-9)
+        same(mine, samples[1].force(name), f"samples {name}", 1e-8 if name != "j2" else 1e-7)
         mine = both[0].everywhere(name, lambda: expanded[0].moments(name)[1])
         same(mine, expanded[1].moments(name)[1], f"chaos {name}", 1e-8)
     for name in both[0].substructures:

@@ -92,10 +92,32 @@ def test_points_equal_monolithic_solves(problem, whole):
     assert set(whole.seconds) == {"setup", "first", "rest"}
 
 
-def test_order_is_the_snake(whole):
-    assert whole.points.order == snake_order([4, 3])
-    steps = np.abs(np.diff(np.array(np.unravel_index(whole.points.order, (4, 3))), axis=1)).sum(0)
+def test_order_is_the_snake(problem):
+    one_by_one = sweep(problem, GRID, options=TIGHT.with_(together=1), progress=False)
+    assert one_by_one.points.order == snake_order([4, 3])
+    steps = np.abs(np.diff(np.array(np.unravel_index(one_by_one.points.order, (4, 3))), axis=1)).sum(0)
     assert (steps == 1).all()
+    check(problem, one_by_one)
+
+
+def test_linear_laws_are_solved_from_the_middle(whole):
+    assert sorted(whole.points.order) == list(range(12))
+    assert whole.points.order[0] in (4, 7)  # the two in the middle of the grid
+
+
+@pytest.mark.parametrize("values", [np.geomspace(1e-3, 1e8, 6), [0.0, 1e-3, 1e3, 1e6]])
+def test_linear_laws_from_loose_to_rigid(problem, values):
+    grid = {("layer.normal", "layer.tangential"): values, "bolt.jump": [-0.01, 0.0]}
+    result = sweep(problem, grid, options=Options(rtol=1e-9), progress=False)
+    for i, value in enumerate(values):
+        for j, jump in enumerate(grid["bolt.jump"]):
+            changed = {"layer.normal": value, "layer.tangential": value, "bolt.jump": jump}
+            if not result.converged[i, j]:
+                continue  # a loose part has no answer; what is said to be one is right
+            exact = Monolithic(problem).solve(values=changed)  # which loses digits with the contrast
+            force = result.force("bolt")[i, j]
+            assert np.abs(force - exact.forces["bolt"]).max() < 1e-6 * np.abs(exact.forces["bolt"]).max()
+    assert result.converged[1:].all()
 
 
 def test_later_points_profit_from_earlier_ones(problem):

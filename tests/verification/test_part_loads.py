@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import dolfinx_frontend as lf
 from dolfinx_frontend import geometry
 from dolfinx_frontend.reference.galerkin import ssfem
 from latin_core import Options
+from tests.helpers import block as mapped
 
 E, NU = 200e3, 0.3
 BOLT = -100.0 * 0.0 + (23e-6 - 12e-6) * 100.0 / (1.0 / (200e3 * 100.0) + 1.0 / (70e3 * 400.0))
@@ -149,6 +151,26 @@ def test_histories_sweeps_and_samples_of_a_load() -> None:
     assert "load columns" in str(samples.plan)
 
 
+def test_a_sweep_of_a_load_and_a_spring_is_that_of_its_points() -> None:
+    """Linear laws, of which many points are solved together; not where loads are swept as well."""
+    scene = block(degree=1, alpha=1e-5)
+    scene.springs("a:z0", name="g", x=10.0, y=20.0, z=30.0, rx=100.0, ry=200.0, rz=300.0)
+    scene.temperature("a", 100.0, name="heat")
+    scene.force("a:z1", (0.0, 0.0, 50.0), name="f")
+    problem = lf.assemble(scene)
+    grid: dict[Any, Any] = {"heat.dT": [50.0, 200.0, 300.0], "g.z.normal": [50.0, 100.0, 400.0]}
+    options = Options(rtol=1e-9)
+    swept = lf.sweep(problem, grid, options=options, keep_states=True, progress=False)
+    assert swept.converged.all()
+    for i, dT in enumerate(grid["heat.dT"]):
+        for j, k in enumerate(grid["g.z.normal"]):
+            changed = problem.with_laws(values={"heat.dT": dT, "g.z.normal": k})
+            alone = lf.solve(changed, options=options)
+            assert swept.point(i, j).unknowns("a") == pytest.approx(
+                alone.unknowns("a"), abs=1e-7 * np.abs(alone.unknowns("a")).max()
+            )
+
+
 def test_random_loads_with_springs_contact_and_samples_agree() -> None:
     dT = lf.Normal("dT", 100.0, cov=0.1)
     found = []
@@ -223,7 +245,7 @@ def test_random_components_and_random_amplitudes() -> None:
         assert chaos.reaction("foot", component)(block_) == pytest.approx(expected, rel=1e-9)
 
 
-def test_springs_to_the_ground() -> None:
+def test_springs_to_the_ground(tmp_path: Path) -> None:
     scene = block()
     stiffness = dict(x=10.0, y=20.0, z=30.0, rx=100.0, ry=200.0, rz=300.0)
     scene.springs("a:z0", name="g", **stiffness)
@@ -236,6 +258,9 @@ def test_springs_to_the_ground() -> None:
             assert result.force(f"g.{key}")[0, 0] == pytest.approx(force, rel=1e-6)
     table = result.readings("g.rx").interfaces["g.rx"].values
     assert (table["force_x"], table["moment_x"]) == pytest.approx((0.0, 6.0), rel=1e-6)
+    result.save(tmp_path / "springs.h5")
+    saved = lf.load(tmp_path / "springs.h5").readings("g.rx").interfaces["g.rx"].values
+    assert saved["moment_x"] == pytest.approx(table["moment_x"], rel=1e-12)
 
 
 # --- rigid faces -----------------------------------------------------------------------------------
@@ -472,6 +497,56 @@ def sector(n: int, angle: float) -> Any:
     r, turn = x[:, 0].copy(), angle * x[:, 1]
     x[:, 0], x[:, 1] = r * np.cos(turn), r * np.sin(turn)
     return part
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_a_cone_of_two_meshes_is_under_uniform_stress(cell: str, degree: int) -> None:
+    """A bar of two meshes that meet on a cone, down to the axis: weights 2 pi r within facets, exactly."""
+    R, h, p = 5.0, 1.5, 100.0
+    scene = lf.Scene(axisymmetric=True)
+    for name, n, low in (("a", 3, True), ("b", 5, False)):
+        part = geometry.box((R, 4), (n, 3), origin=(0, 0 if low else 4), cell=cell)
+        x = part.mesh.geometry.x
+        share = x[:, 1] / 4 if low else 2 - x[:, 1] / 4
+        x[:, 1] += h * share * x[:, 0] / R
+        scene.substructure(name, part, lf.LinearElastic(E, NU), degree=degree)
+    scene.interface("joint", "a:y1", "b:y0", lf.Perfect())
+    scene.fix("a:y0", components=1)
+    scene.pressure("b:y1", p, name="p")
+    problem = lf.assemble(scene)
+    joint = problem.interfaces["joint"]
+    assert joint.matching is None and joint.area == pytest.approx(math.pi * R * math.hypot(R, h), rel=1e-12)
+    result = lf.solve(problem, active=["joint"], options=Options(rtol=1e-10))
+    for name, part in problem.substructures.items():
+        exact = part.dof_coordinates[:, :2] * [NU * p / E, -p / E]
+        assert result.unknowns(name).reshape(-1, 2) == pytest.approx(exact, abs=1e-8 * 8 * p / E)
+    force = np.einsum("pc,pcd->pd", result.force("joint"), joint.frames)
+    normal = np.array([-h, R]) / math.hypot(h, R)
+    assert force == pytest.approx(np.tile([0.0, -p * normal[1]], (len(force), 1)), abs=1e-6 * p)
+    axial = result.readings("joint").interfaces["joint"].values["force_y"]
+    assert abs(axial) == pytest.approx(p * math.pi * R**2, rel=1e-7)
+
+
+def on_sphere(x: Any) -> Any:
+    """Radius and angle above the equator to the section (r, z)."""
+    return x[:, :1] * np.column_stack([np.cos(x[:, 1]), np.sin(x[:, 1])])
+
+
+def test_weights_of_curved_rings() -> None:
+    """The zone of a sphere between two meshes of quadratic cells: 2 pi R times its height."""
+    errors = []
+    for n in (3, 6):
+        scene = lf.Scene(axisymmetric=True)
+        for name, count, start in (("a", n, 1.0), ("b", n + 1, 2.0)):
+            part = mapped("quadrilateral", (2, count), (start, 0), (start + 1, math.pi / 3), on_sphere, 2)
+            scene.substructure(name, part, lf.LinearElastic(E, NU), degree=2)
+        scene.fix("a:y0", components=1)
+        scene.fix("b:x1", components=1)
+        scene.interface("joint", "a:x1", "b:x0", lf.Perfect())
+        exact = 2 * math.pi * 2.0 * 2.0 * math.sin(math.pi / 3)
+        errors.append(abs(lf.assemble(scene).interfaces["joint"].area / exact - 1.0))
+    assert errors[1] < errors[0] / 8 and errors[1] < 1e-5
 
 
 def test_a_flange_is_its_sector() -> None:

@@ -516,13 +516,15 @@ class Law:
         """Imposed jump (nodes, d) in the local frame of glued nodes, length."""
         return np.zeros_like(nodes)
 
-    def check_faces(self, points: Points, sag: Array) -> None:
+    def check_faces(self, points: Points, sag: Array, chords: Array) -> None:
         """Raise or warn if the faces as meshed cannot tell what the law takes from them.
 
         Parameters
         ----------
         sag
             (m,), how far they may be from the smooth ones, length.
+        chords
+            (m,), the same where facets are straight and the face is not; 0 elsewhere.
         """
 
     # --- what it holds ----------------------------------------------------------------------------

@@ -301,6 +301,10 @@ class mortar:
         ) -> None: ...
 
     @staticmethod
+    def sum_of(
+        values: Array, rows: Any, columns: Any, row_count: int, column_count: int
+    ) -> tuple[Any, Any, Array]: ...
+    @staticmethod
     def integrate(
         first: mortar.Face,
         second: mortar.Face,
@@ -312,6 +316,7 @@ class mortar:
         near_first: Array,
         near_second: Array,
         opposed: float,
+        threads: int = 1,
         around: bool = False,
     ) -> dict[str, Any]: ...
 

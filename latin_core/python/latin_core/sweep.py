@@ -260,7 +260,8 @@ def sweep(
     parameters
         What changes from point to point.
     order
-        Points in the order of solution, see :func:`latin_core.snake_order`.
+        Points in the order of solution, see :func:`latin_core.snake_order`; of linear laws the one in the
+        middle comes first, and those that are far from each other come next.
     interfaces
         Active interfaces of which force and jump are kept.
     checkpoint

@@ -22,6 +22,8 @@ constexpr double quiet_column = 1e-3;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
+/// What was measured of one state and is said of others, too, in terms of itself.
+constexpr double measured_again = 2.0;
 
 /// The slopes of the laws of all ranks in every column of a state, (unknowns, most components) each; of a chaos,
 /// those of the mean stand for all modes of a step. Collective.
@@ -183,15 +185,42 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 }
 
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
-                                      const Whole& whole) {
+                                      ConstMatrixRef amplitudes, const Whole& whole) {
   if (rounding_.rows() != whole.sizes.strain.rows()) {
-    rounding_ = whole.relative(rounding_sizes(laws, state));
+    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes));
   }
   return rounding_;
 }
 
+/// What the global stages of glued bodies are wrong by, as forces on the active unknowns of all ranks.
+Matrix Linearisation::defects(const substructure::Laws& laws, const State& state,
+                              ConstMatrixRef amplitudes) const {
+  const substructure::Structure& structure = laws.structure();
+  const auto& bodies = structure.bodies();
+  Index active = 0;
+  for (const substructure::Body& body : bodies) {
+    active += body.rows() > 0 ? body.active() : 0;
+  }
+  Matrix own = Matrix::Zero(active, state.data.cols());
+  Index first = 0;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const substructure::Body& body = bodies[b];
+    if (body.rows() == 0) {
+      continue;
+    }
+    if (body.glued()) {
+      own.middleRows(first, body.active()) =
+          measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
+                                       amplitudes, laws.response(b));
+    }
+    first += body.active();
+  }
+  return tangents_.front()->joined().of_active(own);
+}
+
 substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
-                                                  const State& state) const {
+                                                  const State& state,
+                                                  ConstMatrixRef amplitudes) const {
   // any fixed signs without a pattern
   const auto with_signs = [](Matrix& sizes, double unit) {
     for (Index column = 0; column < sizes.cols(); ++column) {
@@ -209,7 +238,7 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
   with_signs(data, rounding_of_faces);
   Matrix forces = tangent.inner_forces(state.traces);
   with_signs(forces, rounding_of_bodies);
-  forces += tangent.nodal(data);
+  forces += tangent.nodal(data) + defects(laws, state, amplitudes);
   Matrix moved(data.rows(), data.cols());
   const Matrix answer = tangent.respond(forces, data, moved);
   substructure::Sizes sizes = substructure::Sizes::zero(
@@ -268,6 +297,17 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
     residual(every, columns) = block;
     moved(every, columns) = change;
   }
+}
+
+Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& state,
+                                   const Matrix& basis, const Vector& fall, MatrixRef residual,
+                                   Matrix& moved) const {
+  if (tangents_.size() != 1 || !laws.structure().communicator().alone()) {
+    return {};
+  }
+  moved.resize(residual.rows(), residual.cols());
+  return tangents_.front()->correct_each(slopes_at(laws, state, tangents_.front()->joined()), basis,
+                                         fall, residual, moved);
 }
 
 }  // namespace latin::iteration

@@ -153,8 +153,10 @@ Measured Run::observe() {
     error = error_.largest(errors_);
   }
   summary_.error = error;
-  // with a structure that is linearised already a check is the best step from a near parameter set
-  const bool first = summary_.history.empty() && known_ && known_->made();
+  // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
+  // one that is made for the sets to come is the answer
+  const bool first =
+      summary_.history.empty() && known_ && (known_->made() || Verification::exact(stages_.laws()));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }
@@ -343,10 +345,7 @@ void Run::finish(Status status) {
     stages_.refresh(state_);
   }
   // what the bodies' factors leave is no part of the iteration, but of the error
-  for (Index b = 0; b < summary_.errors.cols(); ++b) {
-    const double rounding = structure_.bodies()[static_cast<std::size_t>(b)].rounding();
-    summary_.errors.col(b) = summary_.errors.col(b).cwiseMax(std::min(rounding, options_.rtol));
-  }
+  add_rounding_of_bodies();
   summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
   summary_.status = status;
   summary_.iterations = iterations();
@@ -355,6 +354,30 @@ void Run::finish(Status status) {
   summary_.local_s = stages_.local_seconds();
   summary_.other_s =
       elapsed() - callback_s_ - summary_.global_s - summary_.local_s - summary_.newton_s;
+}
+
+/// A bound that would decide is replaced by what is measured, where a body is glued. Collective.
+void Run::add_rounding_of_bodies() {
+  const auto& bodies = structure_.bodies();
+  std::vector<std::size_t> measured;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    auto errors = summary_.errors.col(static_cast<Index>(b));
+    const double bound = std::min(bodies[b].rounding(), options_.rtol);
+    if (bodies[b].glued() && bound > errors.maxCoeff()) {
+      measured.push_back(b);
+    } else {
+      errors = errors.cwiseMax(bound);
+    }
+  }
+  if (structure_.communicator().everywhere(measured.empty())) {
+    return;
+  }
+  const Whole whole = stages_.whole(state_);
+  for (const std::size_t b : measured) {
+    auto errors = summary_.errors.col(static_cast<Index>(b));
+    const double bound = std::min(bodies[b].rounding(), options_.rtol);
+    errors = errors.cwiseMax(stages_.rounding_of(b, state_, whole).cwiseMin(bound));
+  }
 }
 
 double Run::elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }

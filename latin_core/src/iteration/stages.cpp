@@ -116,6 +116,25 @@ Whole Stages::whole(const State& state) {
   return whole;
 }
 
+Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& whole) {
+  const substructure::Body& of = structure().bodies()[body];
+  const Index first = structure().body_rows()[body];
+  const substructure::Body::Correction correction =
+      of.correction(state.data.middleRows(first, of.rows()), amplitudes_, laws().response(body));
+  substructure::Sizes sizes = whole.sizes;
+  for (Matrix* each : {&sizes.strain, &sizes.trace}) {
+    each->setZero();
+  }
+  const auto metric = structure().trace_metric().segment(first, of.rows());
+  const auto at = static_cast<Index>(body);
+  for (Index column = 0; column < correction.traces.cols(); ++column) {
+    const Index group = laws().groups().of(column);
+    sizes.strain(group, at) += correction.strain(column);
+    sizes.trace(group, at) += correction.traces.col(column).cwiseAbs2().dot(metric);
+  }
+  return whole.relative(sizes).col(at);
+}
+
 double Stages::strain(const State& state) {
   return structure().communicator().sum(
       global_.sizes(state.data, state.traces, amplitudes_).strain.sum());

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <numeric>
 #include <span>
 
@@ -50,6 +51,11 @@ constexpr double spare_accuracy = 0.3;
 constexpr Index fewest_snapshots = 4;
 /// Points in a row that the first iterate answered, before several are tried together.
 constexpr Index streak_before_batch = 3;
+/// Of linear laws, so many times as many together; not for fewer points than these.
+constexpr Index many_together = 8;
+constexpr Index least_directly = 3;
+/// Points that are far from each other, whose states the others start from.
+constexpr Index most_far = 8;
 
 /// Tolerance, relative to the one asked for, of the first samples: nothing is known of their scatter.
 constexpr double of_first_samples = 1e-3;
@@ -174,6 +180,11 @@ class Sweep {
       linear_ = std::make_shared<Linearisation>();
       together_from_ = std::min(together_from_, fewest_snapshots);
     }
+    direct_ = linear_ && most_together_ > 1 && Verification::exact(laws);
+    if (direct_) {
+      most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)),
+                                  most_together_, many_together * most_together_);
+    }
   }
 
   /// @throws InputError if positions or states do not fit; on every rank alike
@@ -233,6 +244,9 @@ class Sweep {
   }
 
   void walk(const std::vector<Index>& order) {
+    if (direct_ && static_cast<Index>(order.size()) > least_directly) {
+      return solve_directly(order);
+    }
     for (std::size_t next = 0; next < order.size();) {
       set_tolerance();
       const auto left = static_cast<Index>(order.size() - next);
@@ -245,6 +259,60 @@ class Sweep {
         solve_alone(points.front());
       }
       next += points.size();
+      if (scatter_.count() >= first_samples) {
+        release_early();
+      }
+    }
+  }
+
+  /// Points of linear laws: one in the middle gives the tangents of all, some that are far from each other the
+  /// states that the others start from.
+  void solve_directly(const std::vector<Index>& order) {
+    std::vector<Index> left = order;
+    const auto take = [&](auto which) {
+      const Index point = *which;
+      left.erase(which);
+      return point;
+    };
+    Matrix places(where_.rows(), static_cast<Index>(left.size()));
+    for (std::size_t i = 0; i < left.size(); ++i) {
+      places.col(static_cast<Index>(i)) = where_.col(left[i]);
+    }
+    const Vector middle = places.rowwise().mean();
+    const auto away = [this](Index point, const Vector& from) {
+      return (where_.col(point) - from).squaredNorm();
+    };
+    set_tolerance();
+    std::vector<Index> chosen;
+    if (known_.empty() || !linear_->made()) {
+      chosen.push_back(take(
+          std::ranges::min_element(left, {}, [&](Index point) { return away(point, middle); })));
+      solve_alone(chosen.front(), true);
+    }
+    const Index far = std::min(most_far, static_cast<Index>(left.size()) / 2);
+    std::vector<Index> seeds;
+    while (static_cast<Index>(seeds.size()) < far) {
+      const auto nearest_of = [&](Index point) {
+        double least = std::numeric_limits<double>::infinity();
+        for (const Index known : known_points_) {
+          least = std::min(least, away(point, where_.col(known)));
+        }
+        for (const Index known : seeds) {
+          least = std::min(least, away(point, where_.col(known)));
+        }
+        return least;
+      };
+      seeds.push_back(take(std::ranges::max_element(left, {}, nearest_of)));
+    }
+    if (!seeds.empty()) {
+      try_together(seeds);
+    }
+    for (std::size_t next = 0; next < left.size();) {
+      set_tolerance();
+      const std::size_t count =
+          std::min(left.size() - next, static_cast<std::size_t>(most_together_));
+      try_together(std::span<const Index>(left.data() + next, count));
+      next += count;
       if (scatter_.count() >= first_samples) {
         release_early();
       }
@@ -480,9 +548,10 @@ class Sweep {
       centre += where_.col(point) / static_cast<double>(points.size());
     }
     const auto sets = static_cast<Index>(points.size());
-    const std::vector<Advanced> answers =
-        advance_together(laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
-                         nearest(centre, together_from_), linear_.get());
+    const std::vector<Advanced> answers = advance_together(
+        laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
+        direct_ ? std::vector<const State*>{&known_.front()} : nearest(centre, together_from_),
+        linear_.get(), direct_ ? &basis_ : nullptr);
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
         static_cast<double>(sets);
@@ -543,6 +612,9 @@ class Sweep {
   const PointCallback& point_callback_;
   Matrix where_;
   Index most_together_ = 1;
+  bool direct_ =
+      false;      ///< all laws are linear: points are solved together, by conjugate gradients
+  Matrix basis_;  ///< of these: what points move by from the first known one
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;

@@ -31,9 +31,6 @@ constexpr double borrowed_fall = 0.3;
 constexpr double well_fallen = 0.1;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
-/// And errors of nonlinear laws below this one are not known.
-constexpr double unresolved = 2e-4;
-constexpr double most_unresolved = 2e-9;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
@@ -76,6 +73,8 @@ bool Verification::searches(const substructure::Laws& laws) {
 bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
 }
+
+double Verification::resolution(double rtol) { return std::min(2e-4 * rtol, 2e-9); }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
     : stages_(stages),
@@ -140,7 +139,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   if (imbalance > bearable_imbalance * rtol) {
     return std::nullopt;
   }
-  const Matrix least_error = linear_->rounding(laws, state, whole);
+  const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole);
   if (largest(least_error) > rtol) {
     return std::nullopt;
   }
@@ -225,8 +224,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                               .cwiseMin(1.0 - 1.0 / most_left);
       Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
-        least_known =
-            (within_rounding * linear_->rounding(stages_.laws(), better_, whole)).cwiseMax(least);
+        least_known = (within_rounding *
+                       linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
+                          .cwiseMax(least);
       }
       if (count >= first_of_rounding) {
         // steps that do not become shorter, but are rounding, leave what they are
@@ -248,14 +248,15 @@ std::optional<Verification::Found> Verification::check(const State& state, const
             everywhere((rest.array() <= least_known.array()).all())) ||
            stays_in_branch(step))) {
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error = linear_->rounding(stages_.laws(), better_, whole);
+        Matrix least_error =
+            linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
         }
         if (!stages_.laws().linear_everywhere()) {
           // steps that end far below the tolerance do not say how far
-          least_error = least_error.cwiseMax(std::min(unresolved * rtol, most_unresolved));
+          least_error = least_error.cwiseMax(resolution(rtol));
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
@@ -398,7 +399,7 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);
     left = carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last())))
-               .cwiseMax(linear_->rounding(stages_.laws(), better_, whole));
+               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole));
   } catch (const NumericalError&) {
     return false;
   }

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <deque>
@@ -11,10 +10,13 @@
 #include <numeric>
 #include <utility>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
 namespace {
+
+using algebra::multiply_sparse;
 
 /// Seconds since the last time it was asked.
 class Watch {
@@ -68,7 +70,7 @@ SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
 /// Lower triangle of sum_e B_e^T M_e B_e, with M_e symmetric.
 ///
 /// Gathered row by row of the sum, so that no list of entries is ever stored or sorted: a row collects its
-/// entries in a dense workspace, and one transposition of the rows gives sorted columns.
+/// entries in a dense workspace.
 class LowerSum {
  public:
   explicit LowerSum(Index size) : size_(size) {}
@@ -78,7 +80,8 @@ class LowerSum {
     terms_.push_back({middle, &b, SparseColumns(b)});
   }
 
-  [[nodiscard]] SparseColumns build() const {
+  /// The columns of a row are in no order.
+  [[nodiscard]] SparseRows build() const {
     SparseRows lower(size_, size_);
     std::vector<double> sum(static_cast<std::size_t>(size_), 0.0);
     std::vector<int> last(static_cast<std::size_t>(size_), -1);  // row that last touched a column
@@ -169,38 +172,6 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
       here.noalias() += below.transpose() * x.col(c).tail(rest);
       out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
     }
-  }
-}
-
-/// Rows of out = a x for `width` columns at once: sums that do not wait for each other.
-template <int width>
-void multiply_columns(const SparseRows& a, const ConstMatrixRef& x, MatrixRef& out, Index column) {
-  const double* from = x.data() + column * x.outerStride();
-  for (int row = 0; row < a.outerSize(); ++row) {
-    std::array<double, width> sums{};
-    for (SparseRows::InnerIterator it(a, row); it; ++it) {
-      const double* entry = from + it.col();
-      for (std::size_t i = 0; i < width; ++i) {
-        sums[i] += it.value() * entry[static_cast<Index>(i) * x.outerStride()];
-      }
-    }
-    for (std::size_t i = 0; i < width; ++i) {
-      out(row, column + static_cast<Index>(i)) = sums[i];
-    }
-  }
-}
-
-/// out = a x. (Eigen takes one column after the other, each sum waiting for its last term.)
-void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out) {
-  Index column = 0;
-  for (; column + 8 <= x.cols(); column += 8) {
-    multiply_columns<8>(a, x, out, column);
-  }
-  for (; column + 2 <= x.cols(); column += 2) {
-    multiply_columns<2>(a, x, out, column);
-  }
-  for (; column < x.cols(); ++column) {
-    multiply_columns<1>(a, x, out, column);
   }
 }
 
@@ -339,20 +310,27 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
-/// The largest entry of its members and springs; 0 of a single member without springs.
-double stiffest_of(const BodyDescription& description) {
-  double largest = 0.0;
-  if (description.members.size() > 1 || !description.springs.empty()) {
-    for (const Member& member : description.members) {
-      const Eigen::Map<const Vector> entries(member.stiffness->valuePtr(),
-                                             member.stiffness->nonZeros());
-      largest = entries.size() > 0 ? std::max(largest, entries.cwiseAbs().maxCoeff()) : largest;
+using Longer = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
+
+/// out += sign * a x
+template <class Sparse>
+void add_product(const Sparse& a, const Longer& x, Longer& out, long double sign = 1.0L) {
+  for (int row = 0; row < a.outerSize(); ++row) {
+    long double sum = 0.0L;
+    for (typename Sparse::InnerIterator it(a, row); it; ++it) {
+      sum += static_cast<long double>(it.value()) * x(it.col());
     }
-    for (const Spring& spring : description.springs) {
-      largest = std::max(largest, spring.stiffness.size() > 0 ? spring.stiffness.maxCoeff() : 0.0);
+    out(row) += sign * sum;
+  }
+}
+
+/// out += sign * a^T x
+void add_transposed(const SparseRows& a, const Longer& x, Longer& out, long double sign = 1.0L) {
+  for (int row = 0; row < a.outerSize(); ++row) {
+    for (SparseRows::InnerIterator it(a, row); it; ++it) {
+      out(it.col()) += sign * static_cast<long double>(it.value()) * x(row);
     }
   }
-  return largest;
 }
 
 }  // namespace
@@ -370,11 +348,20 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   order_active_last(sides);
   stack_sides(sides);
-  const std::vector<SparseRows> jumps =
+  std::vector<SparseRows> jumps =
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
-  const SparseColumns lower = assemble_operator(description, jumps);
-  stiffest_ = stiffest_of(description);
+  const SparseRows lower = assemble_operator(description, jumps);
+  if (description.members.size() > 1 || !description.springs.empty()) {
+    for (const Member& member : description.members) {
+      glued_.stiffnesses.push_back(member.stiffness);
+    }
+    for (Spring& spring : description.springs) {
+      glued_.springs.push_back(std::move(spring.stiffness));
+    }
+    glued_.jumps = std::move(jumps);
+  }
+  active_stiffness_ = stiffness_of_active(description.members);
   for (Member& member : description.members) {
     member.stiffness.reset();  // before the factorisation takes its memory
     offsets_.push_back(std::move(member.offset));
@@ -477,8 +464,8 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
 }
 
 /// Lower triangle of K + sum B^T kappa B + sum T^T W k T.
-SparseColumns Body::assemble_operator(const BodyDescription& description,
-                                      const std::vector<SparseRows>& jumps) const {
+SparseRows Body::assemble_operator(const BodyDescription& description,
+                                   const std::vector<SparseRows>& jumps) const {
   LowerSum sum(size_);
   for (std::size_t e = 0; e < description.members.size(); ++e) {
     sum.add(*description.members[e].stiffness, prolongations_[e]);
@@ -491,6 +478,26 @@ SparseColumns Body::assemble_operator(const BodyDescription& description,
   return sum.build();
 }
 
+/// The diagonal of Z^T K Z, as far as it comes from that of K.
+Vector Body::stiffness_of_active(const std::vector<Member>& members) const {
+  Vector sum = Vector::Zero(size_);
+  for (std::size_t e = 0; e < members.size(); ++e) {
+    const SparseView& matrix = *members[e].stiffness;
+    Vector diagonal = Vector::Zero(matrix.rows());
+    for (int row = 0; row < matrix.outerSize(); ++row) {
+      for (SparseView::InnerIterator it(matrix, row); it; ++it) {
+        diagonal(row) += it.col() == row ? it.value() : 0.0;
+      }
+    }
+    for (int row = 0; row < prolongations_[e].outerSize(); ++row) {
+      for (SparseRows::InnerIterator it(prolongations_[e], row); it; ++it) {
+        sum(it.col()) += it.value() * it.value() * diagonal(row);
+      }
+    }
+  }
+  return sum.tail(active_);
+}
+
 bool Body::wants_condensation(const OperatorOptions& options) const {
   if (active_ == 0 || options.kind == OperatorKind::factored) {
     return false;
@@ -501,7 +508,7 @@ bool Body::wants_condensation(const OperatorOptions& options) const {
           (options.memory_limit <= 0.0 || bytes <= options.memory_limit));
 }
 
-void Body::factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options) {
+void Body::factorise(const SparseRows& lower, bool condense, const OperatorOptions& options) {
   factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
@@ -523,7 +530,9 @@ void Body::keep_loads(const Loads& loads, const std::vector<BodySide>& sides) {
   }
   const Vector robin = weights_.cwiseProduct(direction_);
   load_ = loads.load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
+  active_patterns_ = loads.load.bottomRows(active_);
   if (loads.of_offset.size() > 0) {
+    active_patterns_ += loads.of_offset.bottomRows(active_);
     work_ = loads.load + 2.0 * loads.of_offset;
   }
   offset_energy_ = loads.offset_energy;
@@ -646,6 +655,10 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   multiply_sparse(active_traces_, unknowns, traces);
 }
 
+void Body::gather(ConstMatrixRef forces, MatrixRef on_unknowns) const {
+  multiply_sparse(active_loads_, forces, on_unknowns);
+}
+
 double Body::rounding() const {
   // of many sums, which grows like a random walk
   const double sums = 2.0 * std::sqrt(static_cast<double>(size()));
@@ -691,21 +704,98 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   return unit.transpose() * unit;
 }
 
+Matrix Body::forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                       const LoadResponse& loads) const {
+  Matrix forces = load_ * amplitudes;
+  if (loads.extra.size() > 0) {
+    forces += loads.extra * amplitudes;
+  }
+  if (rows() > 0) {
+    forces += traces_.transpose() * (weights_.asDiagonal() * data);
+  }
+  return forces;
+}
+
+Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRef amplitudes,
+                      const LoadResponse& loads) const {
+  const auto longer = [](const auto& values) -> Longer {
+    return values.template cast<long double>();
+  };
+  const Longer u = longer(unknowns);
+  const Longer sizes = longer(amplitudes);
+  Longer left = load_.cast<long double>() * sizes;
+  if (loads.extra.size() > 0) {
+    left += loads.extra.cast<long double>() * sizes;
+  }
+  Longer moved = Longer::Zero(rows());
+  add_product(traces_, u, moved);
+  const Longer pushed =
+      longer(weights_).cwiseProduct(longer(data) - longer(direction_).cwiseProduct(moved));
+  add_transposed(traces_, pushed, left);
+  for (std::size_t e = 0; e < prolongations_.size(); ++e) {
+    Longer of_member = Longer::Zero(prolongations_[e].rows());
+    add_product(prolongations_[e], u, of_member);
+    Longer forces = Longer::Zero(of_member.size());
+    add_product(*glued_.stiffnesses[e], of_member, forces);
+    add_transposed(prolongations_[e], forces, left, -1.0L);
+  }
+  for (std::size_t i = 0; i < glued_.jumps.size(); ++i) {
+    Longer jump = Longer::Zero(glued_.jumps[i].rows());
+    add_product(glued_.jumps[i], u, jump);
+    add_transposed(glued_.jumps[i], longer(glued_.springs[i]).cwiseProduct(jump), left, -1.0L);
+  }
+  return left.cast<double>();
+}
+
+Matrix Body::residuals(const Matrix& unknowns, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                       const LoadResponse& loads) const {
+  Matrix left(size_, data.cols());
+  for (Index column = 0; column < data.cols(); ++column) {
+    left.col(column) =
+        residual(unknowns.col(column), data.col(column), amplitudes.col(column), loads);
+  }
+  return left;
+}
+
+Body::Correction Body::correction(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                  const LoadResponse& loads) const {
+  const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
+  const Matrix left = residuals(unknowns, data, amplitudes, loads);
+  const Matrix change = factor_->solve(left);
+  return {change.cwiseProduct(left).colwise().sum().cwiseAbs(), traces_ * change};
+}
+
+Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                    const LoadResponse& loads) const {
+  const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
+  const Matrix left = residuals(unknowns, data, amplitudes, loads);
+  // the stage moves them a little otherwise than the solution that is corrected here
+  Matrix of_loads = load_;
+  if (loads.extra.size() > 0) {
+    of_loads += loads.extra;
+  }
+  Matrix by_stage = active_loads_ * data;
+  if (condensed()) {
+    condensed_.triangularView<Eigen::Lower>().solveInPlace(by_stage);
+    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(by_stage);
+  } else {
+    Matrix all = Matrix::Zero(size_, data.cols());
+    all.bottomRows(active_) = by_stage;
+    by_stage = factor_->solve(all).bottomRows(active_);
+  }
+  if (this->loads() > 0) {
+    by_stage += factor_->solve(of_loads).bottomRows(active_) * amplitudes;
+  }
+  const Matrix wrong =
+      unknowns.bottomRows(active_) - by_stage + factor_->solve(left).bottomRows(active_);
+  return schur().selfadjointView<Eigen::Lower>() * wrong;
+}
+
 std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                         const LoadResponse& loads) const {
-  Matrix unknowns;
-  if (loads.unknowns.size() > 0) {
-    unknowns = loads.unknowns * amplitudes;
-  } else {
-    unknowns = load_ * amplitudes;
-    if (loads.extra.size() > 0) {
-      unknowns += loads.extra * amplitudes;
-    }
-    if (rows() > 0) {
-      unknowns += traces_.transpose() * (weights_.asDiagonal() * data);
-    }
-    unknowns = factor_->solve(unknowns);
-  }
+  const Matrix unknowns = loads.unknowns.size() > 0
+                              ? Matrix(loads.unknowns * amplitudes)
+                              : factor_->solve(forces_of(data, amplitudes, loads));
   std::vector<Matrix> fields;
   fields.reserve(prolongations_.size());
   for (std::size_t e = 0; e < prolongations_.size(); ++e) {

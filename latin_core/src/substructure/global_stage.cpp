@@ -36,6 +36,27 @@ Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces)
   return structure.macro().correct(forces, data, traces);
 }
 
+/// sum of F^2 / K, (c), with the forces F on the nodes of the sides and their own stiffness: a bolt that presses its
+/// own joint together holds nothing. Loads are counted only where they take forces away.
+Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
+                                     ConstMatrixRef amplitudes) {
+  const Body& body = laws_.structure().bodies()[b];
+  const Vector& stiffness = body.active_stiffness();
+  const Vector compliance = (stiffness.array() > 0.0).select(stiffness.cwiseInverse(), 0.0);
+  Eigen::Map<Matrix> net = work_.unknowns.shaped(body.active(), forces.cols());
+  body.gather(forces, net);
+  Vector energies = compliance.transpose() * net.cwiseAbs2();
+  if (body.loads() > 0) {
+    net.noalias() += body.active_patterns() * amplitudes;
+    const Matrix& extra = laws_.response(b).extra;
+    if (extra.size() > 0) {
+      net.noalias() += extra.bottomRows(body.active()) * amplitudes;
+    }
+    energies = energies.cwiseMin((compliance.transpose() * net.cwiseAbs2()).transpose());
+  }
+  return energies;
+}
+
 Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
   const Structure& structure = laws_.structure();
   const ColumnGroups groups = laws_.groups();
@@ -47,11 +68,10 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     const auto s = data.middleRows(first, body.rows());
     const auto w = traces.middleRows(first, body.rows());
     const auto metric = structure.trace_metric().segment(first, body.rows());
-    const Vector compliance =
-        (metric.array() > 0.0).select(body.weights().array().square() / metric.array(), 0.0);
     Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
     f = s - body.directions().asDiagonal() * w;
     const Vector energies = body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+    const Vector pressed = pressed_energies(b, f, amplitudes);
     const auto at = static_cast<Index>(b);
     for (Index column = 0; column < w.cols(); ++column) {
       const Index group = groups.of(column);
@@ -59,7 +79,7 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
       sizes.trace(group, at) += w.col(column).cwiseAbs2().dot(metric);
       sizes.work(group, at) +=
           w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
-      sizes.pressed(group, at) += f.col(column).cwiseAbs2().dot(compliance);
+      sizes.pressed(group, at) += pressed(column);
     }
   }
   sizes.strain = sizes.strain.cwiseAbs();

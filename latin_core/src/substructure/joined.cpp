@@ -77,7 +77,6 @@ void Joined::take_own() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     JoinedBody body;
     body.first_row = structure_.body_rows()[b];
-    body.stiffest = bodies[b].stiffest();
     if (bodies[b].rows() > 0) {
       body.stiffness = stiffness_of(bodies[b]);
       body.traces = bodies[b].active_traces();
@@ -149,7 +148,6 @@ std::vector<double> Joined::packed() const {
   packer.add(static_cast<Index>(bodies_.size()));
   for (const JoinedBody& body : bodies_) {
     packer.add(body.first_row);
-    packer.add(body.stiffest);
     packer.add(body.stiffness.rows());
     packer.add(body.stiffness);
     packer.add(body.traces.rows());
@@ -185,6 +183,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
     Unpacker from(numbers);
     const Index rows = from.index();
     rows_of_ranks_.push_back(rows);
+    active_of_ranks_.push_back(0);
     for (std::vector<double>* values : {&weights, &directions}) {
       const Vector own = from.list(rows);
       values->insert(values->end(), own.begin(), own.end());
@@ -192,8 +191,8 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
     for (Index left = from.index(); left > 0; --left) {
       JoinedBody body;
       body.first_row = from.index();
-      body.stiffest = from.number();
       const Index active = from.index();
+      active_of_ranks_.back() += active;
       body.stiffness = from.table(active, active);
       const Index trace_rows = from.index();
       Triplets entries;
@@ -228,6 +227,10 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
 
 Matrix Joined::of_rows(ConstMatrixRef own) const {
   return structure_.communicator().stacked(own, rows_of_ranks_);
+}
+
+Matrix Joined::of_active(ConstMatrixRef own) const {
+  return structure_.communicator().stacked(own, active_of_ranks_);
 }
 
 Matrix Joined::of_unknowns(const Matrix& own) const {

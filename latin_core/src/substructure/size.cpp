@@ -9,7 +9,7 @@ namespace {
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
 /// Rounding of displacements and forces, relative to the largest ones.
-constexpr double rounding = 1e-14;
+constexpr double rounding = 2.2e-15;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
@@ -75,21 +75,34 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
                                                       whole.work(history, b).maxCoeff()));
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
-      const auto least = [&](const Matrix& sizes, double wrong) {
-        const double size = std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
-        if (g % kinds > 0 && size < square(still) * sizes(g - 1, b)) {
-          // an iterate may not yet have the fluctuation that the answer has
-          return wrong < square(still) * sizes(g - 1, b) ? sizes(g - 1, b) : std::max(size, wrong);
-        }
-        return size;
+      const auto own = [&](const Matrix& sizes) {
+        return std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
       };
-      const double pressed = least(whole.pressed, 0.0);
+      const auto still_part = [&](const Matrix& sizes) { return square(still) * sizes(g - 1, b); };
+      // an iterate may not yet have the fluctuation that the answer has
+      const auto is_none = [&](const Matrix& sizes, double wrong) {
+        return g % kinds > 0 && std::max(own(sizes), wrong) < still_part(sizes);
+      };
+      const auto least = [&](const Matrix& sizes, double wrong) {
+        if (is_none(sizes, wrong)) {
+          return sizes(g - 1, b);
+        }
+        const bool little = g % kinds > 0 && own(sizes) < still_part(sizes);
+        return little ? std::max(own(sizes), wrong) : own(sizes);
+      };
+      // what is measured with the mean goes with the forces of the mean
+      const auto beside = [&](const Matrix& sizes, bool none) {
+        return none ? sizes(g - 1, b) : own(sizes);
+      };
+      const bool no_strain = is_none(whole.strain, error.strain(g, b));
+      const bool no_trace = is_none(whole.trace, error.trace(g, b));
       double strain = least(whole.strain, error.strain(g, b));
-      const bool strained = strain > strain_free * least(whole.work, 0.0);
-      double moved = std::max(least(whole.trace, error.trace(g, b)), square(held) * pressed);
+      const bool strained = strain > strain_free * beside(whole.work, no_strain);
+      double moved = std::max(least(whole.trace, error.trace(g, b)),
+                              square(held) * beside(whole.pressed, no_trace));
       if (strained) {
         moved = std::max(moved, square(held) * strain);
-        strain = std::max(strain, square(held_strain) * pressed);
+        strain = std::max(strain, square(held_strain) * beside(whole.pressed, no_strain));
       }
       if (moved <= square(above_rounding) * noise) {
         moved = farthest;

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <utility>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -27,8 +28,8 @@ constexpr double same = 1e-6;
 constexpr double filled = 0.3;
 /// Springs below this, relative to the search direction, are rounding of the body's stiffness.
 constexpr double of_rounding = 1e-14;
-/// Sums that springs glued into a body round in, until it is condensed.
-constexpr double glued_sums = 10.0;
+/// Steps of conjugate gradients at most.
+constexpr Index most_gradients = 60;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
@@ -43,6 +44,13 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility, double rigid) 
   const Matrix open =
       Matrix::Identity(slope.rows(), slope.cols()) - bounded * flexibility.asDiagonal();
   return open.partialPivLu().solve(bounded);
+}
+
+/// Whether a tangent is that of springs.
+bool of_springs(const Matrix& tangent) {
+  return tangent.diagonal().minCoeff() >= 0.0 &&
+         (tangent - tangent.transpose()).cwiseAbs().maxCoeff() <=
+             same * tangent.cwiseAbs().maxCoeff();
 }
 
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
@@ -63,7 +71,10 @@ Tangent::Tangent(const Structure& structure)
     : Tangent(structure, std::make_shared<const Joined>(structure)) {}
 
 Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joined)
-    : structure_(structure), joined_(std::move(joined)), active_(joined_->active()) {
+    : structure_(structure),
+      joined_(std::move(joined)),
+      active_(joined_->active()),
+      most_components_(joined_->most_components()) {
   Triplets traces;
   double entries = 0.0;
   for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
@@ -100,6 +111,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
   sides_ = from(sides, unknowns, joined_->rows());
   set_rigid();
   jumps_ = sides_ * traces_;
+  to_unknowns_ = traces_.transpose();
 }
 
 /// Bounds of what slopes of the laws may be.
@@ -228,7 +240,7 @@ void Tangent::factorise_sparse() {
   sparse_lu_ = nullptr;
   if (symmetric_) {
     try {
-      factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+      factor_ = algebra::factorise(SparseRows(assemble()), 0, algebra::FactorBackend::automatic,
                                    "structure of the check");
       return;
     } catch (const NumericalError&) {
@@ -244,7 +256,7 @@ void Tangent::factorise_sparse() {
 
 Matrix Tangent::solve(const Matrix& load) {
   solved_ += load.cols();
-  if (dense_ && inverse_.size() == 0 && solved_ > active_) {
+  if (dense_ && inverse_.size() == 0 && solved_ > 2 * active_) {
     // products are several times as fast as triangular solves: by now forming it is paid for
     const Matrix unit = Matrix::Identity(active_, active_);
     inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
@@ -338,11 +350,15 @@ void Tangent::combine() {
 void Tangent::correct(MatrixRef residual, MatrixRef moved) {
   if (structure_.communicator().alone()) {
     const Matrix half = 0.5 * residual;
-    const Matrix answer = solve(load_ * half);
-    moved.noalias() = traces_ * answer;
-    residual = half;
-    residual.noalias() += of_answer_ * answer;
-    residual.noalias() += of_residual_ * half;
+    Matrix load(active_, half.cols());
+    algebra::multiply_sparse(load_, half, load);
+    const Matrix answer = solve(load);
+    algebra::multiply_sparse(traces_, answer, moved);
+    Matrix added(half.rows(), half.cols());
+    algebra::multiply_sparse(of_answer_, answer, added);
+    residual = half + added;
+    algebra::multiply_sparse(of_residual_, half, added);
+    residual += added;
     return;
   }
   correct_all(joined_->of_rows(0.5 * residual), residual, moved);
@@ -352,6 +368,201 @@ void Tangent::correct_all(const Matrix& half, MatrixRef step, MatrixRef moved) {
   const Matrix answer = solve(load_ * half);
   step = own(half + of_answer_ * answer + of_residual_ * half);
   moved = own(traces_ * answer);
+}
+
+/// W K of every column, side by side, (unknowns, columns times most components). @return whether all are springs
+bool Tangent::own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness) const {
+  const auto columns = static_cast<Index>(slopes.size());
+  stiffness = Matrix::Zero(areas_.size(), columns * most_components_);
+  for (Index column = 0; column < columns; ++column) {
+    const Matrix& own = slopes[static_cast<std::size_t>(column)];
+    for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+      const Index components = interface.components;
+      for (Index first = interface.first_unknown; first < interface.first_unknown + interface.size;
+           first += components) {
+        const auto slope = own.block(first, 0, components, components);
+        auto into = stiffness.block(first, column * most_components_, components, components);
+        if (slope.isDiagonal(0.0)) {
+          // steps are to lead to the answer: only what is all but rigid is made softer
+          const double rigid = rigid_.segment(first, components).maxCoeff();
+          for (Index i = 0; i < components; ++i) {
+            const double bounded = std::min(slope(i, i), rigid / flexibility_(first + i));
+            if (!(bounded >= 0.0)) {
+              return false;
+            }
+            into(i, i) = areas_(first) * bounded / (1.0 - bounded * flexibility_(first + i));
+          }
+          continue;
+        }
+        const Matrix tangent = tangent_at(own, interface, first);
+        if (!of_springs(tangent)) {
+          return false;
+        }
+        into = areas_(first) * tangent;
+      }
+    }
+  }
+  return true;
+}
+
+/// J' of rows: their differences between the sides.
+void Tangent::subtract_sides(const Matrix& rows, Matrix& jumps) const {
+  jumps.setZero();
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    auto own = jumps.middleRows(interface.first_unknown, interface.size);
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      const auto of_side = rows.middleRows(interface.rows[s], interface.size);
+      if (s == 0) {
+        own -= of_side;
+      } else {
+        own += of_side;
+      }
+    }
+  }
+}
+
+/// Add J'^T of forces between the sides.
+void Tangent::add_to_sides(const Matrix& between, Matrix& rows) const {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    const auto own = between.middleRows(interface.first_unknown, interface.size);
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      auto of_side = rows.middleRows(interface.rows[s], interface.size);
+      if (s == 0) {
+        of_side -= own;
+      } else {
+        of_side += own;
+      }
+    }
+  }
+}
+
+/// Of all columns, with stiffnesses from own_tangents(), or with one for all.
+void Tangent::add_spring_forces(const Matrix& stiffness, const Matrix& jumps,
+                                Matrix& forces) const {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    const Index components = interface.components;
+    const bool one = stiffness.cols() == most_components_;
+    for (Index column = 0; column < jumps.cols(); ++column) {
+      for (Index b = 0; b < components; ++b) {
+        const double* of_component = &stiffness(0, (one ? 0 : column) * most_components_ + b);
+        for (Index first = interface.first_unknown;
+             first < interface.first_unknown + interface.size; first += components) {
+          const double jump = jumps(first + b, column);
+          for (Index a = 0; a < components; ++a) {
+            forces(first + a, column) += of_component[first + a] * jump;
+          }
+        }
+      }
+    }
+  }
+}
+
+void Tangent::add_body_forces(const Matrix& moved, Matrix& forces) const {
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Matrix& own = joined_->bodies()[b].stiffness;
+    const auto at = Eigen::seqN(joined_->first_active()[b], own.rows());
+    forces(at, every).noalias() += own.selfadjointView<Eigen::Lower>() * moved(at, every);
+  }
+}
+
+/// The displacements in a basis that are best in the energies of all columns.
+Matrix Tangent::best_in(const Matrix& basis, const Matrix& stiffness, const Vector& holding,
+                        const Matrix& load) const {
+  Matrix best = Matrix::Zero(active_, load.cols());
+  if (basis.cols() == 0) {
+    return best;
+  }
+  Matrix forces = Matrix::Zero(active_, basis.cols());
+  add_body_forces(basis, forces);
+  const Matrix rows = traces_ * basis;
+  const Matrix common =
+      basis.transpose() * forces + rows.transpose() * (holding.asDiagonal() * rows);
+  const Matrix jumps = sides_ * rows;
+  const Matrix loads = basis.transpose() * load;
+  Matrix of_springs(jumps.rows(), jumps.cols());
+  Matrix shares = Matrix::Zero(basis.cols(), load.cols());
+  for (Index column = 0; column < load.cols(); ++column) {
+    of_springs.setZero();
+    add_spring_forces(stiffness.middleCols(column * most_components_, most_components_), jumps,
+                      of_springs);
+    Matrix whole = common;
+    whole.noalias() += jumps.transpose() * of_springs;
+    const Eigen::LLT<Matrix> factor(whole);
+    if (factor.info() == Eigen::Success) {
+      shares.col(column) = factor.solve(loads.col(column));
+    }
+  }
+  best.noalias() = basis * shares;
+  return best;
+}
+
+Matrix Tangent::correct_each(const std::vector<Matrix>& slopes, const Matrix& basis,
+                             const Vector& fall, MatrixRef residual, MatrixRef moved) {
+  const Index columns = residual.cols();
+  Matrix stiffness;
+  if (!symmetric_ || !own_tangents(slopes, stiffness)) {
+    return {};
+  }
+  const Vector holding = joined_->weights().cwiseProduct(holding_);
+  Matrix rows(traces_.rows(), columns);
+  Matrix jumps(sides_.rows(), columns);
+  Matrix between(sides_.rows(), columns);
+  // of forces (rows) and of those of the springs: the forces on the active unknowns
+  const auto nodal_forces = [&](const Matrix& of_jumps, Matrix& forces) {
+    between.setZero();
+    add_spring_forces(stiffness, of_jumps, between);
+    add_to_sides(between, rows);
+    algebra::multiply_sparse(to_unknowns_, rows, forces);
+  };
+  const auto multiply = [&](const Matrix& answer, Matrix& forces) {
+    algebra::multiply_sparse(traces_, answer, rows);
+    subtract_sides(rows, jumps);
+    rows = holding.asDiagonal() * rows;
+    nodal_forces(jumps, forces);
+    add_body_forces(answer, forces);
+  };
+
+  const Matrix half = 0.5 * residual;
+  Matrix apart(sides_.rows(), columns);
+  subtract_sides(joined_->directions().cwiseInverse().asDiagonal() * half, apart);
+  Matrix left(active_, columns);
+  rows = joined_->weights().asDiagonal() * half;
+  nodal_forces(apart, left);
+  Matrix preconditioned = solve(left);
+  Eigen::RowVectorXd size = left.cwiseProduct(preconditioned).colwise().sum();
+  const Eigen::RowVectorXd enough = size.cwiseProduct(fall.cwiseAbs2().transpose());
+  Matrix forces(active_, columns);
+  Matrix answer = best_in(basis, stiffness, holding, left);
+  if (basis.cols() > 0) {
+    multiply(answer, forces);
+    left -= forces;
+    preconditioned = solve(left);
+    size = left.cwiseProduct(preconditioned).colwise().sum();
+  }
+  Matrix direction = preconditioned;
+  for (Index count = 0; count < most_gradients && (size.array() > enough.array()).any(); ++count) {
+    multiply(direction, forces);
+    const Eigen::RowVectorXd work = direction.cwiseProduct(forces).colwise().sum();
+    const Eigen::RowVectorXd share = (work.array() > 0.0).select(size.cwiseQuotient(work), 0.0);
+    answer += direction * share.asDiagonal();
+    left -= forces * share.asDiagonal();
+    preconditioned = solve(left);
+    const Eigen::RowVectorXd now = left.cwiseProduct(preconditioned).colwise().sum();
+    const Eigen::RowVectorXd kept = (size.array() > 0.0).select(now.cwiseQuotient(size), 0.0);
+    direction = preconditioned + direction * kept.asDiagonal();
+    size = now;
+  }
+  algebra::multiply_sparse(traces_, answer, rows);
+  moved = rows;
+  subtract_sides(rows, jumps);
+  jumps = apart - jumps;
+  between.setZero();
+  add_spring_forces(stiffness, jumps, between);
+  between = areas_.cwiseInverse().asDiagonal() * between;
+  rows = half + (joined_->directions() - holding_).asDiagonal() * moved;
+  add_to_sides(between, rows);
+  residual = rows;
+  return answer;
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {
@@ -374,8 +585,7 @@ Matrix Tangent::inner_forces(const Matrix& traces) const {
   for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
     const Joined::JoinedBody& body = joined_->bodies()[b];
     const auto rows = Eigen::seqN(body.first_row, body.traces.rows());
-    // what is glued into a body may be stiffer than its faces, and is added up with it more than once
-    const Vector diagonal = body.stiffness.diagonal().cwiseMax(glued_sums * body.stiffest);
+    const Vector diagonal = body.stiffness.diagonal();
     for (Index column = 0; column < traces.cols(); ++column) {
       const auto moved = all.col(column)(rows);
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;

@@ -42,9 +42,13 @@ class Linearisation {
   /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, Matrix& moved) const;
+  /// The same with the tangents of every column's own, of linear laws on one rank: see Tangent::correct_each().
+  Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
+                      const Vector& fall, MatrixRef residual, Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
   /// again for another one, until other tangents are taken.
-  const Matrix& rounding(const substructure::Laws& laws, const State& state, const Whole& whole);
+  const Matrix& rounding(const substructure::Laws& laws, const State& state,
+                         ConstMatrixRef amplitudes, const Whole& whole);
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
   /// The condensed structure, null before tangents were first taken.
@@ -65,8 +69,11 @@ class Linearisation {
     std::vector<Matrix> distinct;
     std::vector<std::size_t> of_column;
   };
+  [[nodiscard]] Matrix defects(const substructure::Laws& laws, const State& state,
+                               ConstMatrixRef amplitudes) const;
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
-                                                   const State& state) const;
+                                                   const State& state,
+                                                   ConstMatrixRef amplitudes) const;
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
   void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
   void know_structure(const substructure::Laws& laws);

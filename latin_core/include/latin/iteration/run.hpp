@@ -60,6 +60,7 @@ class Run {
   void propose();
   bool follow(const Measured& measured);
   void finish(Status status);
+  void add_rounding_of_bodies();
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const substructure::Structure& structure_;

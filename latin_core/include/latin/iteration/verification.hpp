@@ -20,6 +20,8 @@ class Verification {
  public:
   /// Forces of the laws and of the bodies may differ by so many tolerances.
   static constexpr double bearable_imbalance = 3.0;
+  /// Errors of nonlinear laws below this are not told apart: short steps do not say how short the next one is.
+  [[nodiscard]] static double resolution(double rtol);
 
   /// Whether there is one for these laws: not for long histories of laws with memory. Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);

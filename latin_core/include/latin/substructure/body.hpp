@@ -112,8 +112,20 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
-  /// The largest stiffness of a member's unknown or of a spring in it, force / length; 0 of a single member.
-  [[nodiscard]] double stiffest() const { return stiffest_; }
+  /// Whether springs or several members are in it: its stiffness is a sum that rounds the softer ones.
+  [[nodiscard]] bool glued() const { return !glued_.stiffnesses.empty(); }
+  /// What rounding of the operator and its factor leaves of the global stage of a glued body: the forces on the
+  /// active unknowns, (active, c), that move them as far as the stage is wrong. Measured, with sums of higher
+  /// precision over members and springs apart.
+  [[nodiscard]] Matrix defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                              const LoadResponse& loads) const;
+  /// A correction of the displacements of a glued body, measured in the same way.
+  struct Correction {
+    Vector strain;  ///< (c) twice its energy, with the search directions
+    Matrix traces;  ///< (rows, c)
+  };
+  [[nodiscard]] Correction correction(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                      const LoadResponse& loads) const;
   /// Relative error that rounding may leave in its displacements.
   [[nodiscard]] double rounding() const;
 
@@ -151,6 +163,14 @@ class Body {
                                 ConstMatrixRef amplitudes, const LoadResponse& loads,
                                 BodyWork& work) const;
 
+  /// Forces of the sides on the active unknowns: Z^T T^T W f, (active, c). Those of sides that lie on each other
+  /// are added up.
+  void gather(ConstMatrixRef forces, MatrixRef on_unknowns) const;
+  /// Forces of the load patterns and of jumps that springs impose on the active unknowns, (active, l).
+  [[nodiscard]] const Matrix& active_patterns() const { return active_patterns_; }
+  /// Stiffness of each of these alone, in the members and without springs, (active), force / length.
+  [[nodiscard]] const Vector& active_stiffness() const { return active_stiffness_; }
+
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
@@ -166,20 +186,36 @@ class Body {
   void stack_sides(const std::vector<BodySide>& sides);
   [[nodiscard]] Loads assemble_loads(const BodyDescription& description,
                                      const std::vector<SparseRows>& jumps) const;
-  [[nodiscard]] SparseColumns assemble_operator(const BodyDescription& description,
-                                                const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] SparseRows assemble_operator(const BodyDescription& description,
+                                             const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
-  void factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options);
+  void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
   /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
   [[nodiscard]] const Matrix* compliance(Index columns) const;
+  /// Right-hand side of the global stage, (n_body, c).
+  [[nodiscard]] Matrix forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                 const LoadResponse& loads) const;
+  /// What the solution of every column leaves of its equations, (n_body, c).
+  [[nodiscard]] Matrix residuals(const Matrix& unknowns, ConstMatrixRef data,
+                                 ConstMatrixRef amplitudes, const LoadResponse& loads) const;
+  /// What the solution of one column leaves of its equations, in sums of higher precision.
+  [[nodiscard]] Vector residual(const Vector& unknowns, ConstVectorRef data,
+                                ConstVectorRef amplitudes, const LoadResponse& loads) const;
   /// Solve for the load patterns and the forces added to them.
   [[nodiscard]] LoadResponse respond(Matrix extra) const;
 
   std::string name_;
   Index size_ = 0;
-  double stiffest_ = 0.0;
+  /// What a glued body is the sum of, in its unknowns; empty of others.
+  struct Glued {
+    std::vector<std::shared_ptr<const SparseView>> stiffnesses;
+    std::vector<SparseRows> jumps;
+    std::vector<Vector> springs;
+  };
+  Glued glued_;
   Index active_ = 0;  ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;
@@ -195,7 +231,9 @@ class Body {
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
-  Matrix load_;           ///< right-hand side of the load patterns, with offsets
+  Matrix load_;  ///< right-hand side of the load patterns, with offsets
+  Matrix active_patterns_;
+  Vector active_stiffness_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
   Matrix offset_energy_;  ///< u0^T K u0
   Matrix offset_traces_;  ///< T u0

@@ -35,6 +35,9 @@ class GlobalStage {
   [[nodiscard]] Sizes sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes);
 
  private:
+  [[nodiscard]] Vector pressed_energies(std::size_t body, ConstMatrixRef forces,
+                                        ConstMatrixRef amplitudes);
+
   Laws laws_;
   BodyWork work_;
   Workspace block_;

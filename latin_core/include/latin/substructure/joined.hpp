@@ -17,9 +17,8 @@ class Joined {
  public:
   struct JoinedBody {
     Index first_row = 0;
-    Matrix stiffness;       ///< S on its active unknowns, the lower triangle
-    SparseRows traces;      ///< of these, (rows, active)
-    double stiffest = 0.0;  ///< see Body::stiffest()
+    Matrix stiffness;   ///< S on its active unknowns, the lower triangle
+    SparseRows traces;  ///< of these, (rows, active)
   };
   struct JoinedInterface {
     Index components = 0;
@@ -49,6 +48,8 @@ class Joined {
 
   /// Tables of this rank's rows, (own rows, c), into that of all, (rows, c).
   [[nodiscard]] Matrix of_rows(ConstMatrixRef own) const;
+  /// Tables of the active unknowns of this rank's bodies, (own active, c), into that of all, (active, c).
+  [[nodiscard]] Matrix of_active(ConstMatrixRef own) const;
   /// Tables of this rank's interface unknowns (own unknowns, c) into that of all, (unknowns, c).
   [[nodiscard]] Matrix of_unknowns(const Matrix& own) const;
   /// The most components that an interface has.
@@ -75,6 +76,7 @@ class Joined {
   std::vector<std::size_t> spoken_for_;
   // of every rank
   std::vector<Index> rows_of_ranks_;
+  std::vector<Index> active_of_ranks_;
   std::vector<Index> unknowns_of_ranks_;
 };
 
