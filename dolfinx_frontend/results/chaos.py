@@ -48,6 +48,7 @@ from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
@@ -210,7 +211,8 @@ class ChaosResult(Result, StochasticResult):
         The deterministic solves of that measurement.
     misfits
         If all laws are linear: interface with a random law -> estimated relative error of mean and standard
-        deviation of its force, see :meth:`misfit`; None: not estimated.
+        deviation of its force, see :meth:`misfit`, and ``"load.parameter"`` -> what the chaos leaves out of a
+        random number of a load; None: not estimated.
     sampler
         Solves deterministically at points of the germs, see :meth:`sample`.
     """
@@ -735,6 +737,21 @@ class ChaosResult(Result, StochasticResult):
             return of_mean
         of_std = _relative(whole.std(axis=2) - deviation, deviation, scale)
         return max(of_mean, of_std, square / spread)
+
+    def misfit_of(self, term: LoadTerm) -> float:
+        """What the chaos leaves out of a random number of a load, which it holds by its modes: the larger
+        relative error of mean and standard deviation, or of the variance."""
+        germs = self.space.sample_sobol(SAMPLES_OF_MOMENTS, 1)
+        exact = self.random.load_values(term, germs)
+        modes = self.random.load_coefficients(term, self.basis)
+        pieces = (germs[i : i + CHUNK] for i in range(0, len(germs), CHUNK))
+        found = np.concatenate([self.basis.evaluate(each) @ modes for each in pieces])
+        size, deviation = float(np.sqrt(np.mean(exact**2))), float(exact.std())
+        if size == 0.0 or deviation == 0.0:
+            return 0.0
+        left = exact - found
+        of_std = abs(float(found.std()) / deviation - 1.0)
+        return max(abs(float(left.mean())) / size, of_std, float(np.mean(left**2)) / deviation**2)
 
     def _compliance(self, interface: str) -> Array:
         """What the jump varies by for a force that varies by 1, relative to the search directions.

@@ -587,18 +587,20 @@ def _checked(result: ChaosResult) -> ChaosResult:
 
 
 def _misfits(result: ChaosResult) -> dict[str, float] | None:
-    """Misfits of all interfaces with something random.
+    """Misfits of all interfaces with something random, and of random numbers of loads.
 
-    None: one of them was eliminated, or has patterns, or has no law at some points (a stiffness below 0).
+    None: one of the interfaces was eliminated, or has patterns, or has no law at some points (a stiffness
+    below 0).
     """
     problem, names = result.problem, result.random.interfaces
-    if result.plan.history == "patterns" or not set(names) <= set(result.plan.active):
+    if names and (result.plan.history == "patterns" or not set(names) <= set(result.plan.active)):
         return None
     if not result.random.make_laws(result.points_of_misfit):
         return None
     with agreement(problem.comm):
         own = {name: result.misfit(name) for name in names if problem.speaks_for(name)}
-    return problem.gather(own)
+    of_loads = {f"{term.load}.{term.parameter}": result.misfit_of(term) for term in result.random.loads}
+    return problem.gather(own) | of_loads
 
 
 def _warn_of_truncation(result: ChaosResult) -> None:

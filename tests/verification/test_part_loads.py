@@ -171,6 +171,18 @@ def test_a_sweep_of_a_load_and_a_spring_is_that_of_its_points() -> None:
             )
 
 
+def test_a_chaos_tells_what_it_leaves_out_of_a_load() -> None:
+    """exp(s x) has the share 1 - s^2 / (exp(s^2) - 1) of its variance beyond the first order."""
+    cov = 0.5
+    problem = lf.assemble(bolt_in_sleeve(lf.LogNormal("dT", 100.0, cov=cov)))
+    first, sixth = (lf.solve(problem, chaos=order) for order in (1, 6))
+    left = 1.0 - math.log1p(cov**2) / cov**2
+    assert first.misfits is not None and set(first.misfits) == {"warm bolt.dT", "warm sleeve.dT"}
+    # 4096 points of a Sobol sequence, of a tail whose fourth moments are in the variance of what is left
+    assert first.misfits["warm bolt.dT"] == pytest.approx(left, rel=0.05)
+    assert first.trusted is False and "about" in str(first) and sixth.trusted
+
+
 def test_random_loads_with_springs_contact_and_samples_agree() -> None:
     dT = lf.Normal("dT", 100.0, cov=0.1)
     found = []
