@@ -44,6 +44,9 @@ __all__ = ["make_interface"]
 MAX_DISTANCE = 0.25
 """Default of the largest distance between the sides, as a fraction of the facet size."""
 
+ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
+"""Distances below this, relative to the coordinates, are none."""
+
 FAR = 0.05
 """The same as a fraction of the extent of the smaller face, which refinement does not change."""
 
@@ -291,6 +294,12 @@ class _Samples:
     along: tuple[sp.csr_matrix, ...] = ()
     bulge: Array | float = 0.0
     covered: float = 1.0
+
+
+def _without_rounding(gap: Array, faces: Sequence[FacetMap]) -> Array:
+    """Distances that are more than rounding of the coordinates: faces that meet have none."""
+    far = max(float(np.abs(face.nodes).max(initial=0.0)) for face in faces)
+    return np.where(np.abs(gap) <= ROUNDING * far, 0.0, gap)
 
 
 @dataclass(frozen=True)
@@ -568,7 +577,7 @@ def make_interface(
         points=sampled.points,
         weights=sampled.weights,
         frames=local,
-        gap=sampled.gap,
+        gap=_without_rounding(sampled.gap, faces),
         sides=tuple(sides),
         matching=matching,
         tangent_axis=axis,

@@ -150,7 +150,9 @@ TEST_P(BodyOperators, MeasureWhatRoundingLeavesOfAGluedBody) {
         {"two", latin::owning_view(bar), of_bar(5), random(5, 1, 2), Matrix()}},
        {{"joint", {0, 1}, {joint, other}, Vector::Constant(1, stiff), Matrix::Zero(1, 1)}}},
       sides, {kind, backend, 0.0});
-  ASSERT_TRUE(body.glued());
+  if (!body.measurable()) {
+    GTEST_SKIP() << "this factor does not say how much it leaves";
+  }
   const Matrix data = random(2, 1, 4);
   const Matrix amplitudes = Matrix::Ones(1, 1);
 

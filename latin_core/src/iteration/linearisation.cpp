@@ -77,6 +77,16 @@ double contrast(double a, double b) {
   return std::max(one / two, two / one);
 }
 
+/// Sizes with any fixed signs without a pattern.
+void with_signs(Matrix& sizes, double unit) {
+  for (Index column = 0; column < sizes.cols(); ++column) {
+    for (Index row = 0; row < sizes.rows(); ++row) {
+      sizes(row, column) *=
+          std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+    }
+  }
+}
+
 }  // namespace
 
 Linearisation::Slopes Linearisation::slopes_of(const substructure::Laws& laws,
@@ -192,44 +202,46 @@ const Matrix& Linearisation::rounding(const substructure::Laws& laws, const Stat
   return rounding_;
 }
 
-/// What the global stages of glued bodies are wrong by, as forces on the active unknowns of all ranks.
-Matrix Linearisation::defects(const substructure::Laws& laws, const State& state,
-                              ConstMatrixRef amplitudes) const {
+/// Put what was measured in the place of what is guessed, in forces on the active unknowns of all ranks.
+void Linearisation::measure(const substructure::Laws& laws, const State& state,
+                            ConstMatrixRef amplitudes, Matrix& forces) const {
   const substructure::Structure& structure = laws.structure();
   const auto& bodies = structure.bodies();
+  if (structure.communicator().everywhere(
+          std::ranges::none_of(bodies, &substructure::Body::measurable))) {
+    return;
+  }
   Index active = 0;
   for (const substructure::Body& body : bodies) {
     active += body.rows() > 0 ? body.active() : 0;
   }
-  Matrix own = Matrix::Zero(active, state.data.cols());
+  Matrix own = Matrix::Zero(active, state.data.cols() + 1);  // the last column: whether it is known
   Index first = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     const substructure::Body& body = bodies[b];
     if (body.rows() == 0) {
       continue;
     }
-    if (body.glued()) {
-      own.middleRows(first, body.active()) =
+    if (body.measurable()) {
+      auto rows = own.middleRows(first, body.active());
+      rows.leftCols(state.data.cols()) =
           measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
                                        amplitudes, laws.response(b));
+      rows.rightCols(1).setOnes();
     }
     first += body.active();
   }
-  return tangents_.front()->joined().of_active(own);
+  const Matrix all = tangents_.front()->joined().of_active(own);
+  for (Index row = 0; row < all.rows(); ++row) {
+    if (all(row, state.data.cols()) > 0.0) {
+      forces.row(row) = all.row(row).head(state.data.cols());
+    }
+  }
 }
 
 substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
                                                   const State& state,
                                                   ConstMatrixRef amplitudes) const {
-  // any fixed signs without a pattern
-  const auto with_signs = [](Matrix& sizes, double unit) {
-    for (Index column = 0; column < sizes.cols(); ++column) {
-      for (Index row = 0; row < sizes.rows(); ++row) {
-        sizes(row, column) *=
-            std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
-      }
-    }
-  };
   const substructure::Structure& structure = laws.structure();
   const substructure::ColumnGroups groups = laws.groups();
   Tangent& tangent = *tangents_.front();
@@ -238,7 +250,8 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
   with_signs(data, rounding_of_faces);
   Matrix forces = tangent.inner_forces(state.traces);
   with_signs(forces, rounding_of_bodies);
-  forces += tangent.nodal(data) + defects(laws, state, amplitudes);
+  measure(laws, state, amplitudes, forces);
+  forces += tangent.nodal(data);
   Matrix moved(data.rows(), data.cols());
   const Matrix answer = tangent.respond(forces, data, moved);
   substructure::Sizes sizes = substructure::Sizes::zero(

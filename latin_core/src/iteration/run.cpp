@@ -356,14 +356,14 @@ void Run::finish(Status status) {
       elapsed() - callback_s_ - summary_.global_s - summary_.local_s - summary_.newton_s;
 }
 
-/// A bound that would decide is replaced by what is measured, where a body is glued. Collective.
+/// A bound that would decide is replaced by what is measured, of a body that can be. Collective.
 void Run::add_rounding_of_bodies() {
   const auto& bodies = structure_.bodies();
   std::vector<std::size_t> measured;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
     const double bound = std::min(bodies[b].rounding(), options_.rtol);
-    if (bodies[b].glued() && bound > errors.maxCoeff()) {
+    if (bodies[b].measurable() && bound > errors.maxCoeff()) {
       measured.push_back(b);
     } else {
       errors = errors.cwiseMax(bound);

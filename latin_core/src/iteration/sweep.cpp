@@ -283,11 +283,10 @@ class Sweep {
       return (where_.col(point) - from).squaredNorm();
     };
     set_tolerance();
-    std::vector<Index> chosen;
-    if (known_.empty() || !linear_->made()) {
-      chosen.push_back(take(
-          std::ranges::min_element(left, {}, [&](Index point) { return away(point, middle); })));
-      solve_alone(chosen.front(), true);
+    while ((known_.empty() || !linear_->made()) && !left.empty()) {  // until one has converged
+      solve_alone(take(std::ranges::min_element(left, {},
+                                                [&](Index point) { return away(point, middle); })),
+                  true);
     }
     const Index far = std::min(most_far, static_cast<Index>(left.size()) / 2);
     std::vector<Index> seeds;

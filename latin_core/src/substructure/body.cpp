@@ -310,6 +310,25 @@ std::vector<SparseRows> spring_jumps(const std::vector<Spring>& springs,
   return jumps;
 }
 
+/// The largest entry of its members and springs; 0 of a single member without springs.
+double stiffest_of(const BodyDescription& description) {
+  double largest = 0.0;
+  if (description.members.size() > 1 || !description.springs.empty()) {
+    for (const Member& member : description.members) {
+      const Eigen::Map<const Vector> entries(member.stiffness->valuePtr(),
+                                             member.stiffness->nonZeros());
+      largest = entries.size() > 0 ? std::max(largest, entries.cwiseAbs().maxCoeff()) : largest;
+    }
+    for (const Spring& spring : description.springs) {
+      largest = std::max(largest, spring.stiffness.size() > 0 ? spring.stiffness.maxCoeff() : 0.0);
+    }
+  }
+  return largest;
+}
+
+/// Bodies whose displacements rounding may leave wrong by more are measured.
+constexpr double well_conditioned = 1e-10;
+
 using Longer = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
 
 /// out += sign * a x
@@ -352,24 +371,19 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
   const SparseRows lower = assemble_operator(description, jumps);
-  if (description.members.size() > 1 || !description.springs.empty()) {
-    for (const Member& member : description.members) {
-      glued_.stiffnesses.push_back(member.stiffness);
-    }
-    for (Spring& spring : description.springs) {
-      glued_.springs.push_back(std::move(spring.stiffness));
-    }
-    glued_.jumps = std::move(jumps);
-  }
   active_stiffness_ = stiffness_of_active(description.members);
+  stiffest_ = stiffest_of(description);
   for (Member& member : description.members) {
-    member.stiffness.reset();  // before the factorisation takes its memory
     offsets_.push_back(std::move(member.offset));
   }
   cost_.assemble_s = watch.lap();
 
   const bool condense = wants_condensation(options);
   factorise(lower, condense, options);
+  if (rounding() > well_conditioned) {
+    keep_terms(description, std::move(jumps));
+  }
+  description = {};
   cost_.factorise_s = watch.lap();
   if (condense && factor_->condenses()) {
     condensed_ = factor_->trailing_factor();
@@ -716,6 +730,17 @@ Matrix Body::forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
   return forces;
 }
 
+/// Copies, for a matrix that was given may change afterwards.
+void Body::keep_terms(BodyDescription& description, std::vector<SparseRows> jumps) {
+  for (const Member& member : description.members) {
+    terms_.stiffnesses.push_back(owning_view(SparseRows(*member.stiffness)));
+  }
+  for (Spring& spring : description.springs) {
+    terms_.springs.push_back(std::move(spring.stiffness));
+  }
+  terms_.jumps = std::move(jumps);
+}
+
 Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRef amplitudes,
                       const LoadResponse& loads) const {
   const auto longer = [](const auto& values) -> Longer {
@@ -736,13 +761,13 @@ Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRe
     Longer of_member = Longer::Zero(prolongations_[e].rows());
     add_product(prolongations_[e], u, of_member);
     Longer forces = Longer::Zero(of_member.size());
-    add_product(*glued_.stiffnesses[e], of_member, forces);
+    add_product(*terms_.stiffnesses[e], of_member, forces);
     add_transposed(prolongations_[e], forces, left, -1.0L);
   }
-  for (std::size_t i = 0; i < glued_.jumps.size(); ++i) {
-    Longer jump = Longer::Zero(glued_.jumps[i].rows());
-    add_product(glued_.jumps[i], u, jump);
-    add_transposed(glued_.jumps[i], longer(glued_.springs[i]).cwiseProduct(jump), left, -1.0L);
+  for (std::size_t i = 0; i < terms_.jumps.size(); ++i) {
+    Longer jump = Longer::Zero(terms_.jumps[i].rows());
+    add_product(terms_.jumps[i], u, jump);
+    add_transposed(terms_.jumps[i], longer(terms_.springs[i]).cwiseProduct(jump), left, -1.0L);
   }
   return left.cast<double>();
 }

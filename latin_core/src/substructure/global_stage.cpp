@@ -1,5 +1,7 @@
 #include "latin/substructure/global_stage.hpp"
 
+#include <cmath>
+
 namespace latin::substructure {
 
 void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) {
@@ -42,10 +44,22 @@ Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
                                      ConstMatrixRef amplitudes) {
   const Body& body = laws_.structure().bodies()[b];
   const Vector& stiffness = body.active_stiffness();
-  const Vector compliance = (stiffness.array() > 0.0).select(stiffness.cwiseInverse(), 0.0);
+  // a node alone is stiffer than the body as a whole, by the number of nodes side by side
+  const double whole = 2.0 * std::sqrt(static_cast<double>(body.active()));
+  const Vector compliance = (stiffness.array() > 0.0).select(whole * stiffness.cwiseInverse(), 0.0);
   Eigen::Map<Matrix> net = work_.unknowns.shaped(body.active(), forces.cols());
   body.gather(forces, net);
   Vector energies = compliance.transpose() * net.cwiseAbs2();
+  // rows on nodes that are held move no unknown
+  Vector of_held = Vector::Zero(body.rows());
+  const Vector metric =
+      laws_.structure().trace_metric().segment(laws_.structure().body_rows()[b], body.rows());
+  for (Index row = 0; row < body.rows(); ++row) {
+    if (body.active_traces().innerVector(row).nonZeros() == 0 && metric(row) > 0.0) {
+      of_held(row) = body.weights()(row) * body.weights()(row) / metric(row);
+    }
+  }
+  const Vector held = of_held.transpose() * forces.cwiseAbs2();
   if (body.loads() > 0) {
     net.noalias() += body.active_patterns() * amplitudes;
     const Matrix& extra = laws_.response(b).extra;
@@ -54,7 +68,7 @@ Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
     }
     energies = energies.cwiseMin((compliance.transpose() * net.cwiseAbs2()).transpose());
   }
-  return energies;
+  return energies + held;
 }
 
 Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {

@@ -77,6 +77,7 @@ void Joined::take_own() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     JoinedBody body;
     body.first_row = structure_.body_rows()[b];
+    body.stiffest = bodies[b].stiffest();
     if (bodies[b].rows() > 0) {
       body.stiffness = stiffness_of(bodies[b]);
       body.traces = bodies[b].active_traces();
@@ -148,6 +149,7 @@ std::vector<double> Joined::packed() const {
   packer.add(static_cast<Index>(bodies_.size()));
   for (const JoinedBody& body : bodies_) {
     packer.add(body.first_row);
+    packer.add(body.stiffest);
     packer.add(body.stiffness.rows());
     packer.add(body.stiffness);
     packer.add(body.traces.rows());
@@ -191,6 +193,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
     for (Index left = from.index(); left > 0; --left) {
       JoinedBody body;
       body.first_row = from.index();
+      body.stiffest = from.number();
       const Index active = from.index();
       active_of_ranks_.back() += active;
       body.stiffness = from.table(active, active);

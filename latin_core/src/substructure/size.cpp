@@ -9,7 +9,7 @@ namespace {
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
 constexpr double strain_free = 1e-12;
 /// Rounding of displacements and forces, relative to the largest ones.
-constexpr double rounding = 2.2e-15;
+constexpr double rounding = 1e-14;
 /// Displacements this many times larger than rounding are answers.
 constexpr double above_rounding = 30.0;
 /// A step is measured with this fraction of the largest step at least; a fluctuation below this one of the mean is
@@ -65,14 +65,15 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double farthest = reach(component[static_cast<std::size_t>(b)]) * metric(b);
+    const double far = reach(component[static_cast<std::size_t>(b)]);
+    const double farthest = far * metric(b);
     const double noise = square(rounding) * farthest;
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
       const double strain_noise =
-          std::max(noise, square(rounding) * std::max(whole.strain(history, b).maxCoeff(),
-                                                      whole.work(history, b).maxCoeff()));
+          square(rounding) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
+                                       whole.work(history, b).maxCoeff()});
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
       const auto own = [&](const Matrix& sizes) {
@@ -126,7 +127,12 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
                     .segment(structure.body_rows()[at], structure.bodies()[at].rows())
                     .sum();
   }
-  return {groups, std::move(metric), structure.component(), Vector::Zero(structure.components())};
+  Vector stiffness(metric.size());
+  for (Index b = 0; b < metric.size(); ++b) {
+    stiffness(b) = structure.bodies()[static_cast<std::size_t>(b)].active_stiffness().sum();
+  }
+  return {groups, std::move(metric), std::move(stiffness), structure.component(),
+          Vector::Zero(structure.components())};
 }
 
 Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,

@@ -28,6 +28,8 @@ constexpr double same = 1e-6;
 constexpr double filled = 0.3;
 /// Springs below this, relative to the search direction, are rounding of the body's stiffness.
 constexpr double of_rounding = 1e-14;
+/// Sums that springs glued into a body round in, until it is condensed.
+constexpr double glued_sums = 10.0;
 /// Steps of conjugate gradients at most.
 constexpr Index most_gradients = 60;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
@@ -585,7 +587,8 @@ Matrix Tangent::inner_forces(const Matrix& traces) const {
   for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
     const Joined::JoinedBody& body = joined_->bodies()[b];
     const auto rows = Eigen::seqN(body.first_row, body.traces.rows());
-    const Vector diagonal = body.stiffness.diagonal();
+    // what is glued into a body may be stiffer than its faces, and is added up with it more than once
+    const Vector diagonal = body.stiffness.diagonal().cwiseMax(glued_sums * body.stiffest);
     for (Index column = 0; column < traces.cols(); ++column) {
       const auto moved = all.col(column)(rows);
       const double largest = moved.size() > 0 ? moved.cwiseAbs().maxCoeff() : 0.0;

@@ -46,7 +46,8 @@ class Linearisation {
   Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
                       const Vector& fall, MatrixRef residual, Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
-  /// again for another one, until other tangents are taken.
+  /// again for another one, until other tangents are taken. Guessed, and measured of bodies that rounding leaves
+  /// little of.
   const Matrix& rounding(const substructure::Laws& laws, const State& state,
                          ConstMatrixRef amplitudes, const Whole& whole);
   /// What is known of it: empty if nothing is.
@@ -69,8 +70,8 @@ class Linearisation {
     std::vector<Matrix> distinct;
     std::vector<std::size_t> of_column;
   };
-  [[nodiscard]] Matrix defects(const substructure::Laws& laws, const State& state,
-                               ConstMatrixRef amplitudes) const;
+  void measure(const substructure::Laws& laws, const State& state, ConstMatrixRef amplitudes,
+               Matrix& forces) const;
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
                                                    const State& state,
                                                    ConstMatrixRef amplitudes) const;

@@ -112,14 +112,16 @@ class Body {
   [[nodiscard]] const SparseRows& active_traces() const { return active_traces_; }
   [[nodiscard]] const BodyCost& cost() const { return cost_; }
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
-  /// Whether springs or several members are in it: its stiffness is a sum that rounds the softer ones.
-  [[nodiscard]] bool glued() const { return !glued_.stiffnesses.empty(); }
-  /// What rounding of the operator and its factor leaves of the global stage of a glued body: the forces on the
-  /// active unknowns, (active, c), that move them as far as the stage is wrong. Measured, with sums of higher
-  /// precision over members and springs apart.
+  /// The largest stiffness of a member's unknown or of a spring in it, force / length; 0 of a single member.
+  [[nodiscard]] double stiffest() const { return stiffest_; }
+  /// Whether rounding may leave little of it, so that what it was made of was kept to measure it.
+  [[nodiscard]] bool measurable() const { return !terms_.stiffnesses.empty(); }
+  /// What rounding of the operator and its factor leaves of the global stage of a measurable body: the forces on the active unknowns,
+  /// (active, c), that move them as far as the stage is wrong. Measured, with sums of higher precision over members
+  /// and springs apart, which softer ones were rounded by when they were added up.
   [[nodiscard]] Matrix defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
                               const LoadResponse& loads) const;
-  /// A correction of the displacements of a glued body, measured in the same way.
+  /// A correction of the displacements of a measurable body, measured in the same way.
   struct Correction {
     Vector strain;  ///< (c) twice its energy, with the search directions
     Matrix traces;  ///< (rows, c)
@@ -191,6 +193,7 @@ class Body {
   [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
   void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
+  void keep_terms(BodyDescription& description, std::vector<SparseRows> jumps);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
   /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
@@ -209,13 +212,14 @@ class Body {
 
   std::string name_;
   Index size_ = 0;
-  /// What a glued body is the sum of, in its unknowns; empty of others.
-  struct Glued {
+  /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.
+  struct Terms {
     std::vector<std::shared_ptr<const SparseView>> stiffnesses;
     std::vector<SparseRows> jumps;
     std::vector<Vector> springs;
   };
-  Glued glued_;
+  Terms terms_;
+  double stiffest_ = 0.0;
   Index active_ = 0;  ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;

@@ -19,6 +19,7 @@ class Joined {
     Index first_row = 0;
     Matrix stiffness;   ///< S on its active unknowns, the lower triangle
     SparseRows traces;  ///< of these, (rows, active)
+    double stiffest = 0.0;  ///< see Body::stiffest()
   };
   struct JoinedInterface {
     Index components = 0;

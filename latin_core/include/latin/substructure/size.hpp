@@ -36,7 +36,8 @@ struct Sizes {
 /// What errors are relative to.
 struct Yardstick {
   ColumnGroups groups;
-  Vector metric;                 ///< (bodies) sum of scale * W
+  Vector metric;     ///< (bodies) sum of scale * W
+  Vector stiffness;  ///< (bodies) sum of the stiffnesses of the active unknowns, each alone
   std::vector<Index> component;  ///< (bodies) see Structure::component()
   /// (components) Mean square displacement (length^2) of the bodies that move most, over all ranks: what rounding
   /// is a fraction of.
