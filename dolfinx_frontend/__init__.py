@@ -60,6 +60,7 @@ from dolfinx_frontend.solving import (
 )
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.expressions import Expression, expression
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import (
     Beta,
@@ -91,6 +92,7 @@ __all__ = [
     "Elastic",
     "Errors",
     "Estimate",
+    "Expression",
     "FromDistribution",
     "FromSamples",
     "Gamma",
@@ -136,6 +138,7 @@ __all__ = [
     "discretisation_error",
     "errors",
     "export",
+    "expression",
     "figures",
     "geometry",
     "io",

@@ -68,9 +68,9 @@ FRONTEND: dict[str, tuple[str, ...]] = {
     "uncertainty": (
         "checks",
         "distributions",
+        "expressions",
         "parameters",
         "correlated",
-        "derived",
         "fields",
         "chaos",
         "space",

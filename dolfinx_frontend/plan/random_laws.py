@@ -18,14 +18,14 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Fields, Law
 from dolfinx_frontend.scene.loads import LoadTerm
-from dolfinx_frontend.uncertainty.derived import DerivedParameter
+from dolfinx_frontend.uncertainty.expressions import ByName, Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
 
-Source = RandomParameter | DiscretisedField | DerivedParameter
+Source = RandomParameter | DiscretisedField | Expression
 
 
 class SampledParameter(NamedTuple):
@@ -37,8 +37,8 @@ class SampledParameter(NamedTuple):
 
 
 def is_random(value: object) -> bool:
-    """Whether a law's value is a random parameter or field."""
-    return isinstance(value, (RandomParameter, RandomField))
+    """Whether a value is a random parameter, an expression of some, or a random field."""
+    return isinstance(value, (RandomParameter, Expression, RandomField))
 
 
 @dataclass(frozen=True, repr=False)
@@ -63,7 +63,7 @@ class RandomLaws:
     sources: dict[tuple[str, str], Source]
     dropped: tuple[str, ...]
     space: RandomSpace
-    loads: dict[LoadTerm, tuple[RandomParameter, ...]] = field(default_factory=dict)
+    loads: dict[LoadTerm, tuple[RandomParameter | Expression, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -97,7 +97,9 @@ class RandomLaws:
                         raise SceneError(
                             f"interface {name!r}: {fields_of[0]} is a random field; give a random number"
                         )
-                    sources[name, target] = DerivedParameter(f"{name}.{target}", function, own)
+                    sources[name, target] = Expression(
+                        ByName(function, own), *own.values(), name=f"{name}.{target}"
+                    )
                     consumed |= set(own)
             for parameter, value in interface.law.parameters().items():
                 if not is_random(value) or parameter in consumed:
@@ -112,7 +114,7 @@ class RandomLaws:
                     sources[name, parameter] = fields[key]
                 else:
                     sources[name, parameter] = value
-        loads: dict[LoadTerm, tuple[RandomParameter, ...]] = {}
+        loads: dict[LoadTerm, tuple[RandomParameter | Expression, ...]] = {}
         for term in problem.load_terms:
             found = [n.number for n in problem.numbers_of(term) if is_random(n.number)]
             if any(isinstance(each, RandomField) for each in found):

@@ -49,7 +49,7 @@ from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_ju
 from dolfinx_frontend.reference.cholesky import Cholesky
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.derived import DerivedParameter
+from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -57,7 +57,7 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 __all__ = ["SSFEMSolution", "smallest_eigenvalue", "ssfem"]
 
 PETSc: Any = _PETSc  # its stubs know no members
-Source = RandomParameter | DiscretisedField | DerivedParameter
+Source = RandomParameter | DiscretisedField | Expression
 
 _PREFIX = "latin_ssfem_"
 

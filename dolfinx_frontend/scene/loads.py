@@ -110,7 +110,7 @@ class Load:
         for number in numbers:
             if is_real(number) and np.isfinite(float(number)):
                 continue
-            if not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "value"):
+            if not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "leaves"):
                 continue
             raise SceneError(
                 f"{self.where}: {parameter} = {short(number)}; give a finite number, a random number, or an "
@@ -161,7 +161,7 @@ def scattered(value: Any) -> bool:
     """Whether a value has random components, or is a random number times an amplitude: what no law takes."""
 
     def random(number: Any) -> bool:
-        return not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "germ")
+        return not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "leaves")
 
     if isinstance(value, Varying):
         numbers = [each for _, v in value.terms for each in (v if isinstance(v, (list, tuple)) else (v,))]

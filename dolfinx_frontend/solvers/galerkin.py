@@ -52,7 +52,7 @@ from dolfinx_frontend.solvers.collocation import collocation
 from dolfinx_frontend.solvers.deterministic import check_start, start_states
 from dolfinx_frontend.solvers.sampling import sample_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.derived import DerivedParameter
+from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -141,7 +141,7 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
 
 def _limit(source: Source, basis: stochastic.ChaosBasis, space: RandomSpace) -> str:
     """What the coefficient of variation would have to be, where that is known."""
-    if isinstance(source, DiscretisedField | DerivedParameter) or not source.affine:
+    if isinstance(source, DiscretisedField | Expression) or not source.affine:
         return ""
     column = space.germ_names.index(source.name)
     order = int(basis.indices.table[:, column].max(initial=0))
@@ -166,6 +166,13 @@ def _guard(
         mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
         where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
         limit = _limit(source, basis, random.space)
+        if isinstance(source, Expression) and not source.affine:
+            least, at = random.space.least(source, basis)
+            if least <= 0.0:
+                raise IndefiniteError(
+                    f"{where}: it is {least:.4g} at {at}: a stiffness is > 0; give an expression that "
+                    "is positive wherever its parameters can be"
+                )
         if matrix.smallest <= 0.0:
             bad.append(
                 f"{where}: its Galerkin matrix is indefinite, smallest eigenvalue "

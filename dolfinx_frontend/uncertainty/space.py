@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,12 +23,15 @@ from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
-from dolfinx_frontend.uncertainty.derived import DerivedParameter
+from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 
 __all__ = ["Expansion", "RandomSpace", "Sobol"]
 
+
+_MOST_POINTS = 4_000_000
+"""Points of such a rule at most."""
 
 _MORE_POINTS = 12
 """Gauss points of a germ beyond the degree on which a function of other parameters is projected."""
@@ -76,7 +80,7 @@ class _Block:
     mixing: Array  # (members, germs) lower triangular: normal scores = mixing @ germs
 
 
-Source: TypeAlias = RandomParameter | DiscretisedField | DerivedParameter
+Source: TypeAlias = RandomParameter | DiscretisedField | Expression
 
 
 def _machine_memory() -> float:
@@ -114,7 +118,7 @@ class RandomSpace:
         seen: dict[str, RandomParameter | DiscretisedField] = {}
         given = list(sources)
         alone: list[RandomParameter | DiscretisedField] = [
-            each for s in given for each in (s.of.values() if isinstance(s, DerivedParameter) else (s,))
+            each for s in given for each in (s.leaves.values() if isinstance(s, Expression) else (s,))
         ]
         for single in alone:
             if not isinstance(single, (RandomParameter, DiscretisedField)):
@@ -268,31 +272,52 @@ class RandomSpace:
     # -- coefficients --------------------------------------------------------------------------
     def columns(self, source: Source) -> tuple[int, ...]:
         """Numbers of the germs that a parameter or field shares in."""
-        if isinstance(source, DerivedParameter):
-            return tuple(sorted({c for each in source.of.values() for c in self.columns(each)}))
+        if isinstance(source, Expression):
+            return tuple(sorted({c for each in source.leaves.values() for c in self.columns(each)}))
         return self._find(source)[0].columns
 
-    def _derived_coefficients(self, source: DerivedParameter, table: npt.NDArray[np.int32]) -> Array:
+    def _expression_coefficients(self, source: Expression, table: npt.NDArray[np.int32]) -> Array:
         """Projection of a function of other parameters, by a tensor rule on its germs."""
         columns = list(self.columns(source))
         others = np.setdiff1d(np.arange(self.dimension), columns)
         inside = ~np.any(table[:, others] > 0, axis=1)
         own = table[np.ix_(inside, columns)]
         highest = own.max(axis=0, initial=0)
+        points, weights = self._rule_of(source, highest)
+        psi = np.ones((len(points), len(own)))
+        for k, c in enumerate(columns):
+            one = self.germs[c].evaluate(np.ascontiguousarray(points[:, c]), int(highest[k]))
+            psi *= one[:, own[:, k]]
+        result = np.zeros((1, len(table)))
+        result[0, inside] = psi.T @ (weights * self.values(source, points))
+        return result
+
+    def _rule_of(self, source: Expression, highest: npt.NDArray[np.int32]) -> tuple[Array, Array]:
+        """Points (N, L) and weights (N,) on which an expression is projected on modes up to some degrees."""
+        columns = list(self.columns(source))
         germs = [self.germs[c] for c in columns]
         counts = [
             min(int(h) + _MORE_POINTS, g.capacity if g.capacity is not None else 2**30)
             for h, g in zip(highest, germs, strict=True)
         ]
+        if math.prod(counts) > _MOST_POINTS:
+            raise SceneError(
+                f"expression {source.name!r} depends on {len(germs)} germs: projecting it takes "
+                f"{math.prod(counts):.3g} points, more than {_MOST_POINTS:g}; lower the order, or sample"
+            )
         rule = core.tensor_gauss(germs, counts, 0.0)
         points = np.zeros((len(rule.points), self.dimension))
         points[:, columns] = rule.points
-        psi = np.ones((len(rule.points), len(own)))
-        for k, germ in enumerate(germs):
-            psi *= germ.evaluate(np.ascontiguousarray(rule.points[:, k]), int(highest[k]))[:, own[:, k]]
-        result = np.zeros((1, len(table)))
-        result[0, inside] = psi.T @ (rule.weights * self.values(source, points))
-        return result
+        return points, np.asarray(rule.weights)
+
+    def least(self, source: Expression, basis: ChaosBasis) -> tuple[float, str]:
+        """Smallest value of an expression where its chaos is made from it, and the parameters there."""
+        highest = 2 * basis.indices.table[:, list(self.columns(source))].max(axis=0, initial=0)
+        points = self._rule_of(source, highest)[0]
+        values = self.values(source, points)
+        worst = points[int(np.argmin(values))][None]
+        at = (f"{key} = {float(self.values(leaf, worst)[0]):.6g}" for key, leaf in source.leaves.items())
+        return float(values.min()), ", ".join(at)
 
     def _find(self, source: Source) -> tuple[_Block, int]:
         """Block of a source, and its place among the members."""
@@ -306,8 +331,8 @@ class RandomSpace:
 
     def coefficients_at(self, source: Source, table: npt.NDArray[np.int32]) -> Array:
         """Chaos coefficients of a parameter or field on multi-indices (n, L): (rows, n)."""
-        if isinstance(source, DerivedParameter):
-            return self._derived_coefficients(source, table)
+        if isinstance(source, Expression):
+            return self._expression_coefficients(source, table)
         block, position = self._find(source)
         columns = list(block.columns)
         others = np.ones(self.dimension, dtype=bool)
@@ -397,8 +422,8 @@ class RandomSpace:
     def values(self, source: Source, points: npt.ArrayLike) -> Array:
         """A parameter (N,) or field (m, N) at points (N, L) of the germs; not by its chaos."""
         xi = self.checked_points(points, "values")
-        if isinstance(source, DerivedParameter):
-            return source.value({key: self.values(each, xi) for key, each in source.of.items()})
+        if isinstance(source, Expression):
+            return source.check({key: self.values(each, xi) for key, each in source.leaves.items()})
         block, position = self._find(source)
         own = xi[:, list(block.columns)]
         with np.errstate(over="ignore", invalid="ignore"):

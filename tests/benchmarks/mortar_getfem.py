@@ -27,6 +27,7 @@ import numpy.typing as npt
 from dolfinx_frontend import Scene, assemble, solve
 from dolfinx_frontend.assembly.elements import tabulate
 from dolfinx_frontend.assembly.facet_map import FacetMap
+from dolfinx_frontend.common.compat import cell_nodes
 from dolfinx_frontend.geometry.parts import Part
 from dolfinx_frontend.scene.laws import Contact
 from dolfinx_frontend.scene.materials import LinearElastic
@@ -40,7 +41,7 @@ SHORT = 0.01
 
 def _cells(part: Part) -> Array:
     """(cells, 3 or 6, 2), nodes in the order of GetFEM's lattice."""
-    x = part.mesh.geometry.x[part.mesh.geometry.dofmap][:, :, :2]
+    x = part.mesh.geometry.x[cell_nodes(part.mesh)][:, :, :2]
     if x.shape[1] == 3:
         return np.asarray(x)
     lattice = np.array([[0, 0], [0.5, 0], [1, 0], [0, 0.5], [0.5, 0.5], [0, 1]])
