@@ -47,7 +47,8 @@ from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, check_face
+from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
+from dolfinx_frontend.scene.values import is_uncertain
 
 __all__ = ["assemble"]
 
@@ -140,6 +141,12 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         end_all_on_errors(comm)
         check_alike(comm, "assemble", _described(scene))
         bound_threads(comm.py2f())
+    uncertain = [name for name, spec in scene.substructures.items() if _uncertain_stiffness(spec)]
+    if comm is not None and uncertain:
+        raise SceneError(
+            f"substructure {uncertain[0]!r}: its stiffness is random, which works on one rank: "
+            "assemble without comm"
+        )
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
@@ -185,6 +192,10 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
 
 
+def _uncertain_stiffness(spec: SubstructureSpec) -> bool:
+    return is_uncertain(spec.stiffness) or is_uncertain(getattr(spec.material, "factor", 1.0))
+
+
 def _described(scene: Scene) -> dict[str, object]:
     """What all ranks must be given alike, but for the meshes, of which each may have its own only."""
     given: dict[str, object] = {
@@ -192,7 +203,7 @@ def _described(scene: Scene) -> dict[str, object]:
         "the list of interfaces": list(scene.interfaces),
     }
     for name, spec in scene.substructures.items():
-        for what in ("material", "degree", "body_force", "rank"):
+        for what in ("material", "degree", "body_force", "rank", "stiffness"):
             given[f"{what} of substructure {name!r}"] = getattr(spec, what)
     given["the list of loads"] = list(scene.loads)
     for name, load in scene.loads.items():

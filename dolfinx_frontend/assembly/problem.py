@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
@@ -18,6 +20,7 @@ from dolfinx_frontend.common.checks import (
     check_known,
     check_optional_kind,
     checked_number,
+    is_real,
 )
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
@@ -25,6 +28,7 @@ from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm, Term
+from dolfinx_frontend.scene.values import is_uncertain
 
 __all__ = ["Problem", "check_is_problem"]
 
@@ -250,6 +254,23 @@ class Problem(OneProcess):
                     total += each.mean(term.parameter, amplitude) * nodal
         return total
 
+    @cached_property
+    def factors(self) -> Mapping[str, Any]:
+        """Part -> random number, with the mean 1, that its stiffness is multiplied with."""
+        return ReadOnlyDict({n: s.factor for n, s in self.substructures.items() if is_uncertain(s.factor)})
+
+    def stiffness_load_on(
+        self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
+    ) -> Array:
+        """Of :meth:`load_on` what comes from the stiffness of the part: loads of initial strains."""
+        total: Array = np.zeros(self.substructures[part].size)
+        for each in self.loads.values():
+            for term in each.keys():
+                nodal = each.on(part, term.parameter) if term.parameter in each.stresses else None
+                if nodal is not None and term.amplitude == amplitude and term not in without:
+                    total += each.mean(term.parameter, amplitude) * nodal
+        return total
+
     def initial_stresses(self, part: str) -> list[tuple[str, str, Any]]:
         """Load, its parameter, and the initial stress (UFL) of the number 1, of all that act in a part."""
         return [
@@ -303,6 +324,17 @@ class Problem(OneProcess):
             for name, i in self.interfaces.items()
             for key, value in i.law.parameters().items()
         }
+
+    @property
+    def part_parameters(self) -> dict[str, Any]:
+        """What can be swept of parts: ``"bar.E"``, the nominal modulus, and ``"bar.stiffness"``, a factor."""
+        found: dict[str, Any] = {}
+        for name, part in self.substructures.items():
+            modulus = getattr(part.material, "E", None)
+            if is_real(modulus):
+                found[f"{name}.E"] = modulus
+            found[f"{name}.stiffness"] = 1.0
+        return {key: value for key, value in found.items() if key not in self.law_parameters}
 
     @property
     def load_parameters(self) -> dict[str, Any]:

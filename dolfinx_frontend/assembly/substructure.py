@@ -140,6 +140,8 @@ class Substructure(OneProcess):
         As the scene has it; None for a part that was not assembled from one.
     sources
         What it was assembled from, and what was in it then; None: not known.
+    factor
+        What its stiffness is multiplied with: 1, or random with the mean 1.
     """
 
     name: str
@@ -157,6 +159,7 @@ class Substructure(OneProcess):
     material: Any = field(default=None, repr=False)
     sources: Sources | None = field(default=None, repr=False)
     around: bool = False
+    factor: Any = 1.0
 
     def __post_init__(self) -> None:
         locked(self)
@@ -433,6 +436,7 @@ def discretise(spec: SubstructureSpec) -> Substructure:
         varying_loads={a: f for a, f in loads.items() if a is not None},
         material=spec.material,
         around=spec.axisymmetric,
+        factor=spec.stiffness,
         sources=Sources.of(mesh, bilinear),
     )
 

@@ -7,7 +7,7 @@ with a kernel law, local frames and search directions.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -178,10 +178,13 @@ def _body(
     patterns: Mapping[Pattern, Body],
     floors: Mapping[tuple[str, str], Array] | None = None,
     corrected: bool = False,
+    scaled: Container[str] = (),
+    without: Container[LoadTerm] = (),
 ) -> Values:
     """A body in the kernel's terms, for :func:`_made_body`; `patterns` are the body under each load pattern.
 
-    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected.
+    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected. `scaled` are parts
+    whose stiffness varies, `without` the loads that have a pattern of their own.
     """
     body = next(iter(patterns.values()))
     members = []
@@ -196,6 +199,9 @@ def _body(
                 "offset": offset if np.any(offset) else None,
             }
         )
+        if name in scaled:
+            columns = [_stiffness_load(problem, name, pattern, without) for pattern in patterns]
+            members[-1]["of_stiffness"] = _side_by_side(columns)
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
@@ -214,6 +220,15 @@ def _body(
             }
         )
     return {"name": "+".join(body.members), "size": body.n, "members": members, "springs": springs}
+
+
+def _stiffness_load(problem: Problem, part: str, pattern: Pattern, without: Container[LoadTerm]) -> Array:
+    """The part of a load pattern that comes from the stiffness of a part, (n,)."""
+    if not isinstance(pattern, LoadTerm):
+        return problem.stiffness_load_on(part, pattern, without)
+    load = problem.loads[pattern.load]
+    nodal = load.on(part, pattern.parameter) if pattern.parameter in load.stresses else None
+    return np.zeros(problem.substructures[part].size) if nodal is None else nodal
 
 
 def _made_body(body: Values) -> _core.Body:
@@ -314,7 +329,10 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
     own = problem.own
     scale = _scale(problem, plan)
     reduced = _reduced(own, plan)
-    bodies = [_body(own, patterns, corrected=corrected) for patterns in reduced]
+    bodies = [
+        _body(own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads)
+        for patterns in reduced
+    ]
     interfaces, found = [], {}
     for name in plan.active:
         if name not in own.interfaces:

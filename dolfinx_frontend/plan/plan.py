@@ -155,6 +155,8 @@ class Plan:
         ``"patterns"`` (linear: one column per load pattern, superposed) or ``"steps"`` (one column per time).
     loads, load_means
         Numbers of loads of parts that vary, each with a load pattern of its own, and their means.
+    scaled
+        Parts whose stiffness varies by a factor.
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """
@@ -175,6 +177,7 @@ class Plan:
     paired: tuple[str, ...] = ()
     loads: tuple[LoadTerm, ...] = ()
     load_means: tuple[float, ...] = ()
+    scaled: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         locked(self)
@@ -259,7 +262,13 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
             check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
 
 
-def check_keeps(where: str, plan: Plan, interfaces: Iterable[str], loads: Iterable[LoadTerm] = ()) -> None:
+def check_keeps(
+    where: str,
+    plan: Plan,
+    interfaces: Iterable[str],
+    loads: Iterable[LoadTerm] = (),
+    parts: Iterable[str] = (),
+) -> None:
     """Refuse a plan that eliminates interfaces whose laws are random: at their means nothing would vary."""
     fixed = [f"{term.load}.{term.parameter}" for term in loads if term not in plan.loads]
     if fixed:
@@ -267,6 +276,12 @@ def check_keeps(where: str, plan: Plan, interfaces: Iterable[str], loads: Iterab
             f"{where}: the plan has no column for {', '.join(fixed)}, which is random: leave the plan out, "
             "or "
             "make it for what is random"
+        )
+    stiff = [name for name in parts if name not in plan.scaled]
+    if stiff:
+        raise SceneError(
+            f"{where}: the plan has no factor for the stiffness of {', '.join(map(repr, stiff))}, which is "
+            "random: leave the plan out, or make it with scaled=[...]"
         )
     lost = [name for name in interfaces if name in plan.eliminated]
     if lost:
@@ -304,6 +319,7 @@ def _one_column(problem: Problem) -> str:
         for parameter, value in interface.law.parameters().items()
         if not is_plain(value) and hasattr(value, "mean")
     ]
+    random += [f"stiffness of {name}" for name in problem.factors]
     random += dict.fromkeys(
         f"{term.load}.{term.parameter}"
         for term in problem.load_terms
@@ -326,6 +342,7 @@ def make_plan(
     columns: int = 1,
     times: npt.ArrayLike | None = None,
     loads: Iterable[LoadTerm] = (),
+    scaled: Iterable[str] = (),
 ) -> Plan:
     """Decide what is modelled.
 
@@ -351,6 +368,8 @@ def make_plan(
         Times (T,) of a load history, increasing; the state before the first is unloaded and unslipped.
     loads
         Numbers of loads of parts that vary: each has a load pattern of its own.
+    scaled
+        Parts whose stiffness varies by a factor: what joins them to others stays active.
 
     Raises
     ------
@@ -359,7 +378,8 @@ def make_plan(
     """
     _check_request(problem, method, options)
     moments = _moments_in_time(problem, times)
-    reasons, eliminated = _split(problem, _wanted(problem, method, active, vary))
+    factors = tuple(dict.fromkeys(scaled))
+    reasons, eliminated = _split(problem, _wanted(problem, method, active, vary, factors))
     kept = tuple(name for name in problem.interfaces if name in reasons)
     if method == "direct" and kept:
         raise SceneError(
@@ -383,6 +403,14 @@ def make_plan(
         decisions.append(
             Decision(
                 "load columns", names, "loads that vary: a column of the right-hand side, no factorisation"
+            )
+        )
+    if factors:
+        decisions.append(
+            Decision(
+                "stiffness factors",
+                ", ".join(factors),
+                "they vary: diagonal in the modes of the coupling of a part, no second factorisation",
             )
         )
     decisions.append(Decision("iteration", chosen, reason))
@@ -415,6 +443,7 @@ def make_plan(
         paired,
         varied,
         tuple(sum(n.mean for n in problem.numbers_of(term)) for term in varied),
+        factors,
     )
 
 
@@ -467,9 +496,11 @@ def _wanted(
     method: Method,
     active: Sequence[str] | Literal["all"] | None,
     vary: Iterable[str],
+    scaled: Sequence[str] = (),
 ) -> dict[str, str]:
     """Interfaces that are kept whatever their law allows -> why."""
     reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
+    reasons |= _around(problem, scaled)
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
     for name, interface in problem.interfaces.items():
@@ -494,6 +525,27 @@ def _wanted(
             if interface.law.springs and len(interface.sides) == 2:
                 reasons.setdefault(name, "elastic, between two parts")
     return reasons
+
+
+def _around(problem: Problem, scaled: Sequence[str]) -> dict[str, str]:
+    """What joins parts whose stiffness varies to others, or to springs -> why it is kept."""
+    found = {}
+    for name in scaled:
+        check_known("substructure", name, problem.substructures, "plan: scaled")
+    for name, interface in problem.interfaces.items():
+        parts = dict.fromkeys([*(side.substructure for side in interface.sides), *interface.law.partners])
+        varying = [part for part in parts if part in scaled]
+        if not varying:
+            continue
+        how = interface.law.elimination
+        if how is Elimination.TIED and len(parts) > 1:
+            raise SceneError(
+                f"interface {name!r} ties {varying[0]!r}, whose stiffness varies, to {len(parts) - 1} other "
+                "parts in one rigid group: give each its own, joined by Elastic or Perfect"
+            )
+        if how is Elimination.SPRINGS or len(parts) > 1:
+            found[name] = f"the stiffness of {varying[0]!r} varies"
+    return found
 
 
 def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:

@@ -17,7 +17,7 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Fields, Law
-from dolfinx_frontend.scene.loads import LoadTerm
+from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
 from dolfinx_frontend.uncertainty.expressions import ByName, Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
@@ -57,6 +57,8 @@ class RandomLaws:
         Their germs.
     loads
         Numbers of loads of parts that are random -> the random parameters in them.
+    parts
+        Parts -> random factor of their stiffness, with the mean 1.
     """
 
     problem: Problem
@@ -64,6 +66,7 @@ class RandomLaws:
     dropped: tuple[str, ...]
     space: RandomSpace
     loads: dict[LoadTerm, tuple[RandomParameter | Expression, ...]] = field(default_factory=dict)
+    parts: dict[str, Source] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -71,6 +74,7 @@ class RandomLaws:
     def __repr__(self) -> str:
         named = [f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items()]
         named += [f"{t.load}.{t.parameter} = {s!r}" for t, found in self.loads.items() for s in found]
+        named += [f"stiffness of {name} = {source!r}" for name, source in self.parts.items()]
         return f"RandomLaws({', '.join(named)})"
 
     @classmethod
@@ -125,15 +129,45 @@ class RandomLaws:
             if found:
                 loads[term] = tuple(found)
         of_loads = [each for found in loads.values() for each in found]
-        return cls(problem, sources, tuple(dropped), RandomSpace([*sources.values(), *of_loads]), loads)
+        parts = dict(problem.factors)
+        space = RandomSpace([*sources.values(), *of_loads, *parts.values()])
+        return cls(problem, sources, tuple(dropped), space, loads, parts)
 
     @property
     def every(self) -> list[Source]:
-        """All random parameters and fields, of laws and of loads."""
-        return [*self.sources.values(), *(each for found in self.loads.values() for each in found)]
+        """All random parameters and fields, of laws, loads and parts."""
+        of_loads = (each for found in self.loads.values() for each in found)
+        return [*self.sources.values(), *of_loads, *self.parts.values()]
+
+    def factors(self, part: str, points: Array) -> Array:
+        """What the stiffness of a part is multiplied with at points (N, L) of the germs, (N,).
+
+        Raises
+        ------
+        SceneError
+            A factor that is not positive.
+        """
+        source = self.parts.get(part)
+        if source is None:
+            return np.ones(len(points))
+        values: Array = np.reshape(self.space.values(source, points), -1)
+        if not values.min() > 0.0:
+            worst = int(values.argmin())
+            at = ", ".join(
+                f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
+            )
+            raise SceneError(
+                f"substructure {part!r}: {int((values <= 0.0).sum())} of {len(points)} samples give it a "
+                f"stiffness that is not positive (smallest factor {values.min():.4g}, at the germs {at}): "
+                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, Beta, Uniform or "
+                "TruncatedNormal"
+            )
+        return values
 
     def load_values(self, term: LoadTerm, points: Array) -> Array:
-        """A number of a load at points (N, L) of the germs, (N,)."""
+        """A number of a load at points (N, L) of the germs, (N,); see :data:`OF_STIFFNESS`."""
+        if term.load == OF_STIFFNESS:
+            return self.factors(term.parameter, points)
         total = np.zeros(len(points))
         for each in self.problem.numbers_of(term):
             number = each.number
@@ -142,7 +176,11 @@ class RandomLaws:
         return total
 
     def load_coefficients(self, term: LoadTerm, basis: ChaosBasis) -> Array:
-        """Chaos coefficients (P + 1,) of a number of a load."""
+        """Chaos coefficients (P + 1,) of a number of a load; see :data:`OF_STIFFNESS`."""
+        if term.load == OF_STIFFNESS:
+            if term.parameter not in self.parts:
+                return np.eye(1, len(basis))[0]
+            return np.asarray(self.space.coefficients(self.parts[term.parameter], basis)[0])
         total = np.zeros(len(basis))
         for each in self.problem.numbers_of(term):
             if is_random(each.number):
@@ -171,6 +209,9 @@ class RandomLaws:
 
     def make_laws(self, points: Array) -> bool:
         """Whether all random parameters make laws at points (N, L) of the germs, see :meth:`sampled`."""
+        for part, source in self.parts.items():
+            if not np.min(self.space.values(source, points)) > 0.0:
+                return False
         return all(
             _makes_laws(self.problem.interfaces[name].law, parameter, self.space.values(source, points))
             for (name, parameter), source in self.sources.items()

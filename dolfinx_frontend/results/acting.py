@@ -11,9 +11,12 @@ from latin_core import SweptParameter
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.plan.plan import Plan
-from dolfinx_frontend.scene.loads import LoadTerm
+from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
 
-__all__ = ["load_factors", "mean_number", "swept_loads", "with_loads"]
+__all__ = ["factors_of", "load_factors", "mean_number", "stiffness_factors", "swept_loads", "with_loads"]
+
+STIFFNESS = "part.stiffness"
+"""The kernel's name for the factor of the stiffness of a part, which is named in place of an interface."""
 
 
 def swept_loads(plan: Plan, values: Mapping[LoadTerm, Array]) -> list[SweptParameter]:
@@ -27,6 +30,20 @@ def swept_loads(plan: Plan, values: Mapping[LoadTerm, Array]) -> list[SweptParam
             away = (values[term] - mean)[None, :]
             found.append(SweptParameter("", "", pattern.ravel(order="F")[:, None], away, 1))
     return found
+
+
+def stiffness_factors(values: Mapping[str, Array]) -> list[SweptParameter]:
+    """Factors (N,) of the stiffness of parts at all points, as the kernel takes them."""
+    return [
+        SweptParameter(part, STIFFNESS, np.ones((1, 1)), each[None, :], 1) for part, each in values.items()
+    ]
+
+
+def factors_of(parameters: Sequence[SweptParameter], points: slice) -> dict[str, tuple[Array, None]]:
+    """Of them those of some points, for laws that are asked at all of these side by side."""
+    return {
+        each.interface: (each.values[:, points], None) for each in parameters if each.parameter == STIFFNESS
+    }
 
 
 def with_loads(plan: Plan, parameters: Sequence[SweptParameter], points: slice) -> Array:
@@ -43,6 +60,8 @@ def with_loads(plan: Plan, parameters: Sequence[SweptParameter], points: slice) 
 
 def mean_number(problem: Problem, term: LoadTerm) -> Array:
     """A number of a load, random ones at their means, (1,)."""
+    if term.load == OF_STIFFNESS:
+        return np.ones(1)
     return np.array([sum(n.mean for n in problem.numbers_of(term))])
 
 
@@ -56,6 +75,8 @@ def load_factors(
     of
         A number of a load -> its values (n,).
     """
+    if load == OF_STIFFNESS:
+        return of(LoadTerm(load, parameter, None))
     total: Any = 0.0
     for term in problem.loads[load].keys():
         if term.parameter == parameter:

@@ -20,6 +20,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
@@ -178,6 +179,10 @@ class Block:
         """What a shape of a load of a part is multiplied with, (n, [T])."""
         assert self._load is not None  # only what is read from files has none, and no parts either
         return self._load(load, parameter)
+
+    def factor(self, part: str) -> Array:
+        """What the stiffness of a part is multiplied with, (n,) or (1,)."""
+        return np.ones(1) if self._load is None else self._load(OF_STIFFNESS, part)
 
     def contact(self, interface: str) -> ContactValues | None:
         """Clearance and friction of a contact; None: it is none, or they are not known."""

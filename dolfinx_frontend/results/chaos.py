@@ -336,6 +336,13 @@ class ChaosResult(Result, StochasticResult):
         of = partial(self.random.load_coefficients, basis=self.basis)
         return load_factors(self.problem, self.times, load, parameter, of)
 
+    def stiffness_modes(self, part: str) -> Array | None:
+        """Galerkin matrix (P + 1, P + 1) of the random factor of a part's stiffness; None: there is none."""
+        if part not in self.random.parts:
+            return None
+        matrix = self.random.space.galerkin_matrix(self.random.parts[part], self.basis)
+        return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+
     def load_number(self, load: str, parameter: str) -> Array:
         """Mean ([T]) of what a shape of a load of a part is multiplied with."""
         number: Array = self._load_modes(load, parameter)[0]

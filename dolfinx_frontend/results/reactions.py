@@ -147,7 +147,7 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
         ]
     )
     of_loads = [
-        (name, parameter, nodal[rows])
+        (name, parameter, nodal[rows], parameter in each.stresses)
         for name, each in problem.loads.items()
         for parameter in each.load.values
         if (nodal := each.on(part.name, parameter)) is not None and np.any(nodal[rows])
@@ -166,9 +166,14 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
 
     def forces(block: Block) -> Array:
         u = stepped(block.displacement(part.name, columns), times, 1)
-        total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1) - load
-        for name, parameter, nodal in of_loads:
-            total = total - stepped(block.load(name, parameter), times, 1)[..., None] * nodal
+        total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1)
+        # loads that come from the stiffness change with it
+        for of_stiffness in (True, False):
+            for name, parameter, nodal, strained in of_loads:
+                if strained is of_stiffness:
+                    total = total - stepped(block.load(name, parameter), times, 1)[..., None] * nodal
+            if of_stiffness:
+                total = block.factor(part.name)[:, None, None] * total - load
         out: Array = total.reshape(*u.shape[:2], -1, d)
         for sign, surface, trace in acting:
             given = answer.load(surface.name)

@@ -20,7 +20,7 @@ from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.results.accuracy import largest_of
-from dolfinx_frontend.results.acting import load_factors, swept_loads
+from dolfinx_frontend.results.acting import load_factors, stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
@@ -143,7 +143,8 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     def _swept_loads(self) -> Sequence[SweptParameter]:
         random, germs = self.random, self.germs
-        return swept_loads(self.plan, {term: random.load_values(term, germs) for term in random.loads})
+        loads = swept_loads(self.plan, {term: random.load_values(term, germs) for term in random.loads})
+        return [*loads, *stiffness_factors({part: random.factors(part, germs) for part in random.parts})]
 
     def _load_at(self, term: LoadTerm, part: slice) -> Array:
         return self.random.load_values(term, self.germs[part])

@@ -20,7 +20,13 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of
-from dolfinx_frontend.results.acting import load_factors, mean_number, with_loads
+from dolfinx_frontend.results.acting import (
+    STIFFNESS,
+    factors_of,
+    load_factors,
+    mean_number,
+    with_loads,
+)
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
@@ -28,7 +34,7 @@ from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Fields
-from dolfinx_frontend.scene.loads import LoadTerm
+from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
@@ -197,7 +203,10 @@ class PointResults(Face):
         amplitudes = with_loads(self.plan, self._swept_loads(), part)
         if amplitudes.shape[1] != data.shape[1]:  # the loads are the same at all points
             amplitudes = np.asfortranarray(np.tile(amplitudes, (1, len(states))))
-        fields = self.solver.displacements(self.laws, state, amplitudes)
+        laws = self.laws
+        if factors := factors_of(self._swept_loads(), part):
+            laws = laws.with_(stiffness=factors)
+        fields = self.solver.displacements(laws, state, amplitudes)
         return {
             name: np.moveaxis(timed(self.plan, values.reshape(len(values), len(states), -1)), -1, 0)
             for name, values in fields.items()
@@ -292,15 +301,18 @@ class SweepResult(Value, PointResults):
         return {**super().extra_content(parts, samples, seed), "axes": dict(self.axes)}
 
     def _swept_loads(self) -> Sequence[SweptParameter]:
-        return [each for each in self.parameters if not each.interface]
+        return [each for each in self.parameters if not each.interface or each.parameter == STIFFNESS]
 
     def _load_at(self, term: LoadTerm, part: slice) -> Array:
         mean = mean_number(self.problem, term)
+        for each in self._swept_loads():
+            if term.load == OF_STIFFNESS and each.interface == term.parameter:
+                return np.asarray(each.values[0, part])
         if term not in self.plan.loads:
             return np.repeat(mean, len(range(*part.indices(len(self.points.status)))))
         row = len(self.plan.patterns) + self.plan.loads.index(term)
         columns = np.arange(self.plan.amplitudes.size).reshape(self.plan.amplitudes.shape, order="F")[row]
-        for each in self._swept_loads():
+        for each in (one for one in self._swept_loads() if not one.interface):
             unit = each.pattern[columns, 0]
             if np.any(unit):
                 return np.asarray(mean + each.values[0, part])

@@ -18,11 +18,12 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, is_plain
+from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
 
 __all__ = [
     "AXES",
     "MOMENTS",
+    "OF_STIFFNESS",
     "Load",
     "LoadTerm",
     "Term",
@@ -34,6 +35,8 @@ __all__ = [
 ]
 
 AXES = ("x", "y", "z")
+OF_STIFFNESS = ""
+"""In place of the name of a load: its parameter is a part, its number a factor of the part's stiffness."""
 MOMENTS = ("mx", "my", "mz")
 
 
@@ -110,7 +113,7 @@ class Load:
         for number in numbers:
             if is_real(number) and np.isfinite(float(number)):
                 continue
-            if not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "leaves"):
+            if is_uncertain(number):
                 continue
             raise SceneError(
                 f"{self.where}: {parameter} = {short(number)}; give a finite number, a random number, or an "
@@ -160,13 +163,10 @@ def is_field(value: Any) -> bool:
 def scattered(value: Any) -> bool:
     """Whether a value has random components, or is a random number times an amplitude: what no law takes."""
 
-    def random(number: Any) -> bool:
-        return not is_plain(number) and isinstance(number, Parameter) and hasattr(number, "leaves")
-
     if isinstance(value, Varying):
         numbers = [each for _, v in value.terms for each in (v if isinstance(v, (list, tuple)) else (v,))]
-        return any(map(random, numbers))
-    return isinstance(value, (list, tuple)) and any(map(random, value))
+        return any(map(is_uncertain, numbers))
+    return isinstance(value, (list, tuple)) and any(map(is_uncertain, value))
 
 
 def shaped(where: str, value: Any, number: str, unit: Any) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -22,7 +22,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, is_plain
+from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
 
 __all__ = [
     "LinearElastic",
@@ -73,8 +73,9 @@ def _check_known(name: str, constant: str, value: Any) -> None:
     if is_plain(value) or not isinstance(value, (Parameter, Amplitude, Combination, Varying)):
         return
     raise SceneError(
-        f"{name}: {constant} = {value!r}; the stiffness of a part is neither random nor does it change in "
-        "time: give a number or a UFL expression, and solve once for each value, or let a law carry it"
+        f"{name}: {constant} = {value!r}; only the E of LinearElastic may be random, and nothing of a "
+        "material changes in time: give a number or a UFL expression, a random factor of the whole part by "
+        "scene.substructure(..., stiffness=), or let a law carry it"
     )
 
 
@@ -89,7 +90,8 @@ class LinearElastic:
     Parameters
     ----------
     E
-        Young's modulus, force / area: a number > 0 or a UFL expression.
+        Young's modulus, force / area: a number > 0, a UFL expression, or a random number: then the stiffness
+        of the part is random, see ``stiffness`` of :meth:`Scene.substructure`.
     nu
         Poisson's ratio: a number in (-1, 1/2) or a UFL expression.
     plane
@@ -106,7 +108,13 @@ class LinearElastic:
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
-        for name in ("E", "nu"):
+        if is_uncertain(self.E):
+            if not self.E.mean > 0.0:
+                raise SceneError(
+                    f"LinearElastic: E = {short(self.E)} has the mean {self.E.mean:g}; Young's modulus is "
+                    "positive"
+                )
+        for name in ("nu",) if is_uncertain(self.E) else ("E", "nu"):
             _check_known("LinearElastic", name, getattr(self, name))
             if not is_real(getattr(self, name)) and not isinstance(getattr(self, name), ufl.core.expr.Expr):
                 raise SceneError(
@@ -123,6 +131,16 @@ class LinearElastic:
             raise SceneError(f"LinearElastic: E = {shown}; Young's modulus is positive, finite")
         if is_real(self.nu) and not -1.0 < self.nu < 0.5:
             raise SceneError(f"LinearElastic: nu = {self.nu!r}; admissible: -1 < nu < 0.5")
+
+    @property
+    def factor(self) -> Any:
+        """What the stiffness with E at its mean is multiplied with: 1, or random."""
+        return self.E / self.E.mean if is_uncertain(self.E) else 1.0
+
+    @property
+    def nominal(self) -> LinearElastic:
+        """The material with E at its mean."""
+        return replace(self, E=self.E.mean) if is_uncertain(self.E) else self
 
     def check(self, dim: int) -> None:
         """Whether the material fits a part of `dim` dimensions.

@@ -64,7 +64,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value
+from dolfinx_frontend.scene.values import Value, is_uncertain
 
 __all__ = ["Scene"]
 
@@ -119,6 +119,7 @@ class Scene:
         degree: int = 2,
         body_force: Any = None,
         rank: int | None = None,
+        stiffness: Any = 1.0,
     ) -> None:
         """Add a part.
 
@@ -137,6 +138,10 @@ class Scene:
             Force per volume: d numbers or a UFL vector, or an amplitude times one; None: none.
         rank
             MPI rank that owns the part; None: a share of equal cost.
+        stiffness
+            What its whole stiffness is multiplied with: 1, or a positive random number with the mean 1. Loads
+            that come from the stiffness, as thermal ones, are multiplied as well. The E of
+            :class:`LinearElastic` may be random instead.
 
         Raises
         ------
@@ -151,7 +156,20 @@ class Scene:
         where = f"substructure {checked_name('substructure', name, colon=False)!r}"
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
-        spec = SubstructureSpec(name, part, material, degree, body_force, rank, self.axisymmetric)
+        spec = SubstructureSpec(
+            name, part, material, degree, body_force, rank, self.axisymmetric, stiffness
+        )
+        if is_uncertain(stiffness):
+            if abs(stiffness.mean - 1.0) > 1e-9:
+                raise SceneError(
+                    f"{where}: stiffness = {short(stiffness)} has the mean {stiffness.mean:g}: a factor of a "
+                    "part has the mean 1, divide it by its mean and multiply the material"
+                )
+        elif not (is_real(stiffness) and stiffness == 1.0):
+            raise SceneError(
+                f"{where}: stiffness = {short(stiffness)}; give 1 or a random number with the mean 1: what "
+                "is fixed belongs into the material"
+            )
         if not is_whole(degree) or degree not in (1, 2, 3):
             raise SceneError(f"{where}: degree = {short(degree)} is not supported; use 1, 2 or 3")
         if rank is not None:

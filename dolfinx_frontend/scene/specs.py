@@ -10,12 +10,13 @@ import numpy as np
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
-from dolfinx_frontend.scene.values import Parameter, is_plain
+from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
 
 __all__ = [
     "CELLS",
@@ -84,6 +85,7 @@ class SubstructureSpec:
     body_force: Any
     rank: int | None = None
     axisymmetric: bool = False
+    stiffness: Any = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "body_force", frozen(self.body_force))
@@ -135,6 +137,14 @@ class SubstructureSpec:
             )
         if spec.part.mesh.comm.size != 1:
             raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        factor = getattr(spec.material, "factor", 1.0)
+        if is_uncertain(factor):
+            if is_uncertain(spec.stiffness):
+                raise SceneError(
+                    f"{where}: E and stiffness = {short(spec.stiffness)} are both random: give one, their "
+                    "product as an expression"
+                )
+            spec = replace(spec, material=getattr(spec.material, "nominal", spec.material), stiffness=factor)
         plane = getattr(spec.material, "plane", "")
         if spec.axisymmetric and not isinstance(spec.source, Revolved):
             if spec.dim != 2:
@@ -171,8 +181,8 @@ class SubstructureSpec:
         for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:
             if isinstance(force, Parameter) and not is_plain(force):
                 raise SceneError(
-                    f"{where}: body_force = {force!r} is random; a part has no random values: give "
-                    "numbers, or a random pressure, traction or stiffness of a law"
+                    f"{where}: body_force = {force!r} is random: give it by scene.body_force(part, force), "
+                    "which takes random components"
                 )
             if force is None or hasattr(force, "ufl_shape") or (is_real(force) and force == 0):
                 continue

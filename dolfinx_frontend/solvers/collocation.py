@@ -56,6 +56,9 @@ def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
     for (other, _), source in random.sources.items():
         if any(side.substructure in parts for side in problem.interfaces[other].sides):
             germs.update(random.space.columns(source))
+    for part, source in random.parts.items():
+        if part in parts:
+            germs.update(random.space.columns(source))
     for term, found in random.loads.items():
         if problem.loads[term.load].load.part in parts:
             germs.update(g for source in found for g in random.space.columns(source))

@@ -139,6 +139,18 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
     return matrices
 
 
+def stiffness_of_parts(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[str, Galerkin]:
+    """Galerkin matrices of the random factors of the stiffness of parts, by part."""
+    found = {}
+    for part, source in random.parts.items():
+        coefficients, indices = random.space.expansion(source, basis)
+        matrix = stochastic.galerkin_matrix(basis, coefficients[0], indices)
+        transform = stochastic.galerkin_transform(matrix)
+        forward = np.asfortranarray(transform.forward)
+        found[part] = Galerkin("", part, source, [forward], np.array([transform.values]))
+    return found
+
+
 def _limit(source: Source, basis: stochastic.ChaosBasis, space: RandomSpace) -> str:
     """What the coefficient of variation would have to be, where that is known."""
     if isinstance(source, DiscretisedField | Expression) or not source.affine:
@@ -158,13 +170,18 @@ def _guard(
     basis: stochastic.ChaosBasis,
     matrices: dict[tuple[str, str], Galerkin],
     indefinite: Literal["refuse", "prove"],
+    parts: Mapping[str, Galerkin],
 ) -> tuple[str, ...]:
     """Refuse indefinite stiffnesses before anything is iterated on; the overrides that were proven."""
     bad = []
-    for matrix in matrices.values():
+    for matrix in [*matrices.values(), *parts.values()]:
         source = matrix.source
-        mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
-        where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
+        if matrix.interface:
+            mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
+            where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
+        else:
+            mean = source.mean
+            where = f"substructure {matrix.parameter!r}, factor {source.name!r} of its stiffness"
         limit = _limit(source, basis, random.space)
         if isinstance(source, Expression) and not source.affine:
             least, at = random.space.least(source, basis)
@@ -191,6 +208,8 @@ def _guard(
         "use a positive law (LogNormal, Gamma, TruncatedNormal with a positive lower bound), a smaller "
         "coefficient of variation or a lower order"
     )
+    if any(part.smallest <= 0.0 for part in parts.values()):
+        raise IndefiniteError("\n".join(bad) + f"\n{remedy}")
     if indefinite == "refuse":
         raise IndefiniteError(
             "\n".join(bad) + f"\n{remedy}; or pass indefinite='prove' to go on if the structure as a "
@@ -311,12 +330,15 @@ class Changes:
         Interface -> kernel parameter -> its values.
     columns
         Interface -> groups of components in other columns, as the kernel takes them.
+    stiffness
+        Part -> factors of its stiffness, and the matrix that leads to their columns.
     """
 
     steps: int
     modes: int
     parameters: dict[str, dict[str, Array]]
     columns: dict[str, list[dict[str, Any]]]
+    stiffness: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -326,6 +348,7 @@ class Changes:
         matrices: dict[tuple[str, str], Galerkin],
         collocations: Mapping[str, Collocation],
         plan: Plan,
+        parts: Mapping[str, Galerkin],
     ) -> Changes:
         """Those of the active interfaces on this rank; `collocations` of the nonlinear ones."""
         steps = plan.amplitudes.shape[1]
@@ -341,12 +364,17 @@ class Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        return cls(steps, len(basis), parameters, columns)
+        stiffness = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
+        return cls(steps, len(basis), parameters, columns, stiffness)
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
         return laws.with_(
-            steps=self.steps, modes=self.modes, parameters=self.parameters, columns=self.columns
+            steps=self.steps,
+            modes=self.modes,
+            parameters=self.parameters,
+            columns=self.columns,
+            stiffness=self.stiffness or None,
         )
 
 
@@ -424,9 +452,10 @@ def planned(
             len(basis),
             times=times,
             loads=random.loads,
+            scaled=random.parts,
         )
     else:
-        check_keeps("chaos", plan, random.interfaces, random.loads)
+        check_keeps("chaos", plan, random.interfaces, random.loads, random.parts)
     return Planned(random, chaos, basis, plan)
 
 
@@ -459,8 +488,9 @@ def prepared(problem: Problem, wanted: Planned, indefinite: Literal["refuse", "p
     collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
     plan = _with_collocations(plan, random, collocations, chaos)
     matrices = galerkin(random, basis)
-    proven = _guard(problem, random, basis, matrices, indefinite)
-    changes = Changes.of(random, basis, matrices, collocations, plan)
+    parts = stiffness_of_parts(random, basis)
+    proven = _guard(problem, random, basis, matrices, indefinite, parts)
+    changes = Changes.of(random, basis, matrices, collocations, plan, parts)
     return Prepared(plan, collocations, proven, changes)
 
 
@@ -653,6 +683,7 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         len(basis),
         times=old.times,
         loads=random.loads,
+        scaled=random.parts,
     )
     steps = result.steps
     states = []

@@ -44,7 +44,7 @@ from dolfinx_frontend.plan.plan import (
 )
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
-from dolfinx_frontend.results.acting import swept_loads
+from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
@@ -94,6 +94,7 @@ def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]
         parameters.append(
             SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns)
         )
+    parameters += stiffness_factors({part: random.factors(part, germs) for part in random.parts})
     return [*parameters, *swept_loads(plan, {term: random.load_values(term, germs) for term in random.loads})]
 
 
@@ -129,10 +130,18 @@ def sample(
     problem.check_alike("sampling", laws=True, method=method, plan=plan is None, **settings)
     if plan is None:
         plan = make_plan(
-            problem, method, active, random.interfaces, direction, options, times=times, loads=random.loads
+            problem,
+            method,
+            active,
+            random.interfaces,
+            direction,
+            options,
+            times=times,
+            loads=random.loads,
+            scaled=random.parts,
         )
     else:
-        check_keeps("sampling", plan, random.interfaces, random.loads)
+        check_keeps("sampling", plan, random.interfaces, random.loads, random.parts)
     began = perf_counter()
     solver = Solver(problem, plan)
     return sample_on(

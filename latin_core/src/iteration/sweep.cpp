@@ -5,8 +5,10 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <span>
+#include <string>
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/batch.hpp"
@@ -162,6 +164,11 @@ class Sweep {
         loads_.push_back(&each);
         continue;
       }
+      if (each.parameter == stiffness_parameter) {
+        check_stiffness(each);
+        stiffness_.push_back(&each);
+        continue;
+      }
       const bool here = structure_.has_interface(each.interface);
       const bool somewhere = structure_.communicator().maximum(here ? 1 : 0) > 0;
       if (here || !somewhere) {  // setting a parameter of none names it
@@ -172,11 +179,11 @@ class Sweep {
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
     if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
-        structure_.rows() == 0 || laws.transformed() || !loads_.empty()) {
+        structure_.rows() == 0 || laws.transformed() || !loads_.empty() || scales()) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
-    if (!options.stop_on_indicator && Verification::possible(laws)) {
+    if (!options.stop_on_indicator && !scales() && Verification::possible(laws)) {
       linear_ = std::make_shared<Linearisation>();
       together_from_ = std::min(together_from_, fewest_snapshots);
     }
@@ -336,7 +343,25 @@ class Sweep {
       }
       changes.push_back({each->interface, each->parameter, std::move(field)});
     }
-    return base.with_parameters(changes);
+    std::map<std::string, substructure::StiffnessFactors> factors;
+    for (const SweptParameter* each : stiffness_) {
+      factors[each->interface].values = each->pattern * each->values.col(points.front());
+    }
+    return base.with_parameters(changes).with_stiffness(factors);
+  }
+
+  /// Whether the stiffness of bodies has factors: tangents and traces of other points are then not those of a point.
+  [[nodiscard]] bool scales() const {
+    return laws_.scales_anywhere() ||
+           structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
+  }
+
+  /// @throws InputError if it is not one number for each point
+  static void check_stiffness(const SweptParameter& each) {
+    if (each.pattern.size() != 1 || each.columns != 1) {
+      throw InputError("sweep: the stiffness of '" + each.interface +
+                       "' takes one factor for each point");
+    }
   }
 
   /// @throws InputError if a swept load does not fit the load patterns
@@ -360,7 +385,7 @@ class Sweep {
 
   /// Add the answer to the swept loads of a point to traces, or take it away.
   void shift(Matrix& traces, Index point, double sign) const {
-    if (loads_.empty()) {
+    if (loads_.empty() || scales()) {  // with factors the traces are made anew
       return;
     }
     const Matrix added = sign * loads_of(point);
@@ -603,6 +628,7 @@ class Sweep {
   double wanted_;             ///< tolerance asked for: that of the options follows the scatter
   const Matrix& amplitudes_;  ///< at all points, but for swept loads
   std::vector<const SweptParameter*> loads_;
+  std::vector<const SweptParameter*> stiffness_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;

@@ -18,6 +18,10 @@ struct SweptParameter {
   Index columns = 1;
 };
 
+/// The parameter of a substructure, named in place of an interface, that is the factor of its stiffness; its pattern
+/// is (1, 1).
+inline constexpr const char* stiffness_parameter = "part.stiffness";
+
 /// Called after each finished point with its position, its laws, its summary and its state.
 using PointCallback =
     std::function<void(Index point, const substructure::Laws&, const Summary&, const State&)>;
