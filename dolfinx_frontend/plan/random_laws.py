@@ -159,8 +159,8 @@ class RandomLaws:
             raise SceneError(
                 f"substructure {part!r}: {int((values <= 0.0).sum())} of {len(points)} samples give it a "
                 f"stiffness that is not positive (smallest factor {values.min():.4g}, at the germs {at}): "
-                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, Beta, Uniform or "
-                "TruncatedNormal"
+                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, Beta, "
+                "Uniform or TruncatedNormal"
             )
         return values
 
@@ -168,7 +168,7 @@ class RandomLaws:
         """A number of a load at points (N, L) of the germs, (N,); see :data:`OF_STIFFNESS`."""
         if term.load == OF_STIFFNESS:
             return self.factors(term.parameter, points)
-        total = np.zeros(len(points))
+        total: Array = np.zeros(len(points))
         for each in self.problem.numbers_of(term):
             number = each.number
             values = self.space.values(number, points) if is_random(number) else float(number)
@@ -179,7 +179,7 @@ class RandomLaws:
         """Chaos coefficients (P + 1,) of a number of a load; see :data:`OF_STIFFNESS`."""
         if term.load == OF_STIFFNESS:
             if term.parameter not in self.parts:
-                return np.eye(1, len(basis))[0]
+                return np.asarray(np.eye(1, len(basis))[0])
             return np.asarray(self.space.coefficients(self.parts[term.parameter], basis)[0])
         total = np.zeros(len(basis))
         for each in self.problem.numbers_of(term):

@@ -75,7 +75,7 @@ def test_two_bars() -> None:
 
 
 def test_chaos_is_ssfem() -> None:
-    """With loads inside, a thermal load, a prescribed displacement and a spring; the same Galerkin solution."""
+    """With loads inside, a thermal load, a prescribed displacement and a spring: one Galerkin solution."""
     scene = bars(E1, E2, lf.Elastic(normal=lf.Gamma("k", 500.0, cov=0.2), tangential=100.0), held=True)
     scene.temperature("a", lf.Normal("dT", 100.0, cov=0.1), name="heat")
     scene.body_force("b", (0.0, 0.0, lf.Uniform("g", 1.0, 2.0)), name="weight")
