@@ -182,7 +182,10 @@ def _part_grids(
         function = answer.function(name, stepped(mean, answer.times)[0], "")
         loads = answer.problem.initial_stresses(name)
         initial = [stress for _, _, stress in loads]
-        part = _PartWriter(function, s.material if materials is None else materials.get(name), put, initial)
+        material = s.material if materials is None else materials.get(name)
+        if name in getattr(answer.plan, "scaled", ()):
+            material = None  # its stress is no function of the mean displacement
+        part = _PartWriter(function, material, put, initial)
         in_time = partial(stepped, times=answer.times)
         numbers = [in_time(answer.load_number(load, parameter)) for load, parameter, _ in loads]
         of_spread = [

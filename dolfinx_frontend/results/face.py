@@ -287,6 +287,11 @@ class Face(ABC):
         step = check_step(self.times, step, "stress")
         if self._factored(part):
             return self._stress_moments(part, step)[0]
+        if self.problem.substructures[part].material is None:
+            raise SceneError(
+                f"stress of {part!r}: no material is known for it. A file has none of a part with initial strains "
+                "(temperatures) or a random stiffness, or whose material is a form: compute stresses before save"
+            )
         initial = [
             (stress, float(stepped(self.load_number(load, parameter), self.times)[step]))
             for load, parameter, stress in self.problem.initial_stresses(part)
@@ -295,7 +300,7 @@ class Face(ABC):
 
     def _factored(self, part: str) -> bool:
         """Whether the stiffness of a part varies in this answer."""
-        return part in self.plan.scaled
+        return part in getattr(self.plan, "scaled", ())
 
     def stiffness_modes(self, part: str) -> Array | None:
         """Matrix (P + 1, P + 1) by which the factor of a stiffness multiplies modes; None: no modes."""

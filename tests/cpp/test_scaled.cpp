@@ -47,6 +47,13 @@ Laws build(double factor, OperatorKind kind = OperatorKind::condensed) {
   return Laws(std::make_shared<const Structure>(std::move(bodies), std::move(interfaces), options));
 }
 
+/// Every second column.
+Matrix of_step(const Matrix& block, Index step) {
+  Matrix columns(block.rows(), 2);
+  columns << block.col(step), block.col(step + 2);
+  return columns;
+}
+
 const Vector factors = (Vector(3) << 0.2, 1.0, 5.0).finished();
 
 }  // namespace
@@ -63,14 +70,16 @@ TEST(Scaled, AnswersAreThoseOfABodyWithThatStiffness) {
   for (Index k = 0; k < 3; ++k) {
     const Laws alone = build(factors(k));
     GlobalStage one(alone);
-    const auto columns = Eigen::seqN(2 * k, 2);
     Matrix expected(2, 2);
-    one.apply(data(every, columns), amplitudes(every, columns), expected);
-    EXPECT_LT((traces(every, columns) - expected).norm(), 1e-13 * expected.norm());
+    one.apply(data.middleCols(2 * k, 2), amplitudes.middleCols(2 * k, 2), expected);
+    EXPECT_LT((traces.middleCols(2 * k, 2) - expected).norm(), 1e-13 * expected.norm());
     const Matrix fields =
-        displacements(alone, data(every, columns), amplitudes(every, columns)).front().second;
-    EXPECT_LT((moved(every, columns) - fields).norm(), 1e-12 * fields.norm());
-    const Sizes of_one = one.sizes(data(every, columns), expected, amplitudes(every, columns));
+        displacements(alone, data.middleCols(2 * k, 2), amplitudes.middleCols(2 * k, 2))
+            .front()
+            .second;
+    EXPECT_LT((moved.middleCols(2 * k, 2) - fields).norm(), 1e-12 * fields.norm());
+    const Sizes of_one =
+        one.sizes(data.middleCols(2 * k, 2), expected, amplitudes.middleCols(2 * k, 2));
     EXPECT_LT((sizes.strain.middleRows(2 * k, 2) - of_one.strain).norm(),
               1e-12 * of_one.strain.norm());
   }
@@ -112,12 +121,14 @@ TEST(Scaled, TransformedColumnsAreCoupled) {
   Matrix load = Matrix::Zero(nodes, 2);
   load.col(0) = Vector::LinSpaced(nodes, 1.0, 2.0);
   for (Index step = 0; step < 2; ++step) {
-    const auto columns = Eigen::seqN(step, 2, 2);
-    const Matrix inner =
-        (k * moved(every, columns) - of_stiffness * amplitudes(every, columns)) * coupling;
-    Matrix outer = load * amplitudes(every, columns);
-    outer.row(nodes - 2) += 2.0 * (data(0, columns) - 0.4 * traces(0, columns));
-    outer.row(nodes - 1) += data(1, columns) - 1.7 * traces(1, columns);
+    const Matrix u = of_step(moved, step);
+    const Matrix amplitude = of_step(amplitudes, step);
+    const Matrix forces = of_step(data, step);
+    const Matrix faces = of_step(traces, step);
+    const Matrix inner = (k * u - of_stiffness * amplitude) * coupling;
+    Matrix outer = load * amplitude;
+    outer.row(nodes - 2) += 2.0 * (forces.row(0) - 0.4 * faces.row(0));
+    outer.row(nodes - 1) += forces.row(1) - 1.7 * faces.row(1);
     EXPECT_LT((inner - outer).bottomRows(nodes - 1).norm(), 1e-12);
   }
 }

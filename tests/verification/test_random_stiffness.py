@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -233,3 +234,28 @@ def test_bad_stiffness() -> None:
         scene = bars(E1, 1e3)
         scene.plane(["a:x1", "b:x1"], name="side")
         lf.solve(lf.assemble(scene), chaos=1)
+
+
+def test_errors_and_files(tmp_path: Path) -> None:
+    """Errors have no share of the meshes, and a file no stress, which it says; both at the means as ever."""
+    problem = pulled(E1, E2)
+    chaos = lf.solve(problem, chaos=lf.Chaos(order=2))
+    found = chaos.errors("joint")
+    assert found.discretisation is None and found.truncation is not None
+    chaos.save(tmp_path / "bars.h5")
+    loaded = lf.load(tmp_path / "bars.h5")
+    assert loaded.unknowns("b") == pytest.approx(chaos.unknowns("b"), rel=1e-12)
+    with pytest.raises(lf.SceneError, match="random stiffness.*compute stresses before save"):
+        loaded.stress("a")
+    with pytest.raises(lf.SceneError, match="export: the stiffness of 'a', 'b' varies"):
+        problem.export(tmp_path / "folder", chaos=1)
+    accurate = lf.solve(problem, accuracy=1e-2, quantity="joint", meshes=False)
+    assert accurate.converged
+    warm = bars(1e3, 2e3, held=True)
+    warm.temperature("a", 100.0, name="heat")
+    result = lf.solve(lf.assemble(warm))
+    result.save(tmp_path / "warm.h5")
+    with pytest.raises(lf.SceneError, match="initial strains .temperatures.*compute stresses before save"):
+        lf.load(tmp_path / "warm.h5").stress("a")
+    for where in ("a", "b"):
+        assert chaos.std(where, of="stress").x.array.reshape(-1, 9)[:, 8] == pytest.approx(0.0, abs=1e-3)
