@@ -289,8 +289,8 @@ def _space(where: str, problem: Problem) -> RandomSpace:
     """The germs of a problem that something is to be sampled of."""
     check_problem(where, problem)
     random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError(f"{where}: nothing is random: give a law a random parameter")
+    if not random.every:
+        raise SceneError(f"{where}: nothing is random: give a law or a load a random parameter")
     return random.space
 
 

@@ -17,11 +17,12 @@ import scipy.sparse as sp
 from mpi4py import MPI
 
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
-from dolfinx_frontend.assembly.held import resistance_of
+from dolfinx_frontend.assembly.held import axis_resistances, resistance_of
 from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
+from dolfinx_frontend.assembly.part_loads import part_load
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import (
     Distribution,
@@ -35,16 +36,19 @@ from dolfinx_frontend.assembly.ranks import (
     place,
     swap,
 )
+from dolfinx_frontend.assembly.relief import Relief, supports
+from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
-from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
+from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import Perfect
+from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.scene.specs import check_face
+from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
+from dolfinx_frontend.scene.values import is_uncertain
 
 __all__ = ["assemble"]
 
@@ -137,9 +141,16 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         end_all_on_errors(comm)
         check_alike(comm, "assemble", _described(scene))
         bound_threads(comm.py2f())
+    uncertain = [name for name, spec in scene.substructures.items() if _uncertain_stiffness(spec)]
+    if comm is not None and uncertain:
+        raise SceneError(
+            f"substructure {uncertain[0]!r}: its stiffness is random, which works on one rank: "
+            "assemble without comm"
+        )
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
+    _check_ties(scene, owner)
     substructures, copies = _own_parts(scene, owner, rank, say, comm)
     elsewhere = swap(comm, copies)
     with agreement(comm):
@@ -150,6 +161,8 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         }
     held.update({where: each for where, each in swap(comm, told).items() if each is not None})
     interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm)
+    if scene.densities is not None:
+        interfaces = {**interfaces, **_relief_supports(scene, substructures, comm)}
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -169,13 +182,26 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
-        [resistances[name] for name in scene.interfaces],
+        [
+            *(resistances[name] for name in (scene.interfaces if comm else interfaces)),
+            *axis_resistances(parts),
+        ],
     )
+    with agreement(comm):
+        loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
+    if scene.densities is not None:
+        relief = Relief(substructures, _densities(scene))
+        loads = {name: relief.load_balanced(each) for name, each in loads.items()}
+        substructures = relief.parts_balanced()
     if comm is None:
-        return Problem(substructures, interfaces)
+        return Problem(substructures, interfaces, None, loads)
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
-    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
+
+
+def _uncertain_stiffness(spec: SubstructureSpec) -> bool:
+    return is_uncertain(spec.stiffness) or is_uncertain(getattr(spec.material, "factor", 1.0))
 
 
 def _described(scene: Scene) -> dict[str, object]:
@@ -185,14 +211,83 @@ def _described(scene: Scene) -> dict[str, object]:
         "the list of interfaces": list(scene.interfaces),
     }
     for name, spec in scene.substructures.items():
-        for what in ("material", "degree", "body_force", "rank"):
+        for what in ("material", "degree", "body_force", "rank", "stiffness"):
             given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    given["the list of loads"] = list(scene.loads)
+    for name, load in scene.loads.items():
+        given[f"load {name!r}"] = (load.part, load.kind, load.face)
+        given[f"the values of load {name!r}"] = load.values
     for name, joint in scene.interfaces.items():
         given[f"the law of interface {name!r}"] = joint.law
         given[f"the faces of interface {name!r}"] = tuple(map(str, joint.faces))
-        for what in ("quadrature_degree", "max_distance", "space", "overlap"):
+        for what in ("quadrature_degree", "max_distance", "space", "overlap", "remote"):
             given[f"{what} of interface {name!r}"] = getattr(joint, what)
     return given
+
+
+def _densities(scene: Scene) -> dict[str, float]:
+    """Part -> mass per volume."""
+    given = scene.densities
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(scene.substructures, float(given))
+    for name in given:
+        check_known("substructure", name, scene.substructures, "inertia_relief")
+    missing = [name for name in scene.substructures if name not in given]
+    if missing:
+        raise SceneError(
+            f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part"
+        )
+    return {name: float(value) for name, value in given.items()}
+
+
+def _relief_supports(
+    scene: Scene, substructures: Mapping[str, Substructure], comm: Any
+) -> dict[str, Interface]:
+    """What holds an assembly in inertia relief."""
+    if comm is not None:
+        raise SceneError("inertia_relief works on one rank: assemble without comm")
+    part = substructures[next(iter(scene.substructures))]
+    found = {}
+    for number, (node, axes) in enumerate(supports(part)):
+        name = "relief" if number == 0 else f"relief#{number + 1}"
+        place = tuple(map(float, part.dof_coordinates[node]))
+        shown = ", ".join(f"{v:.6g}" for v in place)
+        spec = InterfaceSpec(
+            name,
+            (Face(part.name, f"({shown})"),),
+            Displacement(0.0, axes),
+            None,
+            None,
+            "points",
+            "full",
+            Remote(place),
+        )
+        found[name] = remote_interface(spec, (part,))
+    return found
+
+
+def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
+    """Refuse rigid faces that something else holds, or on several ranks."""
+    tied = {i.faces[0]: i for i in scene.interfaces.values() if i.law.elimination is Elimination.TIED}
+    for joint in scene.interfaces.values():
+        for face in joint.faces:
+            own = tied.get(face)
+            if own is not None and own is not joint and joint.law.prescribes == "jump":
+                raise SceneError(
+                    f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would "
+                    "hold its "
+                    "nodes a second time: add the other face to the rigid group, give its motion there, or "
+                    "use "
+                    "Elastic or Contact"
+                )
+    for joint in tied.values():
+        ranks = {owner[joint.faces[0].substructure], *(owner[part] for part in joint.law.partners)}
+        if len(ranks) > 1:
+            raise SceneError(
+                f"interface {joint.name!r}: its rigid group has parts on ranks {sorted(ranks)}; it works on "
+                "one rank: "
+                "give these parts the same rank= in scene.substructure"
+            )
 
 
 _Where = tuple[str, int]
@@ -214,7 +309,7 @@ def _own_parts(
                 substructures[name] = discretise(specs[name])
         for name, joint in scene.interfaces.items():
             for face in joint.faces:
-                if owner[face.substructure] == rank:
+                if owner[face.substructure] == rank and (joint.remote is None or joint.remote.node is None):
                     check_face(specs[face.substructure], face, f"interface {name!r}")
         for name, joint in scene.interfaces.items():
             ranks = [owner[face.substructure] for face in joint.faces]
@@ -222,6 +317,12 @@ def _own_parts(
                 if ranks[number] != rank:
                     continue
                 other = ranks[1 - number] if len(ranks) == 2 else rank
+                if other != rank and joint.remote is not None:
+                    raise SceneError(
+                        f"interface {name!r}: its parts are on ranks {ranks[0]} and {ranks[1]}; it works on "
+                        "one "
+                        "rank: give both parts the same rank= in scene.substructure"
+                    )
                 if other != rank:
                     s = substructures[face.substructure]
                     copies.setdefault(other, {})[name, number] = face_copy(
@@ -260,6 +361,11 @@ def _own_interfaces(
             if rank not in ranks:
                 continue
             say(f"interface {name}")
+            if joint.remote is not None:
+                parts = tuple(substructures[face.substructure] for face in joint.faces)
+                interfaces[name] = remote_interface(joint, parts)
+                _check_law(interfaces[name])
+                continue
             members = [
                 substructures[face.substructure] if r == rank else elsewhere[name, number]
                 for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))

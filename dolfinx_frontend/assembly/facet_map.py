@@ -38,6 +38,8 @@ class FaceCopy:
         Degree and variant of the displacements.
     dofs, coordinates
         (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
+    around
+        Whether the part is axisymmetric: areas are those of rings.
     """
 
     cell: str
@@ -49,6 +51,7 @@ class FaceCopy:
     lagrange: int
     dofs: Ints = field(repr=False)
     coordinates: Array = field(repr=False)
+    around: bool = False
 
     @property
     def space(self) -> Any:
@@ -94,6 +97,7 @@ def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
         lagrange=int(element.lagrange_variant),
         dofs=dofs.reshape(len(facets), -1),
         coordinates=space.tabulate_dof_coordinates()[nodes],
+        around=facets.around,
     )
 
 
@@ -161,10 +165,12 @@ class FacetMap:
             basix.ElementFamily.P, self.cell, copy.order, basix.LagrangeVariant(copy.variant)
         )
         self.order = copy.order
+        self.around = copy.around
         self.nodes: Array = copy.nodes
 
     def _read(self, part: PartLike, face: str, where: str) -> None:
         """The facets of a mesh."""
+        self.around = bool(getattr(part, "around", False))
         mesh = part.mesh
         tdim = mesh.topology.dim
         self.dim = int(mesh.geometry.dim)
@@ -240,11 +246,12 @@ class FacetMap:
         return np.stack(parts, axis=2), np.where(out < 0.0, -1.0, 1.0)
 
     def alike_surface(self, s: Array) -> tuple[Array, Array]:
-        """Outward unit normals (facets, q, d), and area per area of the reference facet (facets, q), at the
-        same facet coordinates s (q, fdim) of all facets."""
+        """Outward unit normals (facets, q, d), and area (of rings, if axisymmetric) per area of the reference
+        facet (facets, q), at the same facet coordinates s (q, fdim) of all facets."""
         normals, sign = self.alike_normals(s)
         size = np.sqrt((normals * normals).sum(axis=2))
-        return normals * (sign / np.where(size > 0.0, size, 1.0))[:, :, None], size
+        unit = normals * (sign / np.where(size > 0.0, size, 1.0))[:, :, None]
+        return unit, size * 2.0 * np.pi * self.alike(s)[:, :, 0] if self.around else size
 
     def closure_dofs(self, space: Any) -> Ints:
         """(facets, k): the nodes of a space on each facet, in the order of the cell's closure."""
@@ -273,6 +280,8 @@ class FacetMap:
         )[:, :, 0]
         length = np.linalg.norm(conormal, axis=1)
         area = np.abs(np.linalg.det(jacobian)) * length * self.scale[local]
+        if self.around:
+            area = area * 2.0 * np.pi * x[:, 0]
         return x, conormal / length[:, None], area
 
     def rule(self, degree: int) -> tuple[Array, Array]:
@@ -334,7 +343,8 @@ class FacetMap:
             If there is one.
         """
         if not np.all(np.isfinite(weights)) or weights.min(initial=np.inf) <= 0.0:
-            raise SceneError(f"{where}: facets of {name} have no area; fix the mesh")
+            axis = ": a face on the axis of an axisymmetric part is none" if self.around else ""
+            raise SceneError(f"{where}: facets of {name} have no area{axis}; fix the mesh")
         areas: Array = weights.sum(axis=1)
         width = float((areas / self.sizes ** (self.dim - 2)).min(initial=np.inf))
         far = float(np.abs(self.nodes).max(initial=0.0))

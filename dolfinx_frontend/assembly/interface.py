@@ -160,6 +160,10 @@ class Interface(PointFrames):
         (k, m), area of each facet that belongs to each point.
     covered
         Fraction of side 1 that side 2 covers.
+    wrench
+        Of an interface that joins mean motions of faces by one point: the force (d,) and the moment about the
+        point, (3,) or in 2D (1,), on side 1 that a force 1 stands for, one after the other; None: it has
+        points.
     places, mean_normals
         (m, d), of ``"mortar"``: the mean place of each point's force, and the mean of the normal there, which
         is shorter than 1 on a curved face: what resultants are made of. None: the points, and their normals.
@@ -185,6 +189,7 @@ class Interface(PointFrames):
     areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
     vertices: Vertices | None = field(default=None, repr=False)
     covered: float = 1.0
+    wrench: Array | None = field(default=None, repr=False)
     places: Array | None = field(default=None, repr=False)
     mean_normals: Array | None = field(default=None, repr=False)
 

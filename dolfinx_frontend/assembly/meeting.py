@@ -94,7 +94,7 @@ def held_nodes(
     members: dict[str, list[_Where]] = {name: [] for name in substructures}
     for name, joint in scene.interfaces.items():
         for number, face in enumerate(joint.faces):
-            if face.substructure in members and joint.law.rigid:
+            if face.substructure in members and joint.law.rigid and joint.remote is None:
                 members[face.substructure].append((name, number))
     out: dict[_Where, Held] = {}
     for several in members.values():

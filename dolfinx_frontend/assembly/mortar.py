@@ -144,8 +144,11 @@ def multipliers(
     here = corners[row[found.first[pairs]]]
 
     weights: Array = np.asarray(np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m), float)
+    size = found.whole
+    if carrier.around:  # lengths of a section, where the weights are areas of rings
+        size = size * 2.0 * np.pi * carrier.nodes[:, :, 0].max(axis=1)
     whole = np.bincount(
-        corners.ravel(), np.repeat(found.whole[facets] / corners.shape[1], corners.shape[1]), minlength=m
+        corners.ravel(), np.repeat(size[facets] / corners.shape[1], corners.shape[1]), minlength=m
     )
     normals = np.zeros((m, 3))
     np.add.at(normals, corners, found.normal[facets])

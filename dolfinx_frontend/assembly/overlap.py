@@ -174,15 +174,16 @@ def common(
         )
     cell = basix.CellType.interval if faces[0].dim == 2 else basix.CellType.triangle
     first, second = (_face(face, v) for face, v in zip(faces, spaces, strict=True))
-    rule = quadrature(cell, degree)
-    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, own_threads())
+    around = faces[0].around
+    rule = quadrature(cell, degree + around)
+    return mortar.integrate(first, second, multipliers, rule, near, OPPOSED, own_threads(), around)
 
 
 def of_one_side(facets: FacetMap, space: Any, chi: mortar.Functions, degree: int | None) -> mortar.Overlap:
     """The integrals over a face that has no opposite."""
     element, d = space.element.basix_element, facets.dim
     if degree is None:
-        degree = element.degree + chi.degree + 2 * (facets.order - 1) + d - 2
+        degree = element.degree + chi.degree + 2 * (facets.order - 1) + d - 2 + facets.around
     s, w = facets.rule(max(degree, 1))
     x, (normals, area) = facets.alike(s), facets.alike_surface(s)
     n = len(facets)

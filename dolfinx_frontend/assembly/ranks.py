@@ -62,6 +62,8 @@ class PartSummary:
     centre: Array = field(repr=False)
     loaded: bool
     """Whether it has body forces that are constant in time."""
+    around: bool = False
+    """Whether it is the section of a body of revolution."""
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ def _function_grids(
     """Part -> its grid from a function."""
     for name, function in functions.items():
         part = _PartWriter(function, materials.get(name))
-        yield name, partial(part.grid, function.x.array[None].copy(), [], {})
+        yield name, partial(part.grid, function.x.array[None].copy(), [], {}, [], [])
 
 
 def _part_grids(
@@ -180,17 +180,30 @@ def _part_grids(
             return np.asarray(answer.function(name, unknowns, "").x.array)
 
         function = answer.function(name, stepped(mean, answer.times)[0], "")
-        part = _PartWriter(function, s.material if materials is None else materials.get(name), put)
+        loads = answer.problem.initial_stresses(name)
+        initial = [stress for _, _, stress in loads]
+        material = s.material if materials is None else materials.get(name)
+        if name in getattr(answer.plan, "scaled", ()):
+            material = None  # its stress is no function of the mean displacement
+        part = _PartWriter(function, material, put, initial)
         in_time = partial(stepped, times=answer.times)
+        numbers = [in_time(answer.load_number(load, parameter)) for load, parameter, _ in loads]
+        of_spread = [
+            [in_time(each) for each in answer.load_spread(load, parameter)] for load, parameter, _ in loads
+        ]
         beside = {key: in_time(values) for key, values in extra.items()}
-        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside)
+        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside, numbers, of_spread)
 
 
 class _PartWriter:
     """Grid of a part, and displacements and stresses at its nodes from unknowns."""
 
     def __init__(
-        self, function: fem.Function, material: Any, put: Callable[[Array], Array] | None = None
+        self,
+        function: fem.Function,
+        material: Any,
+        put: Callable[[Array], Array] | None = None,
+        initial: Sequence[Any] = (),
     ) -> None:
         space = function.function_space
         self._u, self._put = fem.Function(space), put
@@ -200,21 +213,30 @@ class _PartWriter:
         topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
         self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
         self._type = int(types[0])
-        self._stress: Callable[[], fem.Function] | None = None
+        self._stress: Callable[[Sequence[float]], fem.Function] | None = None
+        self._nothing = [0.0] * len(initial)
         if hasattr(material, "stress"):
-            self._stress = stress_of(self._u, material, degree)
+            self._stress = stress_of(self._u, material, degree, initial)
 
-    def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
+    def _at(self, unknowns: Array, numbers: Sequence[float] | None = None) -> tuple[Array, Array | None]:
         """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
         self._u.x.array[:] = unknowns if self._put is None else self._put(unknowns)
         self._nodal.interpolate(self._u)
         moved = self._nodal.x.array.reshape(-1, self._d).copy()
         if self._stress is None:
             return moved, None
-        return moved, self._stress().x.array.reshape(-1, self._d, self._d).copy()
+        stress = self._stress(self._nothing if numbers is None else numbers)
+        n = int(stress.function_space.value_shape[0])
+        return moved, stress.x.array.reshape(-1, n, n).copy()
 
     def grid(
-        self, mean: Array, spread: Sequence[Array], extra: Mapping[str, Array], step: int
+        self,
+        mean: Array,
+        spread: Sequence[Array],
+        extra: Mapping[str, Array],
+        numbers: Sequence[Array],
+        of_spread: Sequence[Sequence[Array]],
+        step: int,
     ) -> Grid:
         """The grid at a step.
 
@@ -224,14 +246,16 @@ class _PartWriter:
             Unknowns (T, n), the latter by what is added to the name.
         spread
             Deviations (T, n) from the mean, whose squares add up to the variance.
+        numbers, of_spread
+            Of initial stresses: (T,) each, and those of every deviation.
         """
-        u, stress = self._at(mean[step])
+        u, stress = self._at(mean[step], [each[step] for each in numbers])
         data: dict[str, Values] = {"displacement": vector_values(u)}
         for name, values in extra.items():
             data[f"displacement {name}"] = vector_values(self._at(values[step])[0])
         square, stress_square = np.zeros_like(u), 0.0 if stress is None else np.zeros_like(stress)
-        for away in spread:
-            moved, strained = self._at(away[step])
+        for k, away in enumerate(spread):
+            moved, strained = self._at(away[step], [each[k][step] for each in of_spread])
             square += moved**2
             if strained is not None:
                 stress_square += strained**2
@@ -239,14 +263,14 @@ class _PartWriter:
             data["displacement std"] = vector_values(np.sqrt(square))
         if stress is not None:
             data["stress"] = self._symmetric(stress)
-            if self._d == 3:
+            if stress.shape[1] == 3:
                 data["von Mises"] = (von_mises(stress), "")
             if spread:
                 data["stress std"] = self._symmetric(np.sqrt(stress_square))
         return Grid(self._x, self._cells, self._type, data)
 
     def _symmetric(self, tensor: Array) -> Values:
-        which = _SYMMETRIC[self._d]
+        which = _SYMMETRIC[int(tensor.shape[1])]
         values = np.stack([tensor[:, i, j] for i, j in which], axis=1)
         return values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which)
 

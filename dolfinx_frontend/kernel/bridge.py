@@ -7,7 +7,7 @@ with a kernel law, local frames and search directions.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -28,6 +28,7 @@ from dolfinx_frontend.plan.plan import Plan, check_reach
 from dolfinx_frontend.plan.reduction import Body, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
     "Acting",
@@ -42,6 +43,9 @@ __all__ = [
 
 
 _log = logging.getLogger(__name__)
+
+Pattern = Amplitude | LoadTerm | None
+"""What has a load pattern: an amplitude, what is constant in time (None), or a load of a part that varies."""
 
 Values = dict[str, Any]
 """Arguments of one of the kernel's descriptions, by name."""
@@ -79,7 +83,8 @@ def _modulus(problem: Problem) -> float:
 def _length(problem: Problem) -> float:
     """L of the scene: (sum of volumes)^(1/d)."""
     parts = problem.parts.values()
-    return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
+    d = next(iter(parts)).dim
+    return float(sum(part.length**d for part in parts) ** (1.0 / d))
 
 
 def _direction(
@@ -170,13 +175,16 @@ def _side_by_side(columns: Iterable[Array]) -> Array:
 
 def _body(
     problem: Problem,
-    patterns: Mapping[Amplitude | None, Body],
+    patterns: Mapping[Pattern, Body],
     floors: Mapping[tuple[str, str], Array] | None = None,
     corrected: bool = False,
+    scaled: Container[str] = (),
+    without: Container[LoadTerm] = (),
 ) -> Values:
     """A body in the kernel's terms, for :func:`_made_body`; `patterns` are the body under each load pattern.
 
-    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected.
+    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected. `scaled` are parts
+    whose stiffness varies, `without` the loads that have a pattern of their own.
     """
     body = next(iter(patterns.values()))
     members = []
@@ -191,6 +199,9 @@ def _body(
                 "offset": offset if np.any(offset) else None,
             }
         )
+        if name in scaled:
+            columns = [_stiffness_load(problem, name, pattern, without) for pattern in patterns]
+            members[-1]["of_stiffness"] = _side_by_side(columns)
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
@@ -209,6 +220,15 @@ def _body(
             }
         )
     return {"name": "+".join(body.members), "size": body.n, "members": members, "springs": springs}
+
+
+def _stiffness_load(problem: Problem, part: str, pattern: Pattern, without: Container[LoadTerm]) -> Array:
+    """The part of a load pattern that comes from the stiffness of a part, (n,)."""
+    if not isinstance(pattern, LoadTerm):
+        return problem.stiffness_load_on(part, pattern, without)
+    load = problem.loads[pattern.load]
+    nodal = load.on(part, pattern.parameter) if pattern.parameter in load.stresses else None
+    return np.zeros(problem.substructures[part].size) if nodal is None else nodal
 
 
 def _made_body(body: Values) -> _core.Body:
@@ -277,7 +297,7 @@ class Description(NamedTuple):
     bodies: list[Values]
     interfaces: list[Values]
     fields: dict[str, Fields]
-    reduced: list[dict[Amplitude | None, Body]]
+    reduced: list[dict[Pattern, Body]]
 
 
 class Built(NamedTuple):
@@ -309,7 +329,10 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
     own = problem.own
     scale = _scale(problem, plan)
     reduced = _reduced(own, plan)
-    bodies = [_body(own, patterns, corrected=corrected) for patterns in reduced]
+    bodies = [
+        _body(own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads)
+        for patterns in reduced
+    ]
     interfaces, found = [], {}
     for name in plan.active:
         if name not in own.interfaces:
@@ -448,18 +471,27 @@ def _check_range(strain: float) -> None:
         )
 
 
-def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
+def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
-    found: list[dict[Amplitude | None, Body]] = []
+    found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}
         if len(plan.patterns) == 1 and amplitude is None:
             laws = {}
-        bodies = reduce(problem, chosen, laws, amplitude)
+        bodies = reduce(problem, chosen, laws, amplitude, plan.loads)
         found = found or [{} for _ in bodies]
         for known, body in zip(found, bodies, strict=True):
             known[amplitude] = body
+    for term in plan.loads:
+        for known in found:
+            body = next(iter(known.values()))
+            nothing: dict[str, Array] = {
+                name: np.zeros(problem.substructures[name].size) for name in body.members
+            }
+            of_term = {name: problem.loads[term.load].on(name, term.parameter) for name in body.members}
+            load = {name: nothing[name] if f is None else f for name, f in of_term.items()}
+            known[term] = replace(body, offset=nothing, load=load)
     return found
 
 

@@ -25,6 +25,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
+from dolfinx_frontend.results.acting import load_factors
 from dolfinx_frontend.results.answer import (
     BYTES,
     CACHED,
@@ -47,6 +48,7 @@ from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
@@ -209,7 +211,8 @@ class ChaosResult(Result, StochasticResult):
         The deterministic solves of that measurement.
     misfits
         If all laws are linear: interface with a random law -> estimated relative error of mean and standard
-        deviation of its force, see :meth:`misfit`; None: not estimated.
+        deviation of its force, see :meth:`misfit`, and ``"load.parameter"`` -> what the chaos leaves out of a
+        random number of a load; None: not estimated.
     sampler
         Solves deterministically at points of the germs, see :meth:`sample`.
     """
@@ -307,7 +310,7 @@ class ChaosResult(Result, StochasticResult):
 
     @cached_property
     def _blocks(self) -> dict[str, Array]:
-        amplitudes = amplitudes_of(self.plan, self.modes)
+        amplitudes = amplitudes_of(self.plan, self.random, self.basis)
         blocks = self.solver.displacements(self.laws, self.state, amplitudes)
         return {
             name: read_only(timed(self.plan, block.reshape(len(block), self.modes, -1)))
@@ -327,6 +330,27 @@ class ChaosResult(Result, StochasticResult):
         """Modes ([T,] n) of the unknowns beside the mean, whose squares add up to the variance."""
         block = self.coefficients(part)
         return [block[..., k] for k in range(1, self.modes)]
+
+    def _load_modes(self, load: str, parameter: str) -> Array:
+        """Chaos coefficients (P + 1, [T]) of what a shape of a load is multiplied with."""
+        of = partial(self.random.load_coefficients, basis=self.basis)
+        return load_factors(self.problem, self.times, load, parameter, of)
+
+    def stiffness_modes(self, part: str) -> Array | None:
+        """Galerkin matrix (P + 1, P + 1) of the random factor of a part's stiffness; None: there is none."""
+        if part not in self.random.parts:
+            return None
+        matrix = self.random.space.galerkin_matrix(self.random.parts[part], self.basis)
+        return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """Mean ([T]) of what a shape of a load of a part is multiplied with."""
+        number: Array = self._load_modes(load, parameter)[0]
+        return number
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean."""
+        return list(self._load_modes(load, parameter)[1:])
 
     def modes_of(self, interface: str) -> tuple[Array, Array] | None:
         """Coefficients (P + 1, [T,] m, components) of force and jump; None where the law is nonlinear."""
@@ -483,7 +507,9 @@ class ChaosResult(Result, StochasticResult):
                 return np.moveaxis(timed(self.plan, _at_points(self._columns_of(name)[0], psi)), -1, 0)
             return both(name)[0]
 
-        return Block(len(points), both, displacement, contact, points, _force=force)
+        number = partial(self.random.load_values, points=points)
+        load = partial(load_factors, self.problem, self.times, of=number)
+        return Block(len(points), both, displacement, contact, points, _force=force, _load=load)
 
     def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)
@@ -719,6 +745,21 @@ class ChaosResult(Result, StochasticResult):
         of_std = _relative(whole.std(axis=2) - deviation, deviation, scale)
         return max(of_mean, of_std, square / spread)
 
+    def misfit_of(self, term: LoadTerm) -> float:
+        """What the chaos leaves out of a random number of a load, which it holds by its modes: the larger
+        relative error of mean and standard deviation, or of the variance."""
+        germs = self.space.sample_sobol(SAMPLES_OF_MOMENTS, 1)
+        exact = self.random.load_values(term, germs)
+        modes = self.random.load_coefficients(term, self.basis)
+        pieces = (germs[i : i + CHUNK] for i in range(0, len(germs), CHUNK))
+        found = np.concatenate([self.basis.evaluate(each) @ modes for each in pieces])
+        size, deviation = float(np.sqrt(np.mean(exact**2))), float(exact.std())
+        if size == 0.0 or deviation == 0.0:
+            return 0.0
+        left = exact - found
+        of_std = abs(float(found.std()) / deviation - 1.0)
+        return max(abs(float(left.mean())) / size, of_std, float(np.mean(left**2)) / deviation**2)
+
     def _compliance(self, interface: str) -> Array:
         """What the jump varies by for a force that varies by 1, relative to the search directions.
 
@@ -796,6 +837,10 @@ class ChaosResult(Result, StochasticResult):
         return text + ")"
 
 
-def amplitudes_of(plan: Plan, modes: int) -> Array:
-    """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
-    return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)
+def amplitudes_of(plan: Plan, random: RandomLaws, basis: stochastic.ChaosBasis) -> Array:
+    """Amplitudes (l, modes * steps) of the load patterns: those of loads that vary have the modes of
+    these."""
+    found = [np.kron(np.eye(1, len(basis)), plan.fixed_amplitudes)]
+    for term, factors in zip(plan.loads, plan.load_factors, strict=True):
+        found.append(np.kron(random.load_coefficients(term, basis), factors)[None])
+    return np.asfortranarray(np.vstack(found), dtype=np.float64)

@@ -197,6 +197,9 @@ def measure(
     axes = {"xyz"[a]: tangents[:, :, a] for a in range(surface.dim)}
     places, acting = surface.acting
     rows = {c: np.einsum("pcd,pd->pc", acting, r) for c, r in _levers(places, surface.centre).items()}
+    if surface.wrench is not None:
+        first = np.eye(1, len(out[0]))
+        rows = {c: value * first for c, value in zip(rows, surface.wrench, strict=True)}
     rows |= {"normal": out} | axes
     sums = _summed(force, {column: weights[:, None] * row for column, row in rows.items()})
     values = {"area": np.full(force.shape[:-2], weights.sum())}

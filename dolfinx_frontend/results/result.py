@@ -22,6 +22,7 @@ from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
+from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import (
     Continuation,
@@ -210,7 +211,10 @@ class Result(Value, Face):
             force, jump = self._local(name)
             return force[None], jump[None]
 
-        yield Block(1, both, self._as_sample, partial(law_contact, self.problem, self.plan))
+        contact = partial(law_contact, self.problem, self.plan)
+        number = partial(mean_number, self.problem)
+        load = partial(load_factors, self.problem, self.times, of=number)
+        yield Block(1, both, self._as_sample, contact, _load=load)
 
     def _as_sample(self, part: str, unknowns: Ints | None) -> Array:
         u = self.unknowns(part)[None]

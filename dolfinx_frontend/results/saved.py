@@ -109,6 +109,9 @@ class SavedInterface(PointFrames):
         Whether it can open; its clearance, friction coefficient and threshold, where they are known.
     bolt
         The step that ends its tightening if it is a bolt in a load history, else None.
+    wrench
+        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has
+        points.
     places, mean_normals
         (m, d), of which resultants are made; None: the points, and their normals.
     """
@@ -127,6 +130,7 @@ class SavedInterface(PointFrames):
     contact: ContactValues | None = field(default=None, repr=False)
     bolt: int | None = field(default=None, repr=False)
     carrier: int = 0
+    wrench: Array | None = field(default=None, repr=False)
     places: Array | None = field(default=None, repr=False)
     mean_normals: Array | None = field(default=None, repr=False)
     _surface: _Surface | None = field(default=None, repr=False)
@@ -195,6 +199,10 @@ class SavedProblem:
 
     def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
+
+    def initial_stresses(self, part: str) -> list[tuple[str, str, Any]]:
+        """A file has none: parts that have some were saved without their material."""
+        return []
 
     def check_here(self, part: str) -> None:
         """All is on one rank."""
@@ -369,6 +377,7 @@ class SavedResult(Face):
             each.directions,
             each.is_contact,
             each.bolt,
+            each.wrench,
             each.places,
             each.mean_normals,
         )
@@ -743,6 +752,7 @@ def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInt
         _contact(node["contact"]) if "contact" in node else None,
         None if bolt < 0 else bolt,
         carrier,
+        _optional(node, "wrench"),
         _optional(node, "places"),
         _optional(node, "mean_normals"),
         _read_surface(node, sides[carrier], len(points), parts),

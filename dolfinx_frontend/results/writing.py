@@ -133,7 +133,7 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
         "areas": _sparse(interface.areas, "points"),
         "trace": _sparse(side.shape, "nodes"),
     }
-    for key in ("places", "mean_normals"):
+    for key in ("wrench", "places", "mean_normals"):
         if (values := getattr(surface, key)) is not None:
             tree[key] = values
     if interface.vertices is not None:
@@ -173,6 +173,11 @@ def _alike(values: list[Array]) -> Array:
     return values[0] if same else np.concatenate(values)
 
 
+def _beside(answer: Any, name: str) -> bool:
+    """Whether the stress of a part depends on more than its displacement and its material."""
+    return bool(answer.problem.initial_stresses(name)) or name in answer.plan.scaled
+
+
 def _part_tree(answer: Any, name: str) -> Tree:
     part = answer.problem.substructures[name]
     values = answer.unknowns(name)
@@ -180,7 +185,8 @@ def _part_tree(answer: Any, name: str) -> Tree:
         values = np.concatenate([block.displacement(name) for block in answer.blocks()])
     tree: Tree = {
         "displacement": values.reshape(*values.shape[:-1], -1, part.dim),
-        "mesh": part_arrays(part.part, part.V, part.material),
+        # a file has no initial stresses and no factors, without which a stress from its material would be wrong
+        "mesh": part_arrays(part.part, part.V, None if _beside(answer, name) else part.material),
     }
     deviation = answer.deviation(name)
     if deviation is not None and answer.kind != "chaos":  # of a chaos it follows from the modes

@@ -156,7 +156,7 @@ class Varying:
         """The value with every amplitude at 1."""
         return Combination(tuple((1.0, v) for _, v in self.terms))
 
-    def pattern(self, amplitude: Amplitude | None) -> Combination:
+    def pattern(self, amplitude: object) -> Combination:
         """What is multiplied by one amplitude."""
         return Combination(tuple((1.0, v) for a, v in self.terms if a == amplitude))
 

@@ -19,7 +19,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Combination, Varying
 
-__all__ = ["Parameter", "Value", "evaluate", "is_plain", "is_zero", "number"]
+__all__ = ["Parameter", "Value", "evaluate", "is_plain", "is_uncertain", "is_zero", "number"]
 
 
 @runtime_checkable
@@ -41,6 +41,11 @@ def is_plain(value: object) -> bool:
     if isinstance(value, (int, float, np.number, np.ndarray)):
         return True
     return isinstance(value, (list, tuple)) and all(is_plain(v) for v in value)
+
+
+def is_uncertain(value: object) -> bool:
+    """Whether a value is a random number, or an expression of some."""
+    return not is_plain(value) and isinstance(value, Parameter) and hasattr(value, "leaves")
 
 
 def number(value: object) -> float | None:

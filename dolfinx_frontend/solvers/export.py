@@ -153,12 +153,21 @@ def export(
         kind = "deterministic" if plan.times is None else "history"
         more["face"] = {"about": {"kind": kind, "statistics": "value"}}
     _check_laws(problem, plan)
+    if plan.scaled:
+        raise SceneError(
+            f"export: the stiffness of {', '.join(map(repr, plan.scaled))} varies, which latin_run does not take: "
+            "solve it here"
+        )
+    if chaos is not None:
+        amplitudes = amplitudes_of(plan, wanted.random, wanted.basis)
+    else:
+        amplitudes = plan.amplitudes
     described = bridge.describe(problem, plan)
     base = {name: fields.parameters for name, fields in described.fields.items()}
     tree = more | {
         "options": _options_tree(plan.options),
         "laws": _laws_tree(steps or plan.steps, modes, _merged(base, values), columns),
-        "amplitudes": amplitudes_of(plan, modes),
+        "amplitudes": amplitudes,
     }
     tree["face"] = _face(problem, plan, more["face"])
     _write(target, described, tree)

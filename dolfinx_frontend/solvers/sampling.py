@@ -44,6 +44,7 @@ from dolfinx_frontend.plan.plan import (
 )
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
@@ -93,7 +94,8 @@ def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]
         parameters.append(
             SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns)
         )
-    return parameters
+    parameters += stiffness_factors({part: random.factors(part, germs) for part in random.parts})
+    return [*parameters, *swept_loads(plan, {term: random.load_values(term, germs) for term in random.loads})]
 
 
 @together("sample")
@@ -122,14 +124,24 @@ def sample(
     check_running("sampling", callback, progress, keep_states=keep_states)
     checkpoint_path("sampling", problem, checkpoint)
     random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError("sampling: nothing is random: give a law a random parameter")
+    if not random.every:
+        raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
     _checked_rule(random, germs, weights, kind)
     problem.check_alike("sampling", laws=True, method=method, plan=plan is None, **settings)
     if plan is None:
-        plan = make_plan(problem, method, active, random.interfaces, direction, options, times=times)
+        plan = make_plan(
+            problem,
+            method,
+            active,
+            random.interfaces,
+            direction,
+            options,
+            times=times,
+            loads=random.loads,
+            scaled=random.parts,
+        )
     else:
-        check_keeps("sampling", plan, random.interfaces)
+        check_keeps("sampling", plan, random.interfaces, random.loads, random.parts)
     began = perf_counter()
     solver = Solver(problem, plan)
     return sample_on(

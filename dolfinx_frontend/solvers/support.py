@@ -36,7 +36,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from dolfinx_frontend.assembly.held import held
+from dolfinx_frontend.assembly.held import axis_resistances, held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement, exchanged
@@ -156,7 +156,7 @@ def _decide(problem: Problem, work: Callable[[], T]) -> T:
 
 def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
     parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
-    motions = free_motions(parts, list(resistances.values()))
+    motions = free_motions(parts, [*resistances.values(), *axis_resistances(problem.parts)])
     if not len(motions):
         return motions
     groups, r, q = motions.basis.shape
@@ -192,10 +192,16 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
 
 def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[Array, float]:
     """Work (q,) of the loads in the motions, and the sum of their sizes."""
-    nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
+    nodal = {name: problem.load_on(name).reshape(-1, s.dim) for name, s in problem.substructures.items()}
     for name, interface in problem.own.interfaces.items():
         load = interface.law.load(interface, time)
         if load is None:
+            continue
+        if interface.wrench is not None:
+            for k, (side, sign) in enumerate(zip(interface.sides, (1.0, -1.0), strict=False)):
+                if side.substructure in nodal:
+                    row = interface.local_trace(k)[0].toarray().ravel()
+                    nodal[side.substructure] += sign * (load[0, 0] * row).reshape(-1, interface.dim)
             continue
         vectors = np.einsum("pij,pi->pj", interface.frames, load * interface.weights[:, None])
         for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):

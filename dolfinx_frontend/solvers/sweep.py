@@ -36,8 +36,10 @@ from dolfinx_frontend.kernel.running import Interrupt, check_running, report_poi
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
+from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = ["checkpoint_path", "planned", "sweep", "warn_unconverged"]
 
@@ -70,7 +72,8 @@ def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tup
     targets: dict[str, tuple[str, str]] = {}
     for name in (name for key in axes for name in key):
         interface, _, parameter = name.rpartition(".")
-        check_known("parameter", name, problem.law_parameters, "sweep")
+        known = [*problem.law_parameters, *problem.load_parameters, *problem.part_parameters]
+        check_known("parameter", name, known, "sweep")
         if name in targets:
             raise SceneError(f"sweep: {name!r} is on two axes")
         targets[name] = (interface, parameter)
@@ -84,21 +87,74 @@ def _swept(
     targets: Mapping[str, tuple[str, str]],
 ) -> list[SweptParameter]:
     """The swept values at all points of the grid."""
-    missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
+    of_loads = {name for name, (load, _) in targets.items() if load in problem.loads}
+    of_parts = set(_of_parts(problem, targets))
+    others = of_loads | of_parts
+    of_laws = {name: interface for name, (interface, _) in targets.items() if name not in others}
+    missing = [name for name, interface in of_laws.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     mesh = np.meshgrid(*axes.values(), indexing="ij")
-    parameters = []
+    loads: dict[LoadTerm, Array] = {}
+    parameters: list[SweptParameter] = []
+    of_stiffness: dict[str, Array] = {}
     for key, values in zip(axes, mesh, strict=True):
         for name in key:
             interface, parameter = targets[name]
+            if name in of_parts:
+                nominal = problem.part_parameters[name]
+                if not values.min() > 0.0:
+                    raise SceneError(
+                        f"sweep: {name!r} takes the value {values.min():g}: a stiffness is "
+                        "positive; leave it out"
+                    )
+                if interface in of_stiffness:
+                    raise SceneError(
+                        f"sweep: {name!r}: the stiffness of {interface!r} is on two axes; give one"
+                    )
+                of_stiffness[interface] = values.ravel() / nominal
+                continue
+            if name in of_loads:
+                loads[_swept_term(problem, interface, parameter)] = values.ravel()
+                continue
             where = problem.interfaces[interface]
             kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
             if parameter in where.law.not_negative and values.min() < 0.0:
                 raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
+            if any(p.interface == interface and p.parameter == kernel_name for p in parameters):
+                raise SceneError(
+                    f"sweep: {name!r} and another swept value of {interface!r} set the same number of its "
+                    "law "
+                    f"({kernel_name}): sweep one of them, or the result of both"
+                )
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
             parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
-    return parameters
+    absent = [f"{t.load}.{t.parameter}" for t in loads if t not in plan.loads]
+    if absent:
+        raise SceneError(f"sweep: the plan has no column for {', '.join(absent)}: leave the plan out")
+    absent = [part for part in of_stiffness if part not in plan.scaled]
+    if absent:
+        raise SceneError(
+            f"sweep: the plan has no factor for the stiffness of {', '.join(absent)}: leave the plan out"
+        )
+    return [*parameters, *stiffness_factors(of_stiffness), *swept_loads(plan, loads)]
+
+
+def _of_parts(problem: Problem, targets: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """Swept stiffnesses -> their parts."""
+    known = problem.part_parameters.keys() - problem.load_parameters.keys()
+    return {name: part for name, (part, _) in targets.items() if name in known}
+
+
+def _swept_term(problem: Problem, load: str, parameter: str) -> LoadTerm:
+    """A number of a load that is swept: it keeps its amplitude."""
+    terms = problem.loads[load].load.terms(parameter)
+    if len(terms) > 1:
+        raise SceneError(
+            f"sweep: {load}.{parameter} is a sum of values that change in time; sweep a single "
+            "amplitude * value"
+        )
+    return LoadTerm(load, parameter, terms[0].amplitude)
 
 
 @together("sweep")
@@ -216,8 +272,16 @@ def planned(
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:
-        swept = {interface for interface, _ in targets.values()}
-        plan = make_plan(problem, method, vary=swept, **settings)
+        parts = _of_parts(problem, targets)
+        if parts:
+            problem.on_one_rank("a sweep over the stiffness of a part")
+        swept = {
+            interface
+            for name, (interface, _) in targets.items()
+            if interface not in problem.loads and name not in parts
+        }
+        loads = [_swept_term(problem, *each) for each in targets.values() if each[0] in problem.loads]
+        plan = make_plan(problem, method, vary=swept, loads=loads, scaled=parts.values(), **settings)
     with agreement(problem.comm):
         parameters = _swept(problem, plan, axes, targets)
     return plan, axes, parameters

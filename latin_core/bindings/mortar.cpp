@@ -94,10 +94,11 @@ void bind_mortar(py::module_& m) {
       "integrate",
       [](const mortar::Face& first, const mortar::Face& second, int degree,
          latin::Matrix multipliers, latin::Matrix points, latin::Vector weights,
-         latin::Vector near_first, latin::Vector near_second, double opposed, int threads) {
+         latin::Vector near_first, latin::Vector near_second, double opposed, int threads,
+         bool around) {
         const Index chi = multipliers.rows();
         const mortar::Functions functions{degree, {std::move(multipliers)}};
-        const mortar::Rule rule{std::move(points), std::move(weights)};
+        const mortar::Rule rule{std::move(points), std::move(weights), around};
         const mortar::Nearness near{std::move(near_first), std::move(near_second), opposed};
         mortar::Overlap found;
         {
@@ -107,5 +108,5 @@ void bind_mortar(py::module_& m) {
         return arrays(std::move(found), first.facets(), chi, first.functions(), second.functions());
       },
       "first"_a, "second"_a, py::kw_only(), "degree"_a, "multipliers"_a, "points"_a, "weights"_a,
-      "near_first"_a, "near_second"_a, "opposed"_a, "threads"_a = 1);
+      "near_first"_a, "near_second"_a, "opposed"_a, "threads"_a = 1, "around"_a = false);
 }

@@ -12,6 +12,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_frontend import (
+    AtPoint,
     LinearElastic,
     Scene,
     SceneError,
@@ -95,3 +96,47 @@ def test_a_matrix_that_was_destroyed_is_refused() -> None:
     result.problem.substructures["strip"].stiffness.destroy()
     with pytest.raises(SceneError, match="'strip': its stiffness was destroyed"):
         solve(result.problem)
+
+
+def warmed(dT: Callable[[Any], Any], held: list[Any]) -> Any:
+    """The answer of a strip with a temperature and a load."""
+    box = geometry.box((2.0, 1.0), (4, 2))
+    scene = Scene()
+    scene.substructure("strip", box, LinearElastic(1e3, 0.3, alpha=1e-3), degree=1)
+    scene.fix("strip:x0")
+    held.append(dT(box.mesh))
+    scene.temperature("strip", held[0], name="heat")
+    return solve(assemble(scene))
+
+
+def test_a_constant_of_a_load_that_was_changed_is_refused_where_it_is_read(tmp_path: Path) -> None:
+    held: list[Any] = []
+    result = warmed(lambda mesh: fem.Constant(mesh, 10.0), held)
+    before = result.stress("strip").x.array.copy()
+    held[0].value = 20.0
+    for read in (
+        lambda: result.stress("strip"),
+        lambda: io.write(result, tmp_path / "out"),
+        lambda: result.save(tmp_path / "out.h5"),
+        lambda: AtPoint(result.problem, "strip", (1.0, 0.5), "stress", "xx"),
+    ):
+        with pytest.raises(SceneError, match="load 'heat': a Constant of what it is made of .* 10 to 20"):
+            read()
+    assert solve(result.problem).converged, "needs the nodal forces only"
+    held[0].value = 10.0
+    assert np.array_equal(result.stress("strip").x.array, before), "put back"
+
+
+def test_a_function_of_a_load_that_was_changed_is_refused() -> None:
+    held: list[Any] = []
+
+    def field(mesh: Any) -> Any:
+        out = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)), name="warm")
+        out.x.array[:] = 10.0
+        return out
+
+    result = warmed(field, held)
+    held[0].x.array[0] = 11.0
+    told = "load 'heat': the Function 'warm' of what it is made of was changed"
+    with pytest.raises(SceneError, match=told):
+        result.stress("strip")

@@ -100,6 +100,7 @@ class Elimination(StrEnum):
 
     GLUED = "nodes glued"
     REMOVED = "unknowns removed"
+    TIED = "nodes tied to rigid motions"
     SPRINGS = "springs assembled"
     LOAD = "load assembled"
 
@@ -266,6 +267,11 @@ class Law:
         """Values that may vary or be overridden, by name; those that are None are absent."""
         return {}
 
+    def derived(self) -> dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, Array]], Array]]]:
+        """Parameters that follow from others of them: name -> the names of these, and arrays (N,) of those
+        that vary -> (N,)."""
+        return {}
+
     def with_(self, **changes: Any) -> Self:
         """Copy of the law with other values.
 
@@ -294,14 +300,15 @@ class Law:
         """The law with all amplitudes at 1."""
         return self._changed({k: v.nominal for k, v in self.varying.items()})
 
-    def pattern(self, amplitude: Amplitude | None) -> Self:
-        """The law with the part of its loading that one amplitude multiplies (None: the constant part)."""
+    def pattern(self, amplitude: object) -> Self:
+        """The law with the part of its loading that one amplitude multiplies (None: the constant part; what
+        is no amplitude: nothing)."""
         changes: dict[str, Any] = {}
         for name in self.loading:
             value = getattr(self, name)
             if isinstance(value, Varying):
                 changes[name] = value.pattern(amplitude)
-            elif amplitude is not None:
+            elif amplitude is not None and value is not None:
                 changes[name] = 0.0
         return self._changed(changes)
 
@@ -323,8 +330,18 @@ class Law:
         return type(self).__name__
 
     @property
+    def partners(self) -> tuple[str, ...]:
+        """Parts beside those of its sides that its elimination joins to them."""
+        return ()
+
+    @property
     def history(self) -> bool:
         """Whether the answer at a time depends on those before: such laws need the steps of a history."""
+        return False
+
+    @property
+    def timed(self) -> bool:
+        """Whether it changes in time without an amplitude, as a bolt does that is tightened at its turn."""
         return False
 
     @property
@@ -345,7 +362,7 @@ class Law:
     @property
     def prescribes(self) -> Literal["jump", "force"] | None:
         """Whether it prescribes the jump, so that its force is a reaction; or the force."""
-        if self.elimination in (Elimination.GLUED, Elimination.REMOVED):
+        if self.elimination in (Elimination.GLUED, Elimination.REMOVED, Elimination.TIED):
             return "jump"
         return "force" if self.elimination is Elimination.LOAD else None
 

@@ -55,6 +55,7 @@ class Member:
         load: npt.ArrayLike,  # (n, loads), force
         prolongation: Sparse | None = None,  # (n, unknowns of the body); None: the identity
         offset: npt.ArrayLike | None = None,  # (n, loads), length
+        of_stiffness: npt.ArrayLike | None = None,  # (n, loads), force: of `load`, what comes from the stiffness
     ) -> None: ...
 
 class Spring:
@@ -189,6 +190,7 @@ class Laws:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
     ) -> Laws: ...
 
 class Structure:
@@ -231,6 +233,7 @@ class Structure:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int = 1,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
     ) -> Laws: ...
     def solve(
         self,
@@ -317,6 +320,7 @@ class mortar:
         near_second: Array,
         opposed: float,
         threads: int = 1,
+        around: bool = False,
     ) -> dict[str, Any]: ...
 
 class stochastic:

@@ -147,6 +147,7 @@ def integrate(
     near: tuple[Array, Array],
     opposed: float,
     threads: int = 1,
+    around: bool = False,
 ) -> Overlap:
     """Integrate over the intersections of the facets of two faces.
 
@@ -166,6 +167,8 @@ def integrate(
         Two facets face each other if the product of their unit normals is below this.
     threads
         That do the work; the result does not depend on their number.
+    around
+        The faces are turned about the axis x = 0: integrals over 2 pi x ds.
     """
     found = _native.integrate(
         first.native,
@@ -178,6 +181,7 @@ def integrate(
         near_second=near[1],
         opposed=opposed,
         threads=threads,
+        around=around,
     )
     return Overlap(**found)
 

@@ -93,7 +93,7 @@ void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
       global_.change(*step, traces);
     }
     if (structure().macro_size() > 0) {
-      const Matrix added = global_.balance(local_, data, traces);
+      const Matrix added = global_.balance(local_, amplitudes_, data, traces);
       if (step != nullptr) {
         *step += added;
       }

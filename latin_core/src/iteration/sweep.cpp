@@ -5,8 +5,10 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <span>
+#include <string>
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/batch.hpp"
@@ -157,6 +159,16 @@ class Sweep {
         where_(coordinates(parameters)) {
     // of the interfaces of other ranks only the values count: they say which points are near
     for (const SweptParameter& each : parameters) {
+      if (each.interface.empty()) {
+        check_load(each);
+        loads_.push_back(&each);
+        continue;
+      }
+      if (each.parameter == stiffness_parameter) {
+        check_stiffness(each);
+        stiffness_.push_back(&each);
+        continue;
+      }
       const bool here = structure_.has_interface(each.interface);
       const bool somewhere = structure_.communicator().maximum(here ? 1 : 0) > 0;
       if (here || !somewhere) {  // setting a parameter of none names it
@@ -167,11 +179,11 @@ class Sweep {
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
     if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
-        structure_.rows() == 0 || laws.transformed()) {
+        structure_.rows() == 0 || laws.transformed() || !loads_.empty() || scales()) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
-    if (!options.stop_on_indicator && Verification::possible(laws)) {
+    if (!options.stop_on_indicator && !scales() && Verification::possible(laws)) {
       linear_ = std::make_shared<Linearisation>();
       together_from_ = std::min(together_from_, fewest_snapshots);
     }
@@ -210,6 +222,9 @@ class Sweep {
   }
 
   void run(const std::vector<Index>& order) {
+    for (std::size_t i = 0; i < known_.size(); ++i) {
+      shift(known_[i].traces, known_points_[i], -1.0);
+    }
     try {
       walk(order);
       release_early();
@@ -328,7 +343,56 @@ class Sweep {
       }
       changes.push_back({each->interface, each->parameter, std::move(field)});
     }
-    return base.with_parameters(changes);
+    std::map<std::string, substructure::StiffnessFactors> factors;
+    for (const SweptParameter* each : stiffness_) {
+      factors[each->interface].values = each->pattern * each->values.col(points.front());
+    }
+    return base.with_parameters(changes).with_stiffness(factors);
+  }
+
+  /// Whether the stiffness of bodies has factors: tangents and traces of other points are then not those of a point.
+  [[nodiscard]] bool scales() const {
+    return laws_.scales_anywhere() ||
+           structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
+  }
+
+  /// @throws InputError if it is not one number for each point
+  static void check_stiffness(const SweptParameter& each) {
+    if (each.pattern.size() != 1 || each.columns != 1) {
+      throw InputError("sweep: the stiffness of '" + each.interface +
+                       "' takes one factor for each point");
+    }
+  }
+
+  /// @throws InputError if a swept load does not fit the load patterns
+  void check_load(const SweptParameter& load) const {
+    if (load.pattern.rows() != amplitudes_.size()) {
+      throw InputError("sweep: a load has a pattern of " + std::to_string(load.pattern.rows()) +
+                       " rows for amplitudes of shape (" + std::to_string(amplitudes_.rows()) +
+                       ", " + std::to_string(amplitudes_.cols()) + ")");
+    }
+  }
+
+  /// What the swept loads of a point add to the amplitudes, (l, c).
+  [[nodiscard]] Matrix loads_of(Index point) const {
+    Matrix added = Matrix::Zero(amplitudes_.rows(), amplitudes_.cols());
+    for (const SweptParameter* each : loads_) {
+      const Vector values = each->pattern * each->values.col(point);
+      added += values.reshaped(amplitudes_.rows(), amplitudes_.cols());
+    }
+    return added;
+  }
+
+  /// Add the answer to the swept loads of a point to traces, or take it away.
+  void shift(Matrix& traces, Index point, double sign) const {
+    if (loads_.empty() || scales()) {  // with factors the traces are made anew
+      return;
+    }
+    const Matrix added = sign * loads_of(point);
+    for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
+      traces.middleRows(structure_.body_rows()[b], structure_.bodies()[b].rows()).noalias() +=
+          laws_.response(b).traces * added;
+    }
   }
 
   /// The solved points nearest to a place.
@@ -352,9 +416,10 @@ class Sweep {
   }
 
   /// @throws Interrupted if the run was interrupted
-  Summary solve_or_stop(const substructure::Laws& laws, State& state,
+  Summary solve_or_stop(Index point, const substructure::Laws& laws, State& state,
                         const std::vector<const State*>& start) {
-    Summary summary = solve(laws, options_, amplitudes_, state, start, callback_, linear_);
+    const Matrix amplitudes = loads_.empty() ? amplitudes_ : Matrix(amplitudes_ + loads_of(point));
+    Summary summary = solve(laws, options_, amplitudes, state, start, callback_, linear_);
     if (summary.status == Status::interrupted) {
       throw Interrupted();
     }
@@ -390,7 +455,7 @@ class Sweep {
       if (first.summary.error > wanted_ * scatter_.least()) {
         set_tolerance();
         State state;
-        Summary again = solve_or_stop(laws, state, {&first.state});
+        Summary again = solve_or_stop(first.point, laws, state, {&first.state});
         again.iterations += first.summary.iterations;
         if (again.error < first.summary.error) {
           first.summary = std::move(again);
@@ -425,7 +490,7 @@ class Sweep {
                        : Vector::Zero(bodies),
                    [&](const State& first) {
                      return substructure::GlobalStage(laws).sizes(first.data, first.traces,
-                                                                  amplitudes_);
+                                                                  amplitudes_ + loads_of(point));
                    });
       if (scatter_.count() <= first_samples) {
         early_.push_back({point, state, std::move(summary)});
@@ -462,13 +527,22 @@ class Sweep {
   void solve_alone(Index point, bool wanted = false, Index tried = 0) {
     substructure::Laws laws = laws_;
     structure_.communicator().together([&] { laws = laws_of(laws_, {&point, 1}); });
-    const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
+    std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
+    std::vector<State> shifted;  // their displacements under the loads of this point
+    if (!loads_.empty()) {
+      shifted.reserve(start.size());
+      for (const State*& each : start) {
+        shifted.push_back(*each);
+        shift(shifted.back().traces, point, 1.0);
+        each = &shifted.back();
+      }
+    }
     State state;
-    Summary summary = solve_or_stop(laws, state, start);
+    Summary summary = solve_or_stop(point, laws, state, start);
     if (!good_enough(summary) && !start.empty()) {
       // friction may keep a state of other parameters in a trap: from zero it is another way
       State cold;
-      Summary again = solve_or_stop(laws, cold, {});
+      Summary again = solve_or_stop(point, laws, cold, {});
       again.iterations += summary.iterations;
       if (again.status == Status::converged || again.error < summary.error) {
         state = std::move(cold);
@@ -484,6 +558,7 @@ class Sweep {
     const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;
     if (summary.status == Status::converged && (wanted || !reproduced)) {
+      shift(state.traces, point, -1.0);
       known_.push_back(std::move(state));
       known_points_.push_back(point);
     }
@@ -551,9 +626,11 @@ class Sweep {
   };
   std::vector<Early> early_;  ///< the first samples
   double wanted_;             ///< tolerance asked for: that of the options follows the scatter
-  const Matrix& amplitudes_;
+  const Matrix& amplitudes_;  ///< at all points, but for swept loads
+  std::vector<const SweptParameter*> loads_;
+  std::vector<const SweptParameter*> stiffness_;
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
-  std::vector<State> known_;
+  std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;
   bool stop_ = false;  ///< a callback of this rank asked for the end
   const Callback callback_;

@@ -64,8 +64,8 @@ constexpr double bearable_rounding = 3.0;
 }  // namespace
 
 bool Verification::possible(const substructure::Laws& laws) {
-  if (!Tangent::possible(laws.structure())) {
-    return false;
+  if (!Tangent::possible(laws.structure()) || laws.scales_anywhere()) {
+    return false;  // tangents are those of the bodies without factors
   }
   return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
 }

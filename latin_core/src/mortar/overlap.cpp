@@ -9,6 +9,7 @@
 #include <functional>
 #include <iterator>
 #include <mutex>
+#include <numbers>
 #include <thread>
 #include <utility>
 
@@ -365,6 +366,9 @@ class Integrator {
                                  : mapped(pair.two.reference, inverted(pair.subject, y));
     if (second_.curved() && !(pair.flat1 && pair.flat2)) {
       s2 = dropped(second_, facet2, pair.plane, x, s2);
+    }
+    if (rule_.around) {
+      weight *= 2.0 * std::numbers::pi * x.x();
     }
     const Vector3d offset = second_.point(facet2, s2) - x;
     monomials_.values(s1, chi_values_);

@@ -9,9 +9,15 @@
 #include <limits>
 #include <numeric>
 #include <utility>
+#include <vector>
 
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
+
+// LAPACK; hidden lengths of texts are not read for one letter
+extern "C" void dsyevd_(const char* jobz, const char* uplo, const int* n, double* a, const int* lda,
+                        double* w, double* work, const int* lwork, int* iwork, const int* liwork,
+                        int* info);
 
 namespace latin::substructure {
 namespace {
@@ -175,6 +181,29 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
   }
 }
 
+/// A symmetric matrix is replaced by its eigenvectors. @return the eigenvalues
+Vector eigenvectors_in_place(Matrix& matrix, const std::string& name) {
+  const int n = static_cast<int>(matrix.rows());
+  Vector values(n);
+  int info = 0;
+  int most = -1;
+  int most_integers = -1;
+  double wanted = 0.0;
+  int wanted_integers = 0;
+  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), &wanted, &most, &wanted_integers,
+          &most_integers, &info);
+  most = static_cast<int>(wanted);
+  most_integers = wanted_integers;
+  std::vector<double> work(static_cast<std::size_t>(most));
+  std::vector<int> integers(static_cast<std::size_t>(most_integers));
+  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), work.data(), &most, integers.data(),
+          &most_integers, &info);
+  if (info != 0) {
+    throw NumericalError("body '" + name + "': the eigenvalues of its springs did not converge");
+  }
+  return values;
+}
+
 std::string shape_of(Index rows, Index cols) {
   return std::to_string(rows) + " x " + std::to_string(cols);
 }
@@ -225,6 +254,8 @@ void check_members(const BodyDescription& body) {
     if (member.stiffness->cols() != n || member.load.rows() != n || member.load.cols() != loads ||
         (member.offset.size() > 0 &&
          (member.offset.rows() != n || member.offset.cols() != loads)) ||
+        (member.of_stiffness.size() > 0 &&
+         (member.of_stiffness.rows() != n || member.of_stiffness.cols() != loads)) ||
         (member.prolongation.size() > 0
              ? (member.prolongation.rows() != n || member.prolongation.cols() != body.size)
              : n != body.size)) {
@@ -372,6 +403,15 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   const Loads loads = assemble_loads(description, jumps);
   const SparseRows lower = assemble_operator(description, jumps);
   active_stiffness_ = stiffness_of_active(description.members);
+  sprung_ = !description.springs.empty();
+  for (std::size_t e = 0; e < description.members.size(); ++e) {
+    if (description.members[e].of_stiffness.size() > 0) {
+      if (of_stiffness_.size() == 0) {
+        of_stiffness_ = Matrix::Zero(size_, description.members[e].load.cols());
+      }
+      of_stiffness_ += prolongations_[e].transpose() * description.members[e].of_stiffness;
+    }
+  }
   stiffest_ = stiffest_of(description);
   for (Member& member : description.members) {
     offsets_.push_back(std::move(member.offset));
@@ -697,6 +737,29 @@ const Matrix& Body::schur() const {
       throw NumericalError("body '" + name_ + "': its condensed stiffness is not definite");
     }
     return Matrix(inverse.solve(Matrix::Identity(active_, active_)));
+  });
+}
+
+const Body::Spectrum& Body::spectrum() const {
+  return spectrum_.get([this] {
+    if (!condensed()) {
+      throw InputError(
+          "body '" + name_ + "': factors of its stiffness need the dense factor of its " +
+          std::to_string(active_) +
+          " active unknowns: use operator 'condensed' and a memory limit that it fits");
+    }
+    // L^-1 R L^-T
+    Matrix share = Matrix(active_traces_.transpose() *
+                          (weights_.cwiseProduct(direction_).asDiagonal() * active_traces_));
+    const auto lower = condensed_.triangularView<Eigen::Lower>();
+    lower.solveInPlace(share);
+    share.transposeInPlace();
+    lower.solveInPlace(share);
+    Spectrum spectrum;
+    spectrum.shares = eigenvectors_in_place(share, name_).cwiseMax(0.0).cwiseMin(1.0);
+    lower.transpose().solveInPlace(share);
+    spectrum.vectors = std::move(share);
+    return spectrum;
   });
 }
 

@@ -10,9 +10,26 @@ void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRe
     const Body& body = structure.bodies()[b];
     const Index row = structure.body_rows()[b];
     auto of_body = traces.middleRows(row, body.rows());
+    if (laws_.scaled(b) != nullptr) {
+      apply_scaled(b, data.middleRows(row, body.rows()), amplitudes, of_body);
+      continue;
+    }
     body.apply(data.middleRows(row, body.rows()), of_body, work_);
     of_body.noalias() += laws_.response(b).traces * amplitudes;
   }
+}
+
+void GlobalStage::apply_scaled(std::size_t b, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                               MatrixRef traces) {
+  const ScaledColumns& scaled = *laws_.scaled(b);
+  const Vector factors = scaled.each(data.cols());
+  if (!scaled.transformed()) {
+    scaled.body->apply(data, amplitudes, factors, traces, work_);
+    return;
+  }
+  Matrix moved(traces.rows(), traces.cols());
+  scaled.body->apply(scaled.into(data), scaled.into(amplitudes), factors, moved, work_);
+  traces = scaled.back(moved);
 }
 
 void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
@@ -21,12 +38,19 @@ void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
     const Body& body = structure.bodies()[b];
     const Index row = structure.body_rows()[b];
     Eigen::Map<Matrix> added = block_.shaped(body.rows(), change.cols());
+    if (const ScaledColumns* scaled = laws_.scaled(b)) {
+      const Matrix into = scaled->into(change.middleRows(row, body.rows()));
+      scaled->body->change(into, scaled->each(change.cols()), added, work_);
+      traces.middleRows(row, body.rows()) += scaled->back(added);
+      continue;
+    }
     body.apply_single(change.middleRows(row, body.rows()), added, work_);
     traces.middleRows(row, body.rows()) += added;
   }
 }
 
-Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces) const {
+Matrix GlobalStage::balance(LocalStage& local, ConstMatrixRef amplitudes, MatrixRef data,
+                            MatrixRef traces) {
   const Structure& structure = laws_.structure();
   Matrix forces = data - structure.directions().asDiagonal() * traces;
   for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
@@ -35,7 +59,16 @@ Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces)
       forces.middleRows(interface.rows.front(), interface.size()) -= local.force(i, data, traces);
     }
   }
-  return structure.macro().correct(forces, data, traces);
+  Matrix added = structure.macro().correct(forces, data, traces);
+  // the coarse problem has the stiffnesses without factors
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Index first = structure.body_rows()[b];
+    const Index rows = structure.bodies()[b].rows();
+    if (laws_.scaled(b) != nullptr) {
+      apply_scaled(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows));
+    }
+  }
+  return added;
 }
 
 /// sum of F^2 / K, (c), with the forces F on the nodes of the sides and their own stiffness: a bolt that presses its
@@ -84,7 +117,11 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     const auto metric = structure.trace_metric().segment(first, body.rows());
     Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
     f = s - body.directions().asDiagonal() * w;
-    const Vector energies = body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+    const ScaledColumns* scaled = laws_.scaled(b);
+    const Vector energies =
+        scaled != nullptr ? scaled->body->energies(scaled->into(s), scaled->into(w),
+                                                   scaled->into(amplitudes), scaled->each(w.cols()))
+                          : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
     const Vector pressed = pressed_energies(b, f, amplitudes);
     const auto at = static_cast<Index>(b);
     for (Index column = 0; column < w.cols(); ++column) {
@@ -103,11 +140,23 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,
                                                           ConstMatrixRef amplitudes) {
   const Structure& structure = laws.structure();
+  GlobalStage global(laws);
   std::vector<std::pair<std::string, Matrix>> fields;
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Body& body = structure.bodies()[b];
-    auto of_body = body.displacements(data.middleRows(structure.body_rows()[b], body.rows()),
-                                      amplitudes, laws.response(b));
+    const auto of_sides = data.middleRows(structure.body_rows()[b], body.rows());
+    std::vector<Matrix> of_body;
+    if (const ScaledColumns* scaled = laws.scaled(b)) {
+      Matrix traces(body.rows(), data.cols());
+      global.apply_scaled(b, of_sides, amplitudes, traces);
+      of_body = scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
+                                            scaled->into(amplitudes), scaled->each(data.cols()));
+      for (Matrix& field : of_body) {
+        field = scaled->back(field);
+      }
+    } else {
+      of_body = body.displacements(of_sides, amplitudes, laws.response(b));
+    }
     for (std::size_t e = 0; e < of_body.size(); ++e) {
       fields.emplace_back(structure.members()[b][e], std::move(of_body[e]));
     }

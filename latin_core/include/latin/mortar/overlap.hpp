@@ -11,6 +11,7 @@ namespace latin::mortar {
 struct Rule {
   Matrix points;
   Vector weights;
+  bool around = false;  ///< the faces are turned about the axis x = 0: integrals over 2 pi x ds
 };
 
 /// Which facets count as opposite each other.

@@ -20,6 +20,8 @@ struct Member {
   SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
   Matrix load;              ///< F (n, l), force, one column per load pattern
   Matrix offset;            ///< u0 (n, l), length; empty: zero
+  /// The part of the load that comes from the stiffness and changes with it (initial strains), (n, l); empty: none
+  Matrix of_stiffness = {};  // NOLINT(readability-redundant-member-init): callers leave it out
 };
 
 /// A deterministic elastic interface that is assembled into a body instead of being iterated on:
@@ -140,6 +142,14 @@ class Body {
   /// Schur complement of the operator on the active unknowns, with the springs k: (active, active), lower triangle.
   /// Made when first asked for; a body that is not condensed solves for every active unknown.
   [[nodiscard]] const Matrix& schur() const;
+  /// Vectors phi (active, active) with phi^T (S + R) phi = 1 and phi^T R phi = share in [0, 1], where S is the
+  /// condensed stiffness and R the springs k: made when first asked for.
+  struct Spectrum {
+    Vector shares;
+    Matrix vectors;
+  };
+  /// @throws InputError of a body without a dense factor
+  [[nodiscard]] const Spectrum& spectrum() const;
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
 
@@ -177,6 +187,7 @@ class Body {
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
  private:
+  friend class ScaledBody;
   /// Right-hand sides while the body is built, one column per load pattern.
   struct Loads {
     Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
@@ -220,7 +231,9 @@ class Body {
   };
   Terms terms_;
   double stiffest_ = 0.0;
-  Index active_ = 0;  ///< the last unknowns, those that a side touches
+  bool sprung_ = false;  ///< whether springs are assembled into it
+  Matrix of_stiffness_;  ///< Z^T of the loads that come from the stiffness, (size, l); empty: none
+  Index active_ = 0;     ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;
   SparseRows traces_;         ///< T Z, (rows, size)
@@ -235,6 +248,7 @@ class Body {
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
+  Lazy<Spectrum> spectrum_;
   Matrix load_;  ///< right-hand side of the load patterns, with offsets
   Matrix active_patterns_;
   Vector active_stiffness_;
