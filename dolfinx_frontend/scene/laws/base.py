@@ -560,8 +560,8 @@ class Law:
                     if self.linear and name in self.loading and len(value.terms) == 1 and is_uncertain(term):
                         continue
                     raise SceneError(
-                        f"{self.title}: {name} is random and changes in time; only a single amplitude times a "
-                        "random number that loads a linear law can be, as a displacement or the jump of a "
+                        f"{self.title}: {name} is random and changes in time; only a single amplitude times "
+                        "a random number that loads a linear law can be, as a displacement or the jump of a "
                         "spring: let another parameter carry one of the two"
                     )
                 self.check_value(name, term)
