@@ -141,8 +141,8 @@ def discretisation_error(
         raise SceneError(result.without_recovery)
     if result.plan.scaled:
         raise SceneError(
-            f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.scaled))} is random; take the "
-            "result of solve(problem), at the means"
+            f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.scaled))} is random; "
+            "take the result of solve(problem), at the means"
         )
     check_step(result.times, step, "discretisation_error")
     problem = result.problem

@@ -222,6 +222,12 @@ class Plan:
         columns = self.fixed_amplitudes.shape[1]
         return np.reshape(np.array(rows, dtype=np.float64), (len(self.loads), columns))
 
+    def column_factors(self, amplitude: Amplitude) -> npt.NDArray[np.float64]:
+        """What an amplitude is in the columns of a history, (columns,)."""
+        if self.history == "patterns":
+            return np.array([float(a == amplitude) for a in self.patterns])
+        return np.array([amplitude(t) for t in ([] if self.times is None else self.times)])
+
     def in_time(self, block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Columns of a field (..., columns) as its values at all times, (T, ...)."""
         if self.history != "steps":

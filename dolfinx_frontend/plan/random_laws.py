@@ -7,7 +7,7 @@ speak of the same germs in the same order.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from latin_core.stochastic import ChaosBasis
@@ -16,6 +16,7 @@ from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.laws import Fields, Law
 from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
 from dolfinx_frontend.uncertainty.expressions import ByName, Expression
@@ -106,6 +107,7 @@ class RandomLaws:
                     )
                     consumed |= set(own)
             for parameter, value in interface.law.parameters().items():
+                value = _number_in_time(interface.law, parameter, value)
                 if not is_random(value) or parameter in consumed:
                     continue
                 if not interface.law.matters(parameter):
@@ -159,8 +161,8 @@ class RandomLaws:
             raise SceneError(
                 f"substructure {part!r}: {int((values <= 0.0).sum())} of {len(points)} samples give it a "
                 f"stiffness that is not positive (smallest factor {values.min():.4g}, at the germs {at}): "
-                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, Beta, "
-                "Uniform or TruncatedNormal"
+                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, "
+                "Beta, Uniform or TruncatedNormal"
             )
         return values
 
@@ -193,6 +195,11 @@ class RandomLaws:
     def interfaces(self) -> tuple[str, ...]:
         """Interfaces with something random, in the scene's order."""
         return tuple(dict.fromkeys(name for name, _ in self.sources))
+
+    def amplitude(self, interface: str, parameter: str) -> Amplitude | None:
+        """What multiplies a random parameter of a law in time; None: it is constant."""
+        value = self.problem.interfaces[interface].law.parameters().get(parameter)
+        return value.terms[0][0] if isinstance(value, Varying) else None
 
     def source(self, interface: str, parameter: str) -> Source | None:
         """The random parameter of a law, or None if the value is fixed."""
@@ -267,7 +274,10 @@ class RandomLaws:
         laws = {name: i.law for name, i in self.problem.interfaces.items()}
         for (name, parameter), source in self.sources.items():
             values = self.space.values(source, xi)
-            value = values[:, 0] if isinstance(source, DiscretisedField) else float(values[0])
+            value: Any = values[:, 0] if isinstance(source, DiscretisedField) else float(values[0])
+            amplitude = self.amplitude(name, parameter)
+            if amplitude is not None:
+                value = amplitude * value
             laws[name] = laws[name].with_(**{parameter: value})
         return laws
 
@@ -292,6 +302,13 @@ def sampled_parameters(
             each = random.sampled(name, parameter, points)
             values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
     return {parameter: np.asfortranarray(block) for parameter, block in values.items()}
+
+
+def _number_in_time(law: Law, parameter: str, value: Any) -> Any:
+    """The random number of an amplitude times one, of a parameter that loads; others as they are."""
+    if isinstance(value, Varying) and parameter in law.loading and len(value.terms) == 1:
+        return value.terms[0][1]
+    return value
 
 
 def _makes_laws(law: Law, parameter: str, values: Array) -> bool:

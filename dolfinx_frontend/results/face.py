@@ -289,8 +289,9 @@ class Face(ABC):
             return self._stress_moments(part, step)[0]
         if self.problem.substructures[part].material is None:
             raise SceneError(
-                f"stress of {part!r}: no material is known for it. A file has none of a part with initial strains "
-                "(temperatures) or a random stiffness, or whose material is a form: compute stresses before save"
+                f"stress of {part!r}: no material is known for it. A file has none of a part with initial "
+                "strains (temperatures) or a random stiffness, or whose material is a form: compute stresses "
+                "before save"
             )
         initial = [
             (stress, float(stepped(self.load_number(load, parameter), self.times)[step]))

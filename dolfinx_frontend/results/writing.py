@@ -185,7 +185,7 @@ def _part_tree(answer: Any, name: str) -> Tree:
         values = np.concatenate([block.displacement(name) for block in answer.blocks()])
     tree: Tree = {
         "displacement": values.reshape(*values.shape[:-1], -1, part.dim),
-        # a file has no initial stresses and no factors, without which a stress from its material would be wrong
+        # a file has no initial stresses or factors, without which a stress from its material would be wrong
         "mesh": part_arrays(part.part, part.V, None if _beside(answer, name) else part.material),
     }
     deviation = answer.deviation(name)

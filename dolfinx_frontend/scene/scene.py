@@ -69,6 +69,16 @@ from dolfinx_frontend.scene.values import Value, is_uncertain
 __all__ = ["Scene"]
 
 
+def _components_of(value: Any) -> list[Any] | None:
+    """Components of a vector with random ones, or of an amplitude times one; None: it is no such vector."""
+    if isinstance(value, Varying) and len(value.terms) == 1 and isinstance(value.terms[0][1], (list, tuple)):
+        amplitude, vector = value.terms[0]
+        return None if amplitude is None or not scattered(vector) else [amplitude * each for each in vector]
+    if not isinstance(value, (list, tuple)):
+        return None
+    return list(value) if scattered(value) or any(map(scattered, value)) else None
+
+
 class Scene:
     """Substructures and interfaces.
 
@@ -328,10 +338,12 @@ class Scene:
     ) -> None:
         """Prescribe the displacement, of all or of some global components (0 is x).
 
-        A vector with random components makes one interface per component, ``"<name>.x"`` and so on.
+        A vector with random components makes one interface per component, ``"<name>.x"`` and so on. A random
+        number may be multiplied by an Amplitude.
         """
-        if isinstance(value, (list, tuple)) and scattered(value) and components is None:
-            for k, each in enumerate(value):
+        vector = _components_of(value)
+        if vector is not None and components is None:
+            for k, each in enumerate(vector):
                 self._one_sided(
                     f"displacement.{'xyz'[k]}",
                     faces,
@@ -424,6 +436,8 @@ class Scene:
     ) -> None:
         """Prescribe the displacement of a node of a part, of all or of some global components (0 is x).
 
+        Random components make one interface each, as in :meth:`fix`.
+
         Parameters
         ----------
         point
@@ -433,8 +447,14 @@ class Scene:
         check_known("substructure", part, self.substructures, where)
         place = plain_vector(where, "point", point)
         shown = ", ".join(f"{v:.6g}" for v in place)
-        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         remote = Remote(node=tuple(map(float, place)))
+        vector = _components_of(value)
+        if vector is not None and components is None:
+            for k, each in enumerate(vector):
+                own = f"{name or f'point({part}: {shown})'}.{'xyz'[k]}"
+                self._remote(own, (Face(part, f"({shown})"),), Displacement(each, (k,)), remote)
+            return
+        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
 
     def _remote(self, name: str, faces: tuple[Face, ...], law: Law, remote: Remote) -> None:

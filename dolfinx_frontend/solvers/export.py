@@ -155,8 +155,8 @@ def export(
     _check_laws(problem, plan)
     if plan.scaled:
         raise SceneError(
-            f"export: the stiffness of {', '.join(map(repr, plan.scaled))} varies, which latin_run does not take: "
-            "solve it here"
+            f"export: the stiffness of {', '.join(map(repr, plan.scaled))} varies, which latin_run does not "
+            "take: solve it here"
         )
     if chaos is not None:
         amplitudes = amplitudes_of(plan, wanted.random, wanted.basis)

@@ -276,6 +276,17 @@ def _linear_parameters(
         coefficients = random.space.coefficients(source, basis)
         if len(coefficients) > 1:
             coefficients = np.repeat(coefficients, len(unit) // len(coefficients), axis=0)
+        amplitude = random.amplitude(name, parameter)
+        in_time = constant if amplitude is None else plan.column_factors(amplitude)
+        # the mean is there already where all is told at every time
+        if amplitude is not None:
+            values[kernel] = values[kernel] + np.kron(
+                unit * np.hstack([np.zeros((len(coefficients), 1)), coefficients[:, 1:]]), in_time
+            )
+            coefficients = coefficients.copy()
+            away = coefficients[:, 0] - source.mean
+            values[kernel][:, :steps] += np.kron((unit * away[:, None]), in_time)
+            continue
         values[kernel] = np.kron(unit * coefficients, constant)
     return values
 
@@ -627,11 +638,13 @@ def _misfits(result: ChaosResult) -> dict[str, float] | None:
     """Misfits of all interfaces with something random, and of random numbers of loads.
 
     None: one of the interfaces was eliminated, or has patterns, or has no law at some points (a stiffness
-    below 0).
+    below 0); or the stiffness of a part is random, or a random value changes in time.
     """
     problem, names = result.problem, result.random.interfaces
     if names and (result.plan.history == "patterns" or not set(names) <= set(result.plan.active)):
         return None
+    if result.random.parts or any(result.random.amplitude(*key) is not None for key in result.random.sources):
+        return None  # not measured
     if not result.random.make_laws(result.points_of_misfit):
         return None
     with agreement(problem.comm):

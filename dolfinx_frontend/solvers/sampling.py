@@ -87,7 +87,12 @@ def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]
     for name, parameter in random.sources:
         each = random.sampled(name, parameter, germs)
         pattern, columns = each.pattern, 1
-        if plan.history == "patterns" and parameter in random.problem.interfaces[name].law.loading:
+        amplitude = random.amplitude(name, parameter)
+        if amplitude is not None and plan.times is not None:
+            in_time = plan.column_factors(amplitude)[:, None]
+            pattern = np.asarray(np.kron(in_time, pattern), dtype=np.float64)
+            columns = len(in_time)
+        elif plan.history == "patterns" and parameter in random.problem.interfaces[name].law.loading:
             # a random value does not change in time: it belongs to the constant load pattern
             constant = np.array([[float(a is None)] for a in plan.patterns])
             pattern, columns = np.kron(constant, pattern), len(constant)

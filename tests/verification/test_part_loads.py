@@ -257,6 +257,44 @@ def test_random_components_and_random_amplitudes() -> None:
         assert chaos.reaction("foot", component)(block_) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["component", "vector", "whole", "jump", "point"])
+@pytest.mark.parametrize("contact", [False, True])
+def test_random_displacements_in_time(kind: str, contact: bool) -> None:
+    """A bar whose end moves by D / 2 at last: the middle moves by D / 4, or by D / 2 where it lifts."""
+    ramp, D = lf.Amplitude([0, 1, 2], [0, 1, 0.5]), lf.Normal("D", 0.1, cov=0.2)
+    scene = block(degree=1, nu=0.0)
+    if contact:
+        scene.symmetry(["a:x0", "a:y0"])
+        scene.interface("foot", "a:z0", lf.Contact())
+    else:
+        scene.fix("a:z0", name="foot")
+    if kind == "component":
+        scene.fix("a:z1", ramp * D, components=2, name="top")
+    elif kind == "vector":
+        scene.fix("a:z1", (0.0, 0.0, ramp * D), name="top")
+    elif kind == "whole":
+        scene.fix("a:z1", ramp * (0.0, 0.0, D), name="top")
+    elif kind == "jump":
+        scene.interface("top", "a:z1", lf.Elastic(normal=1e9, tangential=1e9, jump=ramp * -D))
+    else:
+        scene.plane("a:z1", tilts=False, name="lid")
+        scene.fix_point("a", (0, 0, 5), (0.0, 0.0, ramp * D), name="top")
+    problem = lf.assemble(scene)
+    probe = lf.AtPoint(problem, "a", (1, 1.5, 2.5), component="z")
+    options = Options(rtol=1e-8)
+    for times in ([0, 1, 2], [1, 2]):
+        chaos = lf.solve(problem, chaos=lf.Chaos(order=2, check_points=0), times=times, options=options)
+        germs = np.array([[1.0], [-0.5]])
+        expected = chaos.space.values(D, germs) * (0.5 if contact else 0.25)
+        assert probe(chaos.at(germs)) == pytest.approx(expected, rel=1e-5)
+        samples = lf.sample(
+            problem, germs, times=times, options=options, keep_states=True, progress=False
+        )
+        assert samples.quantity(probe).values == pytest.approx(expected, rel=1e-5)
+        one = lf.solve(problem, times=times, options=options)
+        assert one.quantity(probe).values == pytest.approx(0.05 if contact else 0.025, rel=1e-5)
+
+
 def test_springs_to_the_ground(tmp_path: Path) -> None:
     scene = block()
     stiffness = dict(x=10.0, y=20.0, z=30.0, rx=100.0, ry=200.0, rz=300.0)

@@ -22,7 +22,7 @@ from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain
+from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain, is_uncertain
 
 __all__ = ["Elimination", "Face", "Fields", "Functions", "Law", "Points", "positive", "resolve", "settled"]
 
@@ -557,9 +557,12 @@ class Law:
         if isinstance(value, (Varying, Combination)):
             for _, term in value.terms:
                 if isinstance(term, Parameter) and not is_plain(term):
+                    if self.linear and name in self.loading and len(value.terms) == 1 and is_uncertain(term):
+                        continue
                     raise SceneError(
-                        f"{self.title}: {name} is random and changes in time; a random value cannot be "
-                        "multiplied by an amplitude, let another parameter carry one of the two"
+                        f"{self.title}: {name} is random and changes in time; only a single amplitude times "
+                        "a random number that loads a linear law can be, as a displacement or the jump of a "
+                        "spring: let another parameter carry one of the two"
                     )
                 self.check_value(name, term)
             return

@@ -175,15 +175,17 @@ class Sweep {
         own_parameters_.push_back(&each);
       }
     }
+    scales_ = laws_.scales_anywhere() ||
+              structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
     const double bytes = 8.0 * static_cast<double>(structure_.rows() * amplitudes.cols()) *
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
     if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
-        structure_.rows() == 0 || laws.transformed() || !loads_.empty() || scales()) {
+        structure_.rows() == 0 || laws.transformed() || !loads_.empty() || scales_) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
-    if (!options.stop_on_indicator && !scales() && Verification::possible(laws)) {
+    if (!options.stop_on_indicator && !scales_ && Verification::possible(laws)) {
       linear_ = std::make_shared<Linearisation>();
       together_from_ = std::min(together_from_, fewest_snapshots);
     }
@@ -350,12 +352,6 @@ class Sweep {
     return base.with_parameters(changes).with_stiffness(factors);
   }
 
-  /// Whether the stiffness of bodies has factors: tangents and traces of other points are then not those of a point.
-  [[nodiscard]] bool scales() const {
-    return laws_.scales_anywhere() ||
-           structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
-  }
-
   /// @throws InputError if it is not one number for each point
   static void check_stiffness(const SweptParameter& each) {
     if (each.pattern.size() != 1 || each.columns != 1) {
@@ -385,7 +381,7 @@ class Sweep {
 
   /// Add the answer to the swept loads of a point to traces, or take it away.
   void shift(Matrix& traces, Index point, double sign) const {
-    if (loads_.empty() || scales()) {  // with factors the traces are made anew
+    if (loads_.empty() || scales_) {  // with factors the traces are made anew
       return;
     }
     const Matrix added = sign * loads_of(point);
@@ -629,6 +625,8 @@ class Sweep {
   const Matrix& amplitudes_;  ///< at all points, but for swept loads
   std::vector<const SweptParameter*> loads_;
   std::vector<const SweptParameter*> stiffness_;
+  bool scales_ =
+      false;  ///< bodies have factors: tangents and traces of other points are not those of a point
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
   std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;
