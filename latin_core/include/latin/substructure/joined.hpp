@@ -17,8 +17,8 @@ class Joined {
  public:
   struct JoinedBody {
     Index first_row = 0;
-    Matrix stiffness;   ///< S on its active unknowns, the lower triangle
-    SparseRows traces;  ///< of these, (rows, active)
+    Matrix stiffness;       ///< S on its active unknowns, the lower triangle
+    SparseRows traces;      ///< of these, (rows, active)
     double stiffest = 0.0;  ///< see Body::stiffest()
   };
   struct JoinedInterface {
