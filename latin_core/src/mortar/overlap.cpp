@@ -545,7 +545,7 @@ Overlap integrate(const Face& first, const Face& second, const Functions& multip
   out.offset = sized(chi * 3);
 
   // facets in blocks, whose pairs are put behind each other: the number of threads does not matter
-  const Index blocks = threads > 1 ? std::min<Index>(8 * threads, first.facets()) : 1;
+  const Index blocks = threads > 1 ? std::min(Index{8} * threads, first.facets()) : 1;
   std::vector<Found> parts(static_cast<std::size_t>(blocks));
   on_threads(blocks, threads, [&](Index block) {
     Found& here = parts[block];
