@@ -256,7 +256,7 @@ def expression(function: Callable[..., Any], *operands: Any, name: str | None = 
     SceneError
         Nothing random among the operands, or a value at their means that is not finite.
     """
-    checked_callable("expression", "function", function, "give a function of arrays (N,)")
+    checked_callable("expression", "function", function, "give a function of arrays (N,)", len(operands))
     for each in operands:
         if not is_real(each) and not isinstance(each, Operand):
             raise SceneError(
