@@ -25,7 +25,9 @@ from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.results.probes import AtPoint
 from dolfinx_frontend.scene.amplitudes import Amplitude
+from dolfinx_frontend.scene.bolts import BoltStiffness
 from dolfinx_frontend.scene.laws import (
     Contact,
     Debonding,
@@ -58,6 +60,7 @@ from dolfinx_frontend.solving import (
 )
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import Correlated
+from dolfinx_frontend.uncertainty.expressions import Expression, expression
 from dolfinx_frontend.uncertainty.fields import RandomField
 from dolfinx_frontend.uncertainty.parameters import (
     Beta,
@@ -75,7 +78,9 @@ from latin_core import __version__ as __version__
 
 __all__ = [
     "Amplitude",
+    "AtPoint",
     "Beta",
+    "BoltStiffness",
     "Chaos",
     "ChaosResult",
     "Contact",
@@ -87,6 +92,7 @@ __all__ = [
     "Elastic",
     "Errors",
     "Estimate",
+    "Expression",
     "FromDistribution",
     "FromSamples",
     "Gamma",
@@ -132,6 +138,7 @@ __all__ = [
     "discretisation_error",
     "errors",
     "export",
+    "expression",
     "figures",
     "geometry",
     "io",
@@ -148,5 +155,3 @@ __all__ = [
     "sweep",
     "tensor_quadrature",
 ]
-
-Problem.exporter = staticmethod(export)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from latin_core import Iteration, Options, State
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.checks import checked_flag, checked_word
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -28,7 +29,7 @@ from dolfinx_frontend.results.resultant import Resultant
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers import sampling
-from dolfinx_frontend.solvers.deterministic import solve_once
+from dolfinx_frontend.solvers.deterministic import solve_once, start_states
 from dolfinx_frontend.solvers.export import export
 from dolfinx_frontend.solvers.galerkin import solve_chaos
 from dolfinx_frontend.solvers.sweep import sweep
@@ -116,6 +117,7 @@ def solve(
 ) -> ChaosResult: ...
 
 
+@together("solve")
 def solve(
     problem: Problem,
     method: Method = "auto",
@@ -195,12 +197,13 @@ def solve(
     settings: dict[str, Any] = {"times": times, "active": active, "direction": direction, "options": options}
     check_problem("solve", problem, plan)
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}
-    given = {"plan": plan is None, "start": start is None, "meshes": meshes}
-    problem.check_alike("solve", laws=True, method=method, **told, **given, **settings)
+    given = {"plan": plan is None, "start": start is None, "meshes": meshes, "callback": callback is None}
     check_settings("solve", plan, method, **settings)
     check_running("solve", callback, progress)
     checked_word("solve", "indefinite", indefinite, ("refuse", "prove"))
     checked_flag("solve", "meshes", meshes)
+    start_states(start)
+    problem.check_alike("solve", laws=True, method=method, **told, **given, **settings)
     if accuracy is not None:
         set_elsewhere = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in set_elsewhere.items():
@@ -244,6 +247,7 @@ class SampleSettings(TypedDict, total=False):
     progress: bool
 
 
+@together("sample")
 def sample(
     problem: Problem,
     germs: npt.ArrayLike,
@@ -285,11 +289,12 @@ def _space(where: str, problem: Problem) -> RandomSpace:
     """The germs of a problem that something is to be sampled of."""
     check_problem(where, problem)
     random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError(f"{where}: nothing is random: give a law a random parameter")
+    if not random.every:
+        raise SceneError(f"{where}: nothing is random: give a law or a load a random parameter")
     return random.space
 
 
+@together("monte_carlo")
 def monte_carlo(
     problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
@@ -298,6 +303,7 @@ def monte_carlo(
     return sample(problem, space.sample(samples, seed), **settings)
 
 
+@together("quasi_monte_carlo")
 def quasi_monte_carlo(
     problem: Problem, samples: int, seed: int = 0, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
@@ -306,6 +312,7 @@ def quasi_monte_carlo(
     return sample(problem, space.sample_sobol(samples, seed), kind="qmc", **settings)
 
 
+@together("tensor_quadrature")
 def tensor_quadrature(
     problem: Problem, points: int, **settings: Unpack[SampleSettings]
 ) -> SampleResult:
@@ -314,6 +321,7 @@ def tensor_quadrature(
     return sample(problem, rule.points, rule.weights, "quadrature", **settings)
 
 
+@together("sparse_quadrature")
 def sparse_quadrature(
     problem: Problem, level: int, **settings: Unpack[SampleSettings]
 ) -> SampleResult:

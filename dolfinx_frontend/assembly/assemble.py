@@ -7,10 +7,8 @@ the traces, weights and frames of every interface.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -18,11 +16,13 @@ import numpy as np
 import scipy.sparse as sp
 from mpi4py import MPI
 
-from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, face_copy
-from dolfinx_frontend.assembly.held import resistance_of
-from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap, copied_nodes, face_copy
+from dolfinx_frontend.assembly.held import axis_resistances, resistance_of
+from dolfinx_frontend.assembly.held_nodes import Held
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.meeting import held_nodes
 from dolfinx_frontend.assembly.pairing import make_interface
+from dolfinx_frontend.assembly.part_loads import part_load
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import (
     Distribution,
@@ -30,20 +30,25 @@ from dolfinx_frontend.assembly.ranks import (
     bound_threads,
     check_alike,
     end_all_on_errors,
+    exchanged,
+    one_call,
     own_communicator,
     place,
     swap,
 )
+from dolfinx_frontend.assembly.relief import Relief, supports
+from dolfinx_frontend.assembly.remote import remote_interface
 from dolfinx_frontend.assembly.rigid import check_resistances
 from dolfinx_frontend.assembly.substructure import Substructure, discretise, summary
-from dolfinx_frontend.common.checks import check_kind, check_optional_kind, checked_callable
+from dolfinx_frontend.common.checks import check_kind, check_known, check_optional_kind, checked_callable
 from dolfinx_frontend.common.threads import alone
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
-from dolfinx_frontend.scene.laws import Perfect
+from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
-from dolfinx_frontend.scene.specs import check_face
+from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
+from dolfinx_frontend.scene.values import is_uncertain
 
 __all__ = ["assemble"]
 
@@ -53,7 +58,7 @@ _log = logging.getLogger(__name__)
 def _check_law(interface: Interface) -> None:
     """Evaluate the values of a law once, so that mistakes are reported here."""
     law = interface.law.nominal
-    law.check_faces(interface, interface.sag)
+    law.check_faces(interface, interface.sag, interface.chords)
     if law.linear:
         law.fields(interface)
 
@@ -85,10 +90,19 @@ def assemble(
         Everything that is wrong with meshes, materials, faces, laws, and parts that can move
         without resistance. If one rank fails, all raise.
     """
+    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
+    if comm == MPI.COMM_NULL:
+        raise SceneError("assemble: comm is MPI.COMM_NULL, or was freed; give another, or None")
+    comm = None if comm is None or (comm.size == 1 and MPI.COMM_WORLD.size == 1) else comm
+    spread = own_communicator(comm) if comm is not None and comm.size > 1 else None
+    with one_call(spread, "assemble"):
+        return _checked_assembly(scene, progress, comm)
+
+
+def _checked_assembly(scene: Scene, progress: Callable[[str], None] | None, comm: Any) -> Problem:
     check_kind("assemble", "scene", scene, Scene, "give a Scene, which describes the parts and interfaces")
     if progress is not None:
         checked_callable("assemble", "progress", progress, "give a function of a line, or None")
-    check_optional_kind("assemble", "comm", comm, MPI.Intracomm, "give an mpi4py communicator, or None")
     if not scene.substructures:
         raise SceneError("the scene is empty; add substructures")
     began = perf_counter()
@@ -116,23 +130,39 @@ def assemble(
 
 def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is None and MPI.COMM_WORLD.size > 1:
-        warnings.warn(
+        warn(
             f"{MPI.COMM_WORLD.size} ranks are running, and each assembles all of the scene: pass "
             "comm=MPI.COMM_WORLD to spread it over them, comm=MPI.COMM_SELF if this is meant",
             SceneWarning,
-            stacklevel=3,
         )
     comm = None if comm is None or comm.size == 1 else comm
     if comm is not None:
         comm = own_communicator(comm)
         end_all_on_errors(comm)
-        bound_threads(comm.py2f())
         check_alike(comm, "assemble", _described(scene))
+        bound_threads(comm.py2f())
+    uncertain = [name for name, spec in scene.substructures.items() if _uncertain_stiffness(spec)]
+    if comm is not None and uncertain:
+        raise SceneError(
+            f"substructure {uncertain[0]!r}: its stiffness is random, which works on one rank: "
+            "assemble without comm"
+        )
     owner = place(scene.substructures, 1 if comm is None else comm.size)
     rank = 0 if comm is None else comm.rank
 
-    substructures, copies, held = _own_parts(scene, owner, rank, say, comm)
-    interfaces = _own_interfaces(scene, owner, rank, substructures, swap(comm, copies), held, say, comm)
+    _check_ties(scene, owner)
+    substructures, copies = _own_parts(scene, owner, rank, say, comm)
+    elsewhere = swap(comm, copies)
+    with agreement(comm):
+        held = held_nodes(scene, substructures, elsewhere)
+        told: dict[int, dict[_Where, Held | None]] = {
+            other: {where: _renumbered(held.get(where), scene, substructures, where) for where in faces}
+            for other, faces in copies.items()
+        }
+    held.update({where: each for where, each in swap(comm, told).items() if each is not None})
+    interfaces = _own_interfaces(scene, owner, rank, substructures, elsewhere, held, say, comm)
+    if scene.densities is not None:
+        interfaces = {**interfaces, **_relief_supports(scene, substructures, comm)}
     summaries = {name: summary(s) for name, s in substructures.items()}
     resistances = {
         name: resistance_of(i, substructures[i.sides[0].substructure].length)
@@ -142,7 +172,7 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
     if comm is not None:
         bare = {name: _bare(interfaces[name]) for name in resistances}
         for known, its in ((summaries, summaries), (resistances, resistances), (interfaces, bare)):
-            for each in comm.allgather(its):
+            for each in exchanged(comm, its):
                 known.update({n: value for n, value in each.items() if n not in known})
         interfaces = {
             name: replace(interfaces[name], law=joint.law) for name, joint in scene.interfaces.items()
@@ -152,13 +182,26 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
         raise SceneError("the parts have different dimensions; a scene has one dimension")
     check_resistances(
         {name: (part.centre, part.length) for name, part in parts.items()},
-        [resistances[name] for name in scene.interfaces],
+        [
+            *(resistances[name] for name in (scene.interfaces if comm else interfaces)),
+            *axis_resistances(parts),
+        ],
     )
+    with agreement(comm):
+        loads = {n: part_load(each, substructures.get(each.part)) for n, each in scene.loads.items()}
+    if scene.densities is not None:
+        relief = Relief(substructures, _densities(scene))
+        loads = {name: relief.load_balanced(each) for name, each in loads.items()}
+        substructures = relief.parts_balanced()
     if comm is None:
-        return Problem(substructures, interfaces)
+        return Problem(substructures, interfaces, None, loads)
     forces = [spec.body_force for spec in scene.substructures.values()]
     amplitudes = amplitudes_of([f for f in forces if isinstance(f, Varying)])
-    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)))
+    return Problem(substructures, interfaces, Distribution(comm, owner, parts, tuple(amplitudes)), loads)
+
+
+def _uncertain_stiffness(spec: SubstructureSpec) -> bool:
+    return is_uncertain(spec.stiffness) or is_uncertain(getattr(spec.material, "factor", 1.0))
 
 
 def _described(scene: Scene) -> dict[str, object]:
@@ -168,75 +211,95 @@ def _described(scene: Scene) -> dict[str, object]:
         "the list of interfaces": list(scene.interfaces),
     }
     for name, spec in scene.substructures.items():
-        for what in ("material", "degree", "body_force", "rank"):
+        for what in ("material", "degree", "body_force", "rank", "stiffness"):
             given[f"{what} of substructure {name!r}"] = getattr(spec, what)
+    given["the list of loads"] = list(scene.loads)
+    for name, load in scene.loads.items():
+        given[f"load {name!r}"] = (load.part, load.kind, load.face)
+        given[f"the values of load {name!r}"] = load.values
     for name, joint in scene.interfaces.items():
         given[f"the law of interface {name!r}"] = joint.law
         given[f"the faces of interface {name!r}"] = tuple(map(str, joint.faces))
-        for what in ("quadrature_degree", "max_distance", "space", "overlap"):
+        for what in ("quadrature_degree", "max_distance", "space", "overlap", "remote"):
             given[f"{what} of interface {name!r}"] = getattr(joint, what)
     return given
+
+
+def _densities(scene: Scene) -> dict[str, float]:
+    """Part -> mass per volume."""
+    given = scene.densities
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(scene.substructures, float(given))
+    for name in given:
+        check_known("substructure", name, scene.substructures, "inertia_relief")
+    missing = [name for name in scene.substructures if name not in given]
+    if missing:
+        raise SceneError(
+            f"inertia_relief: no density for {', '.join(map(repr, missing))}; give one for each part"
+        )
+    return {name: float(value) for name, value in given.items()}
+
+
+def _relief_supports(
+    scene: Scene, substructures: Mapping[str, Substructure], comm: Any
+) -> dict[str, Interface]:
+    """What holds an assembly in inertia relief."""
+    if comm is not None:
+        raise SceneError("inertia_relief works on one rank: assemble without comm")
+    part = substructures[next(iter(scene.substructures))]
+    found = {}
+    for number, (node, axes) in enumerate(supports(part)):
+        name = "relief" if number == 0 else f"relief#{number + 1}"
+        place = tuple(map(float, part.dof_coordinates[node]))
+        shown = ", ".join(f"{v:.6g}" for v in place)
+        spec = InterfaceSpec(
+            name,
+            (Face(part.name, f"({shown})"),),
+            Displacement(0.0, axes),
+            None,
+            None,
+            "points",
+            "full",
+            Remote(place),
+        )
+        found[name] = remote_interface(spec, (part,))
+    return found
+
+
+def _check_ties(scene: Scene, owner: Mapping[str, int]) -> None:
+    """Refuse rigid faces that something else holds, or on several ranks."""
+    tied = {i.faces[0]: i for i in scene.interfaces.values() if i.law.elimination is Elimination.TIED}
+    for joint in scene.interfaces.values():
+        for face in joint.faces:
+            own = tied.get(face)
+            if own is not None and own is not joint and joint.law.prescribes == "jump":
+                raise SceneError(
+                    f"interface {joint.name!r}: {face} is rigid by {own.name!r}, and {joint.law.title} would "
+                    "hold its "
+                    "nodes a second time: add the other face to the rigid group, give its motion there, or "
+                    "use "
+                    "Elastic or Contact"
+                )
+    for joint in tied.values():
+        ranks = {owner[joint.faces[0].substructure], *(owner[part] for part in joint.law.partners)}
+        if len(ranks) > 1:
+            raise SceneError(
+                f"interface {joint.name!r}: its rigid group has parts on ranks {sorted(ranks)}; it works on "
+                "one rank: "
+                "give these parts the same rank= in scene.substructure"
+            )
 
 
 _Where = tuple[str, int]
 """An interface, and the number of a side of it."""
 
 
-def _holds(scene: Scene, substructures: Mapping[str, Substructure]) -> dict[_Where, Held]:
-    """What holds the nodes of faces beside the interfaces on them: supports, and rigid ones named before."""
-    faces: dict[str, list[_Where]] = {name: [] for name in substructures}
-    for name, joint in scene.interfaces.items():
-        for number, face in enumerate(joint.faces):
-            if face.substructure in faces and joint.law.rigid:
-                faces[face.substructure].append((name, number))
-    out: dict[_Where, Held] = {}
-    for part, members in faces.items():
-        s = substructures[part]
-
-        @cache
-        def facets(name: str, number: int, s: Substructure = s) -> FacetMap:
-            return FacetMap(s.part, scene.interfaces[name].faces[number].face, f"interface {name!r}")
-
-        @cache
-        def held(name: str, number: int, s: Substructure = s) -> Held:
-            joint = scene.interfaces[name]
-            face = joint.faces[number]
-            label = (face.substructure, face.face)
-            return held_by(name, joint.law, label, len(joint.faces), facets(name, number), s.space)
-
-        for at, where in enumerate(members):
-            joint = scene.interfaces[where[0]]
-            if joint.space in ("points", "facets") or (len(joint.faces) == 1 and not joint.law.unilateral):
-                continue
-            own = facets(*where)
-            nodes = own.face_nodes(s.space)
-            found = []
-            for before, other in enumerate(members):
-                theirs = scene.interfaces[other[0]]
-                support = len(theirs.faces) == 1 and theirs.law.prescribes == "jump"
-                if other == where or not (support or before < at):
-                    continue
-                beside = facets(*other)
-                if not np.isin(nodes, beside.face_nodes(s.space)).any():
-                    continue
-                if not support and np.isin(beside.cells * 8 + beside.local, own.cells * 8 + own.local).any():
-                    continue  # the same face meets several parts, each somewhere else
-                found.append(held(*other))
-            together = joined_holds(found)
-            if together is not None:
-                some = np.isin(together.nodes, nodes)
-                out[where] = Held(together.nodes[some], together.directions[some])
-    return out
-
-
 def _own_parts(
     scene: Scene, owner: Mapping[str, int], rank: int, say: Callable[[str], None], comm: Any
-) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]], dict[_Where, Held]]:
-    """Parts of this rank, what others need of them (other rank -> (interface, side) -> face), and what holds
-    their nodes."""
+) -> tuple[dict[str, Substructure], dict[int, dict[_Where, FaceCopy]]]:
+    """Parts of this rank, and what others need of them (other rank -> (interface, side) -> face)."""
     substructures: dict[str, Substructure] = {}
     copies: dict[int, dict[_Where, FaceCopy]] = {}
-    held: dict[_Where, Held] = {}
     with agreement(comm):
         specs = {}
         for name, spec in scene.substructures.items():
@@ -246,26 +309,38 @@ def _own_parts(
                 substructures[name] = discretise(specs[name])
         for name, joint in scene.interfaces.items():
             for face in joint.faces:
-                if owner[face.substructure] == rank:
+                if owner[face.substructure] == rank and (joint.remote is None or joint.remote.node is None):
                     check_face(specs[face.substructure], face, f"interface {name!r}")
-        held = _holds(scene, substructures)
         for name, joint in scene.interfaces.items():
             ranks = [owner[face.substructure] for face in joint.faces]
             for number, face in enumerate(joint.faces):
                 if ranks[number] != rank:
                     continue
                 other = ranks[1 - number] if len(ranks) == 2 else rank
+                if other != rank and joint.remote is not None:
+                    raise SceneError(
+                        f"interface {name!r}: its parts are on ranks {ranks[0]} and {ranks[1]}; it works on "
+                        "one "
+                        "rank: give both parts the same rank= in scene.substructure"
+                    )
                 if other != rank:
                     s = substructures[face.substructure]
-                    own = held.get((name, number))
                     copies.setdefault(other, {})[name, number] = face_copy(
-                        s.part,
-                        face.face,
-                        s.space,
-                        f"interface {name!r}",
-                        None if own is None else (own.nodes, own.directions),
+                        s.part, face.face, s.space, f"interface {name!r}"
                     )
-    return substructures, copies, held
+    return substructures, copies
+
+
+def _renumbered(
+    held: Held | None, scene: Scene, substructures: Mapping[str, Substructure], where: _Where
+) -> Held | None:
+    """What holds a face, with the nodes of its copy on another rank."""
+    if held is None:
+        return None
+    face = scene.interfaces[where[0]].faces[where[1]]
+    s = substructures[face.substructure]
+    facets = FacetMap(s.part, face.face, f"interface {where[0]!r}")
+    return replace(held, nodes=np.searchsorted(copied_nodes(facets, s.space), held.nodes))
 
 
 def _own_interfaces(
@@ -286,6 +361,11 @@ def _own_interfaces(
             if rank not in ranks:
                 continue
             say(f"interface {name}")
+            if joint.remote is not None:
+                parts = tuple(substructures[face.substructure] for face in joint.faces)
+                interfaces[name] = remote_interface(joint, parts)
+                _check_law(interfaces[name])
+                continue
             members = [
                 substructures[face.substructure] if r == rank else elsewhere[name, number]
                 for number, (face, r) in enumerate(zip(joint.faces, ranks, strict=True))
@@ -300,12 +380,7 @@ def _own_interfaces(
                 joint.max_distance,
                 joint.space,
                 joint.overlap,
-                tuple(
-                    (Held(*s.held) if s.held else None)
-                    if isinstance(s, FaceCopy)
-                    else held.get((name, number))
-                    for number, s in enumerate(members)
-                ),
+                tuple(held.get((name, number)) for number in range(len(members))),
             )
             _check_law(interface)
             interfaces[name] = interface

@@ -58,7 +58,7 @@ _STATE = "latin_state"
 
 def noted(matrix: Any) -> None:
     """Note the state of a PETSc matrix that is handed out: PETSc counts whatever writes to it."""
-    if matrix is not None and matrix.getAttr(_STATE) is None:
+    if matrix is not None and matrix.handle and matrix.getAttr(_STATE) is None:
         matrix.setAttr(_STATE, matrix.stateGet())
 
 
@@ -71,8 +71,10 @@ def check_unchanged(matrix: Any, what: str) -> None:
     Raises
     ------
     SceneError
-        It was.
+        It was, or it was destroyed.
     """
+    if matrix is not None and not matrix.handle:  # PETSc would end the process
+        raise SceneError(f"{what} was destroyed after it was assembled: assemble the scene again")
     if matrix is not None and matrix.getAttr(_STATE) != matrix.stateGet():
         raise SceneError(
             f"{what} was changed after it was assembled: change a copy, .copy(), or assemble the scene again"

@@ -17,7 +17,11 @@ from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.specs import PartLike
 
-__all__ = ["FaceCopy", "FacetMap", "face_copy"]
+__all__ = ["FaceCopy", "FacetMap", "copied_nodes", "face_copy"]
+
+
+_KINK = 1e-6
+"""Turns between facets that are rounding, rad."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,8 @@ class FaceCopy:
         Degree and variant of the displacements.
     dofs, coordinates
         (facets, unknowns per cell), which of the nodes (k, 3) they are: numbers of the copy's own.
-    held
-        Some of the nodes, and projectors (d, d) onto the directions in which other interfaces hold them.
+    around
+        Whether the part is axisymmetric: areas are those of rings.
     """
 
     cell: str
@@ -47,7 +51,7 @@ class FaceCopy:
     lagrange: int
     dofs: Ints = field(repr=False)
     coordinates: Array = field(repr=False)
-    held: tuple[Ints, Array] | None = field(default=None, repr=False)
+    around: bool = False
 
     @property
     def space(self) -> Any:
@@ -65,10 +69,13 @@ class FaceCopy:
         )
 
 
-def face_copy(
-    part: PartLike, face: str, space: Any, where: str, held: tuple[Ints, Array] | None = None
-) -> FaceCopy:
-    """Copy of a face for another rank, with what holds some of its nodes.
+def copied_nodes(facets: FacetMap, space: Any) -> Ints:
+    """Nodes of a space that a copy of the facets has, in its order: ascending."""
+    return np.unique(np.asarray(space.dofmap.list, dtype=np.int64)[facets.cells])
+
+
+def face_copy(part: PartLike, face: str, space: Any, where: str) -> FaceCopy:
+    """Copy of a face for another rank.
 
     Raises
     ------
@@ -77,7 +84,8 @@ def face_copy(
     """
     facets = FacetMap(part, face, where)
     element = space.element.basix_element
-    nodes, dofs = np.unique(np.asarray(space.dofmap.list)[facets.cells], return_inverse=True)
+    nodes = copied_nodes(facets, space)
+    dofs = np.searchsorted(nodes, np.asarray(space.dofmap.list)[facets.cells])
     cmap = coordinate_map(part.mesh)
     return FaceCopy(
         cell=facets.cell.name,
@@ -89,8 +97,17 @@ def face_copy(
         lagrange=int(element.lagrange_variant),
         dofs=dofs.reshape(len(facets), -1),
         coordinates=space.tabulate_dof_coordinates()[nodes],
-        held=None if held is None else (np.searchsorted(nodes, held[0]), held[1]),
+        around=facets.around,
     )
+
+
+def _numbered(rows: Ints) -> Ints:
+    """(n,): rows (n, d) that are equal have the same number, from 0."""
+    order = np.lexsort(rows.T)
+    fresh = np.any(np.diff(rows[order], axis=0, prepend=rows[order[:1]] - 1) != 0, axis=1)
+    out = np.empty(len(rows), dtype=np.int64)
+    out[order] = np.cumsum(fresh) - 1
+    return out
 
 
 class FacetMap:
@@ -148,10 +165,12 @@ class FacetMap:
             basix.ElementFamily.P, self.cell, copy.order, basix.LagrangeVariant(copy.variant)
         )
         self.order = copy.order
+        self.around = copy.around
         self.nodes: Array = copy.nodes
 
     def _read(self, part: PartLike, face: str, where: str) -> None:
         """The facets of a mesh."""
+        self.around = bool(getattr(part, "around", False))
         mesh = part.mesh
         tdim = mesh.topology.dim
         self.dim = int(mesh.geometry.dim)
@@ -195,6 +214,63 @@ class FacetMap:
         both = tables.transpose(1, 0, 2) @ nodes  # (p, value and derivatives, d)
         return both[:, 0], both[:, 1:].swapaxes(1, 2)
 
+    def _alike(self, s: Array) -> Array:
+        """(facets, d, 2 + fdim, q) at the same facet coordinates s (q, fdim) of all facets: points, tangents,
+        and an image of the outward normal of the reference cell."""
+        out = np.empty((len(self), self.dim, 1 + self.dim, len(s)))
+        for number in np.unique(self.local):
+            table = tabulate(self.element, 1, self.origin[number] + s @ self.tangents[number].T)
+            along = np.column_stack([self.tangents[number], self.conormal[number]])
+            both = np.concatenate([table[:1], np.tensordot(along, table[1:], axes=([0], [0]))])
+            here = np.flatnonzero(self.local == number)
+            out[here] = np.tensordot(self.nodes[here], both, axes=([1], [2]))
+        return out
+
+    def alike(self, s: Array) -> Array:
+        """(facets, q, d), points at the same facet coordinates s (q, fdim) of all facets."""
+        return self._alike(s)[:, :, 0].swapaxes(1, 2)
+
+    def alike_normals(self, s: Array) -> tuple[Array, Array]:
+        """(facets, q, d) normals of the map (tangent turned by 90 degrees; t_0 x t_1), as long as the area
+        per area of the reference facet, and (facets, q), 1, or -1 where they point into the part."""
+        both = self._alike(s).transpose(1, 2, 0, 3)  # (d, tangents, facets, q)
+        t, outward = both[:, 1:-1], both[:, -1]
+        if self.dim == 2:
+            parts = [-t[1, 0], t[0, 0]]
+        else:
+            turns = ((1, 2), (2, 0), (0, 1))
+            parts = [t[i, 0] * t[j, 1] - t[j, 0] * t[i, 1] for i, j in turns]
+        out = np.zeros(both.shape[2:])
+        for normal, direction in zip(parts, outward, strict=True):
+            out += normal * direction
+        return np.stack(parts, axis=2), np.where(out < 0.0, -1.0, 1.0)
+
+    def alike_surface(self, s: Array) -> tuple[Array, Array]:
+        """Outward unit normals (facets, q, d), and area (of rings, if axisymmetric) per area of the reference
+        facet (facets, q), at the same facet coordinates s (q, fdim) of all facets."""
+        normals, sign = self.alike_normals(s)
+        size = np.sqrt((normals * normals).sum(axis=2))
+        unit = normals * (sign / np.where(size > 0.0, size, 1.0))[:, :, None]
+        return unit, size * 2.0 * np.pi * self.alike(s)[:, :, 0] if self.around else size
+
+    def closure_dofs(self, space: Any) -> Ints:
+        """(facets, k): the nodes of a space on each facet, in the order of the cell's closure."""
+        closure = np.array(space.element.basix_element.entity_closure_dofs[self.dim - 1])
+        nodes = np.asarray(space.dofmap.list)[self.cells]
+        return np.take_along_axis(nodes, closure[self.local], axis=1).astype(np.int64)
+
+    def alike_shapes(self, space: Any, s: Array) -> Array:
+        """(facets, q, k): shape functions of `closure_dofs` at the same facet coordinates of all facets."""
+        element = space.element.basix_element
+        closure = np.array(element.entity_closure_dofs[self.dim - 1])
+        every = np.stack(
+            [
+                tabulate(element, 0, self.origin[number] + s @ self.tangents[number].T)[0][:, closure[number]]
+                for number in range(len(closure))
+            ]
+        )
+        return every[self.local]
+
     def surface(self, index: Ints, s: Array) -> tuple[Array, Array, Array]:
         """Points (p, d), outward unit normals (p, d), area per area of the reference facet (p,)."""
         x, jacobian = self.push_forward(index, s)
@@ -204,16 +280,29 @@ class FacetMap:
         )[:, :, 0]
         length = np.linalg.norm(conormal, axis=1)
         area = np.abs(np.linalg.det(jacobian)) * length * self.scale[local]
+        if self.around:
+            area = area * 2.0 * np.pi * x[:, 0]
         return x, conormal / length[:, None], area
 
-    def quadrature(self, degree: int) -> tuple[Ints, Array, Array]:
-        """Facet indices, facet coordinates and reference weights of all points, facet by facet."""
+    def rule(self, degree: int) -> tuple[Array, Array]:
+        """Facet coordinates (q, fdim) and weights (q,) on the reference facet.
+
+        Raises
+        ------
+        SceneError
+            The rule of this degree has weights <= 0.
+        """
         s, w = quadrature(self.facet_cell, degree)
         if w.min() <= 0.0:
             raise SceneError(
                 f"quadrature_degree = {degree}: the rule of degree {degree} on a "
                 f"{self.facet_cell.name} has weights <= 0; choose another degree"
             )
+        return s, w
+
+    def quadrature(self, degree: int) -> tuple[Ints, Array, Array]:
+        """Facet indices, facet coordinates and reference weights of all points, facet by facet."""
+        s, w = self.rule(degree)
         n = len(self)
         index = np.repeat(np.arange(n), len(w))
         return index, np.tile(s, (n, 1)), np.tile(w, n)
@@ -230,10 +319,7 @@ class FacetMap:
     @cached_property
     def samples(self) -> Array:
         """(facets, k, d), the lattice on every facet."""
-        lattice = self.lattice()
-        n, k = len(self), len(lattice)
-        x, _ = self.push_forward(np.repeat(np.arange(n), k), np.tile(lattice, (n, 1)))
-        return x.reshape(n, k, self.dim)
+        return self.alike(self.lattice())
 
     @cached_property
     def sizes(self) -> Array:
@@ -241,13 +327,13 @@ class FacetMap:
         size: Array = np.linalg.norm(np.ptp(self.samples, axis=1), axis=1)
         return size
 
-    def areas(self, weights: Array, index: Ints, where: str, name: str) -> Array:
+    def areas(self, weights: Array, where: str, name: str) -> Array:
         """(facets,), the sum of the weights on each; refuses facets that are nothing, or below the rounding.
 
         Parameters
         ----------
-        weights, index
-            (points,), areas or lengths, and the facet of each.
+        weights
+            (facets, q), areas or lengths.
         where, name
             For the message: the interface, and the face.
 
@@ -257,8 +343,9 @@ class FacetMap:
             If there is one.
         """
         if not np.all(np.isfinite(weights)) or weights.min(initial=np.inf) <= 0.0:
-            raise SceneError(f"{where}: facets of {name} have no area; fix the mesh")
-        areas = np.bincount(index, weights, minlength=len(self)).astype(np.float64)
+            axis = ": a face on the axis of an axisymmetric part is none" if self.around else ""
+            raise SceneError(f"{where}: facets of {name} have no area{axis}; fix the mesh")
+        areas: Array = weights.sum(axis=1)
         width = float((areas / self.sizes ** (self.dim - 2)).min(initial=np.inf))
         far = float(np.abs(self.nodes).max(initial=0.0))
         if width < DIGITS * far:
@@ -269,27 +356,52 @@ class FacetMap:
         return areas
 
     @cached_property
-    def sags(self) -> Array:
-        """(facets,), estimated distance of the facets from the smooth face that they stand for, length.
-
-        A chord of length h with the turn phi to its neighbours is h phi / 8 from the arc; curved facets
-        have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
-        """
+    def _turns(self) -> tuple[Array, Array]:
+        """(facets,) each, angles between the normals of a facet and of its neighbours, and within it."""
         corners = np.asarray(basix.geometry(self.facet_cell))
         n, v = len(self), len(corners)
-        index = np.repeat(np.arange(n), v)
-        x, normals, _ = self.surface(index, np.tile(corners, (n, 1)))
+        normals = self.alike_surface(corners)[0].reshape(n * v, -1)
+        if np.ptp(normals, axis=0).max() < EPS:
+            return np.zeros(n), np.zeros(n)  # a plane
+        x = self.alike(corners).reshape(n * v, -1)
         grid = np.round((x - x.min(axis=0)) / (1e-7 * self.sizes.max())).astype(np.int64)
-        _, vertex = np.unique(grid, axis=0, return_inverse=True)
-        vertex = vertex.ravel()
+        vertex = _numbered(grid)
         mean = np.zeros((vertex.max() + 1, self.dim))
         np.add.at(mean, vertex, normals)
         mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
         cosine = np.einsum("pi,pi->p", normals, mean[vertex])
         turn = 2.0 * np.arccos(np.clip(cosine, -1.0, 1.0))
         turn = np.where(turn > np.pi / 4, 0.0, turn).reshape(n, v).max(axis=1)
-        sag: Array = self.sizes * turn / 8.0
-        return sag
+        own = normals.reshape(n, v, -1)
+        middle = own.mean(axis=1, keepdims=True)
+        middle /= np.linalg.norm(middle, axis=2, keepdims=True)
+        inner = 2.0 * np.arccos(np.clip((own * middle).sum(axis=2), -1.0, 1.0)).max(axis=1)
+        return turn, np.asarray(inner, dtype=np.float64)
+
+    @cached_property
+    def sags(self) -> Array:
+        """(facets,), estimated distance of the facets from the smooth face that they stand for, length.
+
+        A chord of length h with the turn phi to its neighbours is h phi / 8 from the arc; curved facets
+        have kinks too, which are smaller by two orders. Turns above 45 degrees are edges.
+        """
+        return np.asarray(self.sizes * self._turns[0] / 8.0, dtype=np.float64)
+
+    @cached_property
+    def bend(self) -> float:
+        """How far the middles of edges are from those of straight ones, relative to the size of facets."""
+        corners = np.asarray(basix.geometry(self.facet_cell))
+        pairs = np.array(basix.topology(self.facet_cell)[1])
+        x = self.alike(corners)
+        middle = self.alike(corners[pairs].mean(axis=1))
+        off = np.linalg.norm(middle - x[:, pairs].mean(axis=2), axis=2).max(axis=1)
+        return float((off / self.sizes).max())
+
+    @cached_property
+    def chords(self) -> Array:
+        """(facets,), the same where facets are straight and the face is not; 0 elsewhere."""
+        turn, inner = self._turns
+        return np.where((turn > _KINK) & (turn > inner), self.sags, 0.0)
 
     def clamp(self, s: Array) -> Array:
         """The nearest point of the reference facet (in its own coordinates)."""
@@ -370,7 +482,4 @@ class FacetMap:
 
     def face_nodes(self, space: Any) -> Ints:
         """Nodes of a space on the face, sorted."""
-        closure = np.array(space.element.basix_element.entity_closure_dofs[self.dim - 1])
-        nodes = np.asarray(space.dofmap.list)[self.cells]
-        out: Ints = np.unique(np.take_along_axis(nodes, closure[self.local], axis=1))
-        return out.astype(np.int64)
+        return np.unique(self.closure_dofs(space))

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import cast
+
+import numpy as np
+
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import Resistance, resistance
-from dolfinx_frontend.common.arrays import Flags
+from dolfinx_frontend.assembly.rigid import rigid_modes
+from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.scene.laws import Elimination, Rigid
 
-__all__ = ["held"]
+__all__ = ["axis_resistances", "held", "resistance_of"]
 
 
 def held(problem: Problem, interface: Interface, where: Flags | None = None) -> Resistance:
@@ -18,8 +26,65 @@ def held(problem: Problem, interface: Interface, where: Flags | None = None) -> 
 
 
 def resistance_of(interface: Interface, length: float, where: Flags | None = None) -> Resistance:
+    if interface.law.elimination is Elimination.TIED:
+        return _of_tie(interface, cast(Rigid, interface.law.nominal), length)
+    if interface.wrench is not None:
+        return _of_wrench(interface, length, where)
     rows = interface.law.nominal.held_rows(interface)
     if where is not None:
         rows = rows * where.reshape(len(rows), -1, 1)
     sides = tuple(side.substructure for side in interface.sides)
     return resistance(sides, interface.points, interface.weights, rows, length)
+
+
+def axis_resistances(parts: Mapping[str, PartSummary]) -> list[Resistance]:
+    """What holds axisymmetric parts beside their interfaces: they move along their axis only."""
+    return [
+        ((name,), np.diag([1.0, 0.0, 1.0]), (part.centre, part.length))
+        for name, part in parts.items()
+        if part.around
+    ]
+
+
+def _of_tie(interface: Interface, law: Rigid, length: float) -> Resistance:
+    """What a face of a rigid group holds: the part of the first face, and that one the ground."""
+    part, d = interface.sides[0].substructure, interface.dim
+    if law.plane:
+        rows = np.repeat(interface.sides[0].normal[None, None], interface.num_points, axis=0)
+    else:
+        rows = np.tile(np.eye(d), (interface.num_points, 1, 1))
+    sides = (part,) if law.leads or part == law.anchor else (part, law.anchor)
+    _, gram, origin = resistance(sides, interface.points, interface.weights, rows, length)
+    if len(sides) == 2:
+        return sides, gram, origin
+    held: list[Array] = []
+    if law.leads and not law.plane:
+        centre, size = origin
+        place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
+        at = rigid_modes(place[None], *origin)[0]
+        units = np.eye(at.shape[1])
+        for name in law.motions():
+            turn = -1 if d == 2 else d + "xyz".index(name[-1])
+            held.append(units[turn] if name[0] == "r" else at["xyz".index(name)])
+    elif law.leads:
+        along = gram  # of the normal at all points: it holds one translation and the tilts
+        normal = np.concatenate([interface.sides[0].normal, np.zeros(gram.shape[0] - d)])
+        if law.motions():
+            return sides, along, origin
+        if not law.tilts:
+            away = np.eye(len(gram)) - np.outer(normal, normal)
+            return sides, away @ along @ away, origin
+    given: Array = np.reshape(np.array(held, dtype=np.float64), (len(held), gram.shape[0]))
+    return sides, given.T @ given, origin
+
+
+def _of_wrench(interface: Interface, length: float, where: Flags | None) -> Resistance:
+    """What an interface between mean motions of faces holds: one motion."""
+    assert interface.wrench is not None
+    d = interface.dim
+    row = interface.wrench.copy()
+    row[d:] /= length
+    holds = interface.law.nominal.holds(d)[0] and (where is None or bool(np.all(where)))
+    sides = tuple(side.substructure for side in interface.sides)
+    gram: Array = np.asarray(np.outer(row, row) * holds / max(float(row @ row), 1e-300), dtype=np.float64)
+    return sides, gram, (interface.points[0].copy(), length)

@@ -17,10 +17,14 @@ from dolfinx_frontend.common.arrays import Array, Flags, Ints
 from dolfinx_frontend.common.vectors import unit
 from dolfinx_frontend.scene.laws import Law
 
-__all__ = ["Held", "held_by", "held_twice", "joined_holds"]
+__all__ = ["ANYWAY", "Held", "held_by", "held_twice", "joined_holds"]
 
 _SAME = 0.5
 """cos^2 of the angle below which two directions are the same one: 45 degrees."""
+
+
+ANYWAY = 2.0
+"""Of :attr:`Held.least`: no interface covers that much."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +37,14 @@ class Held:
         (k,), ascending.
     directions
         (k, d, d), projectors onto them.
+    least
+        (k,): an interface must cover more than this fraction of the facets at a node to hold it as well;
+        :data:`ANYWAY`: never.
     """
 
     nodes: Ints
     directions: Array
+    least: Array
 
 
 @dataclass(frozen=True)
@@ -84,23 +92,24 @@ def _projectors(gram: Array, least: float) -> Array:
 
 def held_by(name: str, law: Law, label: tuple[str, str], sides: int, facets: FacetMap, space: Any) -> Held:
     """What a law holds at the nodes of one of its faces."""
-    index, s, w = facets.quadrature(2 * space.element.basix_element.degree)
-    points, normals, area = facets.surface(index, s)
-    weights = w * area
+    s, w = facets.rule(2 * int(space.element.basix_element.degree))
+    points, (normals, area) = facets.alike(s), facets.alike_surface(s)
+    share = np.abs(facets.alike_shapes(space, s)) * (w * area)[:, :, None]
+    d = facets.dim
+    points, normals, weights = points.reshape(-1, d), normals.reshape(-1, d), (w * area).ravel()
     mean = weights @ normals / weights.sum()
     flatness = float(np.linalg.norm(normals - mean, axis=1).max())
     length = float(np.linalg.norm(mean))
-    side = _Side(*label, unit(mean) if length > 1e-9 else np.zeros(facets.dim), flatness)
+    side = _Side(*label, unit(mean) if length > 1e-9 else np.zeros(d), flatness)
     probe = _Probe(name, points, weights, frames(normals)[0], (side,) * sides, law)
     rows = _rows(law, probe)
-    nodes = facets.face_nodes(space)
-    share = abs(facets.trace(space, index, s, space.dofmap.index_map.size_local)[:, nodes]).multiply(
-        weights[:, None]
-    )
-    d = facets.dim
-    gram = (share.T @ np.einsum("mri,mrj->mij", rows, rows).reshape(-1, d * d)).reshape(-1, d, d)
-    gram /= np.maximum(np.asarray(share.sum(axis=0)).ravel(), 1e-300)[:, None, None]
-    return Held(nodes, _projectors(gram, 0.3))
+    both = np.einsum("mri,mrj->mij", rows, rows).reshape(len(facets), -1, d * d)
+    nodes, at = np.unique(facets.closure_dofs(space), return_inverse=True)
+    parts = (np.swapaxes(share, 1, 2) @ both).reshape(-1, d * d)
+    several = [np.bincount(at.ravel(), parts[:, k]) for k in range(d * d)]
+    weight = np.maximum(np.bincount(at.ravel(), share.sum(axis=1).ravel()), 1e-300)
+    gram = np.asarray(np.stack(several, axis=1) / weight[:, None], dtype=np.float64)
+    return Held(nodes, _projectors(gram.reshape(-1, d, d), 0.3), np.full(len(nodes), ANYWAY))
 
 
 def joined_holds(several: list[Held]) -> Held | None:
@@ -109,13 +118,19 @@ def joined_holds(several: list[Held]) -> Held | None:
         return None
     nodes = np.unique(np.concatenate([h.nodes for h in several]))
     total = np.zeros((len(nodes), *several[0].directions.shape[1:]))
+    least = np.zeros(len(nodes))
     for h in several:
-        total[np.searchsorted(nodes, h.nodes)] += h.directions
-    return Held(nodes, _projectors(total, 0.3))
+        at = np.searchsorted(nodes, h.nodes)
+        total[at] += h.directions
+        least[at] = np.maximum(least[at], h.least)
+    return Held(nodes, _projectors(total, 0.3), least)
 
 
-def held_twice(held: Held, law: Law, nodes: Ints, x: Array, normals: Array, sides: int) -> Flags:
-    """Whether a law would hold nodes (ascending) in a direction in which they are held."""
+def held_twice(
+    held: Held, law: Law, nodes: Ints, x: Array, normals: Array, covered: Array, sides: int
+) -> Flags:
+    """Whether a law would hold nodes (ascending), at which it covers a fraction of the facets, in a direction
+    in which they are held, and should not."""
     side = _Side("", "", np.zeros(x.shape[1]), 1.0)
     probe = _Probe("", x, np.ones(len(x)), frames(normals)[0], (side,) * sides, law)
     at = np.searchsorted(held.nodes, nodes)
@@ -124,5 +139,5 @@ def held_twice(held: Held, law: Law, nodes: Ints, x: Array, normals: Array, side
     out = np.zeros(len(nodes), dtype=bool)
     rows = _rows(law, probe)[known]
     both = rows @ held.directions[at[known]] @ np.swapaxes(rows, 1, 2)
-    out[known] = np.linalg.eigvalsh(both)[:, -1] > _SAME
+    out[known] = (np.linalg.eigvalsh(both)[:, -1] > _SAME) & (covered[known] <= held.least[at[known]])
     return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,7 +15,7 @@ from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Space
 
-__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames", "nodal_normals"]
+__all__ = ["Interface", "PointFrames", "Side", "Vertices", "frames"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,8 +58,23 @@ class Side:
         locked(self)
         noted(self.trace)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Side:
+        return self  # nothing in it changes
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        if self.trace is not None:
+            raise TypeError(
+                f"the side {self.substructure}:{self.face} of an interface cannot be pickled: its matrices "
+                "live in this process; assemble its scene where it is needed"
+            )
+        return super().__reduce_ex__(protocol)
+
     def __repr__(self) -> str:
         return f"Side({self.substructure}:{self.face}, area {self.area:.6g}, {len(self.nodes)} nodes)"
+
+
+_ONE_FACE = 0.5
+"""Distance of two meshes of one face of curved cells, relative to their estimated sag, at most."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,6 +141,8 @@ class Interface(PointFrames):
     sag
         (m,), how far the meshed faces may be from the smooth ones, length: an estimate from the kinks
         between facets, see :meth:`FacetMap.sags`.
+    chords
+        (m,), the same where facets are straight and the face is not; 0 elsewhere.
     matching
         None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
     tangent_axis
@@ -143,6 +160,13 @@ class Interface(PointFrames):
         (k, m), area of each facet that belongs to each point.
     covered
         Fraction of side 1 that side 2 covers.
+    wrench
+        Of an interface that joins mean motions of faces by one point: the force (d,) and the moment about the
+        point, (3,) or in 2D (1,), on side 1 that a force 1 stands for, one after the other; None: it has
+        points.
+    places, mean_normals
+        (m, d), of ``"mortar"``: the mean place of each point's force, and the mean of the normal there, which
+        is shorter than 1 on a curved face: what resultants are made of. None: the points, and their normals.
     vertices
         Of ``"mortar"``: the field of the points as one that is continuous; None: there is none.
     """
@@ -158,12 +182,16 @@ class Interface(PointFrames):
     tangent_axis: int = field(repr=False)
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    chords: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     why: str = field(default="", repr=False)
     carrier: int = 0
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)
     areas: sp.csr_matrix = field(default_factory=lambda: sp.csr_matrix((0, 0)), repr=False)
     vertices: Vertices | None = field(default=None, repr=False)
     covered: float = 1.0
+    wrench: Array | None = field(default=None, repr=False)
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
@@ -182,11 +210,23 @@ class Interface(PointFrames):
         )
 
     @property
-    def clearance(self) -> Array:
-        """The gap without interpenetration that is only that of chords, (m,), length.
+    def fits(self) -> bool:
+        """Whether faces of curved cells are as near each other everywhere as meshes of one face would be.
 
-        Two meshes of one round face have different chords, which cross.
+        Measured (cylinders, spheres, tori, facets of 1 : 12): these are apart by up to 0.41 of the sag.
         """
+        return not self.chords.any() and bool(np.all(np.abs(self.gap) <= _ONE_FACE * self.sag))
+
+    @property
+    def clearance(self) -> Array:
+        """The gap without that of two meshes of one face, (m,), length.
+
+        Two meshes of one round face have different chords, which cross: an interpenetration of their size is
+        none. Where curved cells are nowhere farther apart than that, the faces touch: the distances between
+        two meshes of one face, small as they are, would be contact pressures of a light load.
+        """
+        if self.fits:
+            return np.zeros_like(self.gap)
         crossing = (self.gap < 0.0) & (self.gap >= -self.sag)
         return np.where(crossing, 0.0, self.gap)
 
@@ -240,27 +280,3 @@ def frames(normals: Array, axis: int | None = None) -> tuple[Array, int]:
     out[:, 1] = t / np.linalg.norm(t, axis=1)[:, None]
     out[:, 2] = np.cross(normals, out[:, 1])
     return out, axis
-
-
-def nodal_normals(shape: sp.csr_matrix, weights: Array, normals: Array, nodes: Ints) -> Array:
-    """Area-weighted unit normals at nodes.
-
-    Parameters
-    ----------
-    shape
-        (m, all nodes), shape functions at the points.
-    weights, normals
-        (m,), (m, d) at the points.
-    nodes
-        Nodes wanted.
-
-    Returns
-    -------
-    Array
-        (len(nodes), d).
-    """
-    share = abs(shape[:, nodes])  # |N|: quadratic vertex functions have zero mean on triangles
-    mean = share.T @ (weights[:, None] * normals)
-    length = np.linalg.norm(mean, axis=1)
-    out: Array = mean / np.where(length > 0.0, length, 1.0)[:, None]
-    return out

@@ -25,8 +25,9 @@ many iterations; forces are the more accurate ones in each case.
 
 Where vertices are held by another interface, a multiplier of their own would hold linear displacements twice.
 It is merged into those of its neighbours, psi_j + c psi_i with sum c = 1 (cross points and edges: Bernardi,
-Maday, Patera 1994).  Quadratic displacements have nodes enough: linear multipliers at held vertices are
-stable, and more accurate.  Vertices of which almost nothing is covered are merged in the same way.
+Maday, Patera 1994).  Where one face meets several parts, a vertex belongs to the interface that covers most
+of its facets.  Quadratic displacements have nodes enough: linear multipliers at held vertices are stable, and
+more accurate.  Vertices outside of what is common are merged in the same way.
 """
 
 from __future__ import annotations
@@ -54,9 +55,12 @@ _NOTHING = 1e-9
 _PLANE = 1e-12
 """Normals of a face that differ by less are the same."""
 
+_OUTSIDE = 0.5
+"""A vertex of which a smaller fraction is covered than this times the largest has no multiplier of its own:
+it is outside of what is common, and its force would be extrapolated (to nine times the pressure there)."""
+
 _LITTLE = 0.1
-"""A vertex of whose facets a smaller fraction is covered has no multiplier of its own; on a facet of which
-less is covered psi = L: the mass matrix of a sliver cannot be inverted."""
+"""On a facet of which a smaller fraction is covered psi = L: the mass matrix of a sliver has no inverse."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +144,11 @@ def multipliers(
     here = corners[row[found.first[pairs]]]
 
     weights: Array = np.asarray(np.bincount(corners.ravel(), found.mean[facets].ravel(), minlength=m), float)
+    size = found.whole
+    if carrier.around:  # lengths of a section, where the weights are areas of rings
+        size = size * 2.0 * np.pi * carrier.nodes[:, :, 0].max(axis=1)
     whole = np.bincount(
-        corners.ravel(), np.repeat(found.whole[facets] / corners.shape[1], corners.shape[1]), minlength=m
+        corners.ravel(), np.repeat(size[facets] / corners.shape[1], corners.shape[1]), minlength=m
     )
     normals = np.zeros((m, 3))
     np.add.at(normals, corners, found.normal[facets])
@@ -150,9 +157,13 @@ def multipliers(
     some = lost[corners]
     normals[corners[some]] = found.normal[facets][some]
     linear = spaces[0].element.basix_element.degree == 1
-    alone = weights > _LITTLE * whole
+    alone = weights / whole > _OUTSIDE * (weights / whole).max()
     if held is not None and linear and law.rigid:
-        alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), 1 if other is None else 2)
+        everywhere = vertex_nodes(carrier, spaces[0])
+        around = np.bincount(everywhere.ravel(), np.repeat(found.whole, corners.shape[1]))[vertices]
+        covered = corners.shape[1] * weights / around
+        sides = 1 if other is None else 2
+        alone &= ~held_twice(held, law, vertices, x, unit_rows(normals[:, :d]), covered, sides)
     merging = _merging(corners, alone)  # (points, vertices)
 
     dual = _dual(found.mean[facets], found.mass[facets], (share[facets] > _LITTLE) & linear)
@@ -161,21 +172,22 @@ def multipliers(
     np.add.at(distance, corners, found.gap[facets])
     np.add.at(gap, corners, (dual @ found.gap[facets][:, :, None])[:, :, 0])
     weights = merging @ weights
-    inverse = sp.diags(1.0 / weights) @ merging
+    inverse = (sp.diags(1.0 / weights) @ merging).tocsr()
     mean = found.mean[facets][:, :, None]
-    plane = float(np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max()) < _PLANE
+    plane = not len(found.own_normal) or bool(
+        np.ptp(found.normal[facets] / np.where(mean > 0.0, mean, 1.0), axis=(0, 1)).max() < _PLANE
+    )
     shapes, along = [], []
-    sides = [(carrier, dual, facets, corners, found.own[facets], found.own_normal[facets])]
+    seen = [(carrier, dual, facets, facets, corners, found.own, found.own_normal)]
     if other is not None:
-        sides.append(
-            (other, of_pairs, found.second[pairs], here, found.other[pairs], found.other_normal[pairs])
-        )
-    for (face, psi, which, rows, few, several), v in zip(sides, spaces, strict=True):
+        seen.append((other, of_pairs, pairs, found.second[pairs], here, found.other, found.other_normal))
+    for (face, psi, taken, which, rows, few, several), v in zip(seen, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
-        shapes.append((inverse @ _assembled(psi @ few, rows, nodes, m, count)).tocsr())
+        shapes.append((inverse @ _assembled(psi @ few[taken], rows, nodes, m, count)).tocsr())
         if plane:
             continue
-        several = psi @ several[:, :, :, :d].reshape(*several.shape[:2], -1)
+        several = several[taken, :, :, :d]
+        several = psi @ several.reshape(*several.shape[:2], -1)
         unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
         along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
     areas = sp.csr_matrix(
@@ -216,23 +228,16 @@ def _normals_at_vertices(face: FacetMap, facets: Ints, corners: Ints, weights: A
     For laws that hold all directions alike, whose forces are best told in the frame of the place. Laws that
     tell the normal direction from the others take the mean over psi, along which rigid motions slide freely.
     """
-    k, v = corners.shape
-    s = np.tile(np.asarray(basix.geometry(face.facet_cell)), (k, 1))
-    _, normal, _ = face.surface(np.repeat(facets, v), s)
+    normal, _ = face.alike_surface(np.asarray(basix.geometry(face.facet_cell)))
     out = np.zeros((corners.max() + 1, face.dim))
-    np.add.at(out, corners.ravel(), weights.reshape(-1, 1) * normal)
+    np.add.at(out, corners, weights[:, :, None] * normal[facets])
     return unit_rows(out)
 
 
 def _assembled(blocks: Array, rows: Ints, columns: Ints, m: int, n: int) -> sp.csr_matrix:
     """(m, n): the sum of blocks (b, r, c) at rows (b, r) and columns (b, c)."""
-    row = np.broadcast_to(rows[:, :, None], blocks.shape)
-    column = np.broadcast_to(columns[:, None, :], blocks.shape)
-    out = sp.csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(m, n))
-    # integrals that are zero are rounding otherwise
-    out.data[np.abs(out.data) < 1e-15 * np.abs(out.data).max(initial=0.0)] = 0.0
-    out.eliminate_zeros()
-    return out
+    starts, indices, data = kernel.sum_of(blocks, rows, columns, (m, n))
+    return sp.csr_matrix((data, indices, starts), shape=(m, n))
 
 
 def _merging(corners: Ints, alone: Flags) -> sp.csr_matrix:

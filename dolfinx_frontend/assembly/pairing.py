@@ -8,7 +8,6 @@ case and not another path.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,8 +20,8 @@ from scipy.spatial import cKDTree
 from dolfinx_frontend.assembly.averages import average
 from dolfinx_frontend.assembly.elements import petsc_matrix
 from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
-from dolfinx_frontend.assembly.held_nodes import Held
-from dolfinx_frontend.assembly.interface import Interface, Side, Vertices, frames, nodal_normals
+from dolfinx_frontend.assembly.held_nodes import ANYWAY, Held
+from dolfinx_frontend.assembly.interface import Interface, Side, Vertices, frames
 from dolfinx_frontend.assembly.mortar import multipliers, vertex_nodes
 from dolfinx_frontend.assembly.overlap import (
     OPPOSED,
@@ -34,16 +33,19 @@ from dolfinx_frontend.assembly.overlap import (
     shape_of,
 )
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.common.vectors import unit
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.vectors import unit, unit_rows
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.specs import Overlap, PartLike, Space
 
-__all__ = ["make_interface"]
+__all__ = ["coincide", "make_interface", "near_facets"]
 
 
 MAX_DISTANCE = 0.25
 """Default of the largest distance between the sides, as a fraction of the facet size."""
+
+ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
+"""Distances below this, relative to the coordinates, are none."""
 
 FAR = 0.05
 """The same as a fraction of the extent of the smaller face, which refinement does not change."""
@@ -55,19 +57,21 @@ def _side(
     space: Any,
     facets: FacetMap,
     shape: sp.csr_matrix,
-    own: tuple[sp.csr_matrix, Array, Array],
+    degree: int,
     along: tuple[sp.csr_matrix, Array] | None = None,
 ) -> Side:
     """A side with its trace.
 
-    `own`: shape functions, weights and normals at points of its own; `along`: the trace along the normals of
-    the places, and the normals of the points.
+    `degree`: of the rule for its area and normals; `along`: the trace along the normals of the places, and
+    the normals of the points.
     """
-    nodes = facets.face_nodes(space)
-    own_shape, weights, normals = own
+    s, w = facets.rule(degree)
+    normals, area = facets.alike_surface(s)
+    weights = w * area
+    nodes, node_normals = _nodal_normals(facets, space, s, weights, normals)
     total = float(weights.sum())
-    mean = (weights[:, None] * normals).sum(axis=0) / total
-    flatness = float(np.linalg.norm(normals - mean, axis=1).max())
+    mean = np.einsum("fq,fqi->i", weights, normals) / total
+    flatness = float(np.linalg.norm(normals - mean, axis=2).max())
     length = np.linalg.norm(mean)
     return Side(
         substructure=label,
@@ -75,16 +79,43 @@ def _side(
         trace=petsc_matrix(_trace(shape, facets.dim, along)),
         shape=shape,
         nodes=nodes,
-        node_normals=nodal_normals(own_shape, weights, normals, nodes),
+        node_normals=node_normals,
         flatness=flatness,
         normal=unit(mean) if length > 1e-9 else np.zeros(facets.dim),
         area=total,
     )
 
 
+def _nodal_normals(
+    facets: FacetMap, space: Any, s: Array, weights: Array, normals: Array
+) -> tuple[Ints, Array]:
+    """The nodes on a face, sorted, and area-weighted unit normals there, from those at a rule's points s."""
+    nodes, at = np.unique(facets.closure_dofs(space), return_inverse=True)
+    # |N|: quadratic vertex functions have zero mean on triangles
+    share = np.abs(facets.alike_shapes(space, s))
+    parts = np.swapaxes(share, 1, 2) @ (weights[:, :, None] * normals)
+    flat = parts.reshape(-1, facets.dim)
+    several = [np.bincount(at.ravel(), flat[:, k]) for k in range(facets.dim)]
+    total = np.stack(several, axis=1).astype(np.float64)
+    return nodes, unit_rows(total)
+
+
+def _repeated(shape: sp.csr_matrix, d: int) -> sp.csr_matrix:
+    """(d * m, d * nodes): the same for every component; sp.kron, without its detours."""
+    start = shape.indptr[:-1].astype(np.int64)
+    count = np.diff(shape.indptr)
+    indptr = np.concatenate([[0], np.cumsum(np.repeat(count, d))])
+    entry = np.arange(indptr[-1]) + np.repeat(np.repeat(start, d) - indptr[:-1], np.repeat(count, d))
+    component = np.repeat(np.tile(np.arange(d), len(start)), np.repeat(count, d))
+    return sp.csr_matrix(
+        (shape.data[entry], d * shape.indices[entry] + component, indptr),
+        shape=(d * shape.shape[0], d * shape.shape[1]),
+    )
+
+
 def _trace(shape: sp.csr_matrix, d: int, along: tuple[sp.csr_matrix, Array] | None) -> sp.csr_matrix:
     """(d * m, d * nodes): the trace in global components."""
-    alike = sp.kron(shape, sp.identity(d), format="csr")
+    alike = _repeated(shape, d)
     if along is None:
         return alike
     m = shape.shape[0]
@@ -210,21 +241,24 @@ def _check_pairing(
     along = np.einsum("pi,pi->p", offset, n2)[:, None] * n2
     beside = np.linalg.norm(offset - along, axis=1) > 0.02 * sizes
     if weights[beside].sum() > 0.01 * total:
-        warnings.warn(
+        warn(
             f"{where}: {100 * weights[beside].sum() / total:.3g} % of {names[0]} lies beside "
             f"{names[1]}; it is joined to the edge of it",
             SceneWarning,
-            stacklevel=6,
         )
 
 
-def _sag(first: FacetMap, second: FacetMap | None, points: Array) -> Array:
-    """The larger sag of both sides at the interface points, (m,), length, with a fifth for safety."""
-    out = np.zeros(len(points))
-    for facets in (first,) if second is None else (first, second):
+def _sag(faces: Sequence[FacetMap], points: Array) -> tuple[Array, Array]:
+    """(m,) each, length: the larger sag of both sides at the interface points, with a fifth for safety, and
+    that of straight facets of round faces."""
+    sag, chords = np.zeros(len(points)), np.zeros(len(points))
+    for facets in faces:
+        if not facets.sags.any():
+            continue
         _, nearest = cKDTree(facets.samples.mean(axis=1)).query(points)
-        out = np.maximum(out, 1.2 * facets.sags[nearest])
-    return out
+        sag = np.maximum(sag, 1.2 * facets.sags[nearest])
+        chords = np.maximum(chords, 1.2 * facets.chords[nearest])
+    return sag, chords
 
 
 def _match(
@@ -262,6 +296,12 @@ class _Samples:
     covered: float = 1.0
 
 
+def _without_rounding(gap: Array, faces: Sequence[FacetMap]) -> Array:
+    """Distances that are more than rounding of the coordinates: faces that meet have none."""
+    far = max(float(np.abs(face.nodes).max(initial=0.0)) for face in faces)
+    return np.where(np.abs(gap) <= ROUNDING * far, 0.0, gap)
+
+
 @dataclass(frozen=True)
 class _Pair:
     """The faces of an interface, and how they are to be joined."""
@@ -287,17 +327,21 @@ class _Pair:
         return replace(self, **both)
 
 
+def _rule_degree(pair: _Pair) -> int:
+    """Of the quadrature points of side 1: the mass matrix of a straight simplex is exact."""
+    if pair.degree is not None:
+        return pair.degree
+    highest = max(int(s.element.basix_element.degree) for s in pair.spaces)
+    return 2 * highest + pair.faces[0].order - 1
+
+
 def _sample_points(pair: _Pair, limit: float) -> _Samples:
     """The space ``points``: quadrature points of side 1 and their closest points on side 2."""
     first, spaces = pair.faces[0], pair.spaces
-    degree = pair.degree
-    if degree is None:
-        highest = max(s.element.basix_element.degree for s in spaces)
-        degree = 2 * highest + first.order - 1
-    index, s, w = first.quadrature(degree)
+    index, s, w = first.quadrature(_rule_degree(pair))
     points, normals, area = first.surface(index, s)
     weights = w * area
-    first.areas(weights, index, pair.where, pair.names[0])
+    first.areas(weights.reshape(len(first), -1), pair.where, pair.names[0])
     columns = [v.dofmap.index_map.size_local for v in spaces]
     shapes = [first.trace(spaces[0], index, s, columns[0])]
     gap = np.zeros(len(points))
@@ -365,7 +409,7 @@ def _sample_vertices(pair: _Pair, carrier: int) -> _Samples:
     )
 
 
-def _near(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
+def near_facets(faces: Sequence[FacetMap], max_distance: float | None) -> tuple[Array, ...]:
     """Largest distance of the other side from every facet, length."""
     if max_distance is not None:
         return tuple(np.full(len(face), max_distance * face.sizes.max()) for face in faces)
@@ -383,7 +427,7 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
         twice.append(0.0)
         free.append(True)
         if held is not None:
-            both = np.isin(held.nodes, nodes)
+            both = np.isin(held.nodes, nodes) & (held.least >= ANYWAY)
             whole = np.linalg.matrix_rank(held.directions[both]) == pair.dim
             free[-1] = bool(whole.sum() < len(nodes))
             twice[-1] = float((np.trace(held.directions[both], axis1=1, axis2=2) > 0.5).sum() / len(nodes))
@@ -408,17 +452,17 @@ def _carrier(pair: _Pair) -> tuple[int, str]:
     return side, f"at the vertices of {pair.names[side]}; the sides are alike"
 
 
-def _coincide(pair: _Pair) -> bool:
+def coincide(faces: Sequence[FacetMap], spaces: Sequence[Any]) -> bool:
     """Whether the nodes of both sides are at the same places."""
-    if len(pair.faces) == 1:
+    if len(faces) == 1:
         return False
     x = [
         np.asarray(v.tabulate_dof_coordinates())[face.face_nodes(v)]
-        for face, v in zip(pair.faces, pair.spaces, strict=True)
+        for face, v in zip(faces, spaces, strict=True)
     ]
     if len(x[0]) != len(x[1]):
         return False
-    size = float(min(face.sizes.min() for face in pair.faces))
+    size = float(min(face.sizes.min() for face in faces))
     distance, _ = cKDTree(x[1]).query(x[0])
     return bool(distance.max() <= 1e-6 * size)
 
@@ -475,18 +519,17 @@ def make_interface(
     names = tuple(":".join(label) for label in labels)
     limit = MAX_DISTANCE if max_distance is None else max_distance
     faces = tuple(FacetMap(p, face, where) for p, (_, face) in zip(parts, labels, strict=True))
-    ruled, areas = [], []
+    areas, degrees = [], []
     for face, v, each in zip(faces, spaces, names, strict=True):
-        index, s, w = face.quadrature(2 * v.element.basix_element.degree)
-        _, normals, area = face.surface(index, s)
-        areas.append(face.areas(w * area, index, where, each))
-        ruled.append((face.trace(v, index, s, v.dofmap.index_map.size_local), w * area, normals))
+        degrees.append(2 * int(v.element.basix_element.degree))
+        rule, w = face.rule(degrees[-1])
+        areas.append(face.areas(w * face.alike_surface(rule)[1], where, each))
     pair = _Pair(
-        where, names, faces, spaces, law, held or (None,) * len(faces), _near(faces, max_distance),
+        where, names, faces, spaces, law, held or (None,) * len(faces), near_facets(faces, max_distance),
         tuple(areas), quadrature_degree, overlap,
     )
     two = len(faces) == 2
-    alike = _coincide(pair)
+    alike = coincide(faces, spaces)
     why = ""
     if space == "auto":
         space, why = _choice(pair, alike)
@@ -501,13 +544,13 @@ def make_interface(
         sampled = _sample_points(pair, limit)
     local, axis = frames(sampled.normals)
     if space == "points":
-        ruled[0] = (sampled.shapes[0], sampled.weights, sampled.normals)
+        degrees[0] = _rule_degree(pair)
     along: list[tuple[sp.csr_matrix, Array] | None] = [(each, sampled.normals) for each in sampled.along]
     along = along or [None] * len(faces)
-    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], ruled[0], along[0])]
+    sides = [_side(*labels[0], spaces[0], faces[0], sampled.shapes[0], degrees[0], along[0])]
     matching = None
     if two:
-        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1], ruled[1], along[1]))
+        sides.append(_side(*labels[1], spaces[1], faces[1], sampled.shapes[1], degrees[1], along[1]))
         if overlap == "full":
             _warn_of_areas(where, names, sides)
         if alike:
@@ -518,24 +561,37 @@ def make_interface(
             matching = _match(size, (sides[0], sides[1]), (coordinates[0], coordinates[1]))
         if matching is None:
             _check_space(pair, space, len(sampled.weights), (sides[0], sides[1]))
+    sag, chords = _sag(faces, sampled.points)
+    places, mean_normals = None, None
+    if space == "mortar":
+        x = np.asarray(spaces[carrier].tabulate_dof_coordinates())[:, : faces[0].dim]
+        places = np.asarray(sampled.shapes[carrier] @ x[: sampled.shapes[carrier].shape[1]])
+        mean_normals = sampled.normals
+        if sampled.along:
+            d = faces[0].dim
+            parts_of = [sampled.along[carrier][:, k::d].sum(axis=1) for k in range(d)]
+            mean_normals = np.asarray(np.hstack(parts_of))
     return Interface(
         name=name,
         law=law,
         points=sampled.points,
         weights=sampled.weights,
         frames=local,
-        gap=sampled.gap,
+        gap=_without_rounding(sampled.gap, faces),
         sides=tuple(sides),
         matching=matching,
         tangent_axis=axis,
         space=space,
-        sag=np.maximum(_sag(faces[0], faces[1] if two else None, sampled.points), sampled.bulge),
+        sag=np.maximum(sag, sampled.bulge),
+        chords=chords,
         why=why,
         carrier=carrier,
         facets=sampled.facets,
         areas=sampled.areas,
         vertices=sampled.vertices,
         covered=sampled.covered,
+        places=places,
+        mean_normals=mean_normals,
     )
 
 
@@ -573,20 +629,18 @@ def _check_space(pair: _Pair, space: Space, points: int, sides: tuple[Side, Side
             "jump locks there; use space='mortar', or give the substructures degree=2"
         )
     if space == "points" and law.unilateral and not _opposite(pair, sides):
-        warnings.warn(
+        warn(
             f"{pair.where}: contact in the space 'points' on meshes that do not match: its pressures are "
             "wrong by tens of percent and do not converge; use space='mortar'",
             SceneWarning,
-            stacklevel=5,
         )
 
 
 def _warn_of_areas(where: str, names: Sequence[str], sides: Sequence[Side]) -> None:
     ratio = sides[1].area / sides[0].area
     if abs(ratio - 1.0) > 0.01:
-        warnings.warn(
+        warn(
             f"{where}: the areas of {names[0]} ({sides[0].area:.6g}) and {names[1]} "
             f"({sides[1].area:.6g}) differ by more than 1 %; only the first one is joined",
             SceneWarning,
-            stacklevel=5,
         )

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
+
+import numpy as np
 
 from dolfinx_frontend.assembly.interface import Interface
-from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike
+from dolfinx_frontend.assembly.part_loads import PartLoad
+from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -17,12 +20,15 @@ from dolfinx_frontend.common.checks import (
     check_known,
     check_optional_kind,
     checked_number,
+    is_real,
 )
-from dolfinx_frontend.common.describe import columns
+from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
+from dolfinx_frontend.scene.loads import LoadTerm, Term
+from dolfinx_frontend.scene.values import is_uncertain
 
 __all__ = ["Problem", "check_is_problem"]
 
@@ -30,10 +36,6 @@ _COVERED = 0.99
 """Fraction of a face from which on it counts as covered: the rims of round faces are chords."""
 
 T = TypeVar("T")
-
-
-def _not_exported(problem: Problem, folder: str | Path, *args: Any, **settings: Any) -> Path:
-    raise SceneError("export: import dolfinx_frontend, which has what writes a folder")
 
 
 @dataclass(frozen=True)
@@ -47,16 +49,16 @@ class Problem(OneProcess):
     substructures: dict[str, Substructure]
     interfaces: dict[str, Interface]
     distribution: Distribution | None = field(default=None, repr=False)
+    loads: dict[str, PartLoad] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         locked(self)
 
-    exporter: ClassVar[Callable[..., Path]] = _not_exported
-    """What :meth:`export` calls: it plans the problem, which is above this layer."""
-
     def export(self, folder: str | Path, *args: Any, **settings: Any) -> Path:
         """Write what the kernel is given, for ``latin_run``, see :func:`dolfinx_frontend.export`."""
-        return type(self).exporter(self, folder, *args, **settings)
+        from dolfinx_frontend.solvers.export import export
+
+        return export(self, folder, *args, **settings)
 
     @property
     def _instead(self) -> str:
@@ -79,7 +81,7 @@ class Problem(OneProcess):
             for name, i in self.interfaces.items()
             if any(side.substructure in self.substructures for side in i.sides)
         }
-        return Problem(self.substructures, here, self.distribution)
+        return Problem(self.substructures, here, self.distribution, dict(self.loads))
 
     @property
     def comm(self) -> Any:
@@ -99,7 +101,7 @@ class Problem(OneProcess):
         """What the ranks know of interfaces, put together, in the scene's order; collective."""
         known = dict(own)
         if self.comm is not None:
-            known = {n: each for found in self.comm.allgather(known) for n, each in found.items()}
+            known = {n: each for found in exchanged(self.comm, known) for n, each in found.items()}
         return {name: known[name] for name in self.interfaces if name in known}
 
     def everywhere(self, name: str, read: Callable[[], T]) -> T:
@@ -130,7 +132,10 @@ class Problem(OneProcess):
             self.check_unchanged()
         if self.comm is None:
             return
-        of_laws = {f"the law of interface {n!r}": i.law for n, i in self.interfaces.items()} if laws else {}
+        of_laws: dict[str, object] = {}
+        if laws:
+            of_laws = {f"the law of interface {n!r}": i.law for n, i in self.interfaces.items()}
+            of_laws |= {f"the values of load {n!r}": each.load.values for n, each in self.loads.items()}
         check_alike(self.comm, call, given | of_laws)
 
     def check_unchanged(self) -> None:
@@ -139,6 +144,28 @@ class Problem(OneProcess):
             part.check_unchanged()
         for interface in self.interfaces.values():
             interface.check_unchanged()
+
+    def check_here(self, part: str) -> None:
+        """Raise SceneError if a part of the scene is on another rank, and say on which."""
+        if self.distribution is not None and self.distribution.owner.get(part, self.rank) != self.rank:
+            raise SceneError(
+                f"substructure {part!r} is on rank {self.distribution.owner[part]}, this is rank "
+                f"{self.rank}: ask there"
+            )
+
+    def check_sources(self, part: str | None = None) -> None:
+        """Raise SceneError if the mesh, the material or a load of a part (None: of any of this rank) was
+        changed, see :meth:`Substructure.check_sources`."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_sources()
+        for load in self.loads.values():
+            if part in (None, load.load.part):
+                load.check_sources()
+
+    def check_mesh(self, part: str | None = None) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        for each in self.substructures.values() if part is None else [self.substructures[part]]:
+            each.check_mesh()
 
     def here(self, name: str) -> Interface:
         """An interface that touches this rank.
@@ -188,10 +215,75 @@ class Problem(OneProcess):
 
     @property
     def load_amplitudes(self) -> tuple[Amplitude, ...]:
-        """Amplitudes of all body forces."""
+        """Amplitudes of all body forces and loads of parts."""
+        of_loads = (t.amplitude for t in self.load_terms)
         if self.distribution is not None:
-            return self.distribution.load_amplitudes
-        return tuple(a for s in self.substructures.values() for a in s.varying_loads)
+            of_parts = self.distribution.load_amplitudes
+        else:
+            of_parts = tuple(a for s in self.substructures.values() for a in s.varying_loads)
+        return (*of_parts, *(a for a in of_loads if a is not None))
+
+    @cached_property
+    def load_terms(self) -> tuple[LoadTerm, ...]:
+        """The numbers of all loads of parts with their amplitudes."""
+        return tuple(term for each in self.loads.values() for term in each.keys())
+
+    @property
+    def has_constant_loads(self) -> bool:
+        """Whether a part has loads that are constant in time."""
+        of_loads = any(None in each.load.amplitudes for each in self.loads.values())
+        return of_loads or any(part.loaded for part in self.parts.values())
+
+    def load_on(
+        self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
+    ) -> Array:
+        """What one amplitude multiplies of the forces inside a part (n,), random ones at their means.
+
+        Parameters
+        ----------
+        amplitude
+            None: the part that is constant in time.
+        without
+            Numbers of loads that are left out.
+        """
+        total = self.substructures[part].load_of(amplitude).copy()
+        for each in self.loads.values():
+            for term in each.keys():
+                nodal = each.on(part, term.parameter)
+                if nodal is not None and term.amplitude == amplitude and term not in without:
+                    total += each.mean(term.parameter, amplitude) * nodal
+        return total
+
+    @cached_property
+    def factors(self) -> Mapping[str, Any]:
+        """Part -> random number, with the mean 1, that its stiffness is multiplied with."""
+        return ReadOnlyDict({n: s.factor for n, s in self.substructures.items() if is_uncertain(s.factor)})
+
+    def stiffness_load_on(
+        self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
+    ) -> Array:
+        """Of :meth:`load_on` what comes from the stiffness of the part: loads of initial strains."""
+        total: Array = np.zeros(self.substructures[part].size)
+        for each in self.loads.values():
+            for term in each.keys():
+                nodal = each.on(part, term.parameter) if term.parameter in each.stresses else None
+                if nodal is not None and term.amplitude == amplitude and term not in without:
+                    total += each.mean(term.parameter, amplitude) * nodal
+        return total
+
+    def initial_stresses(self, part: str) -> list[tuple[str, str, Any]]:
+        """Load, its parameter, and the initial stress (UFL) of the number 1, of all that act in a part."""
+        return [
+            (name, parameter, stress)
+            for name, each in self.loads.items()
+            if each.load.part == part
+            for parameter, stress in each.stresses.items()
+        ]
+
+    def numbers_of(self, term: LoadTerm) -> list[Term]:
+        """What the amplitude of a term multiplies: summands of its number."""
+        every = self.loads[term.load].load.terms(term.parameter)
+        return [each for each in every if each.amplitude == term.amplitude]
 
     @property
     def amplitudes(self) -> tuple[Amplitude, ...]:
@@ -216,6 +308,7 @@ class Problem(OneProcess):
             },
             {name: replace(i, law=i.law.at(time)) for name, i in self.interfaces.items()},
             self.distribution,
+            {name: each.at(time) for name, each in self.loads.items()},
         )
 
     @property
@@ -230,6 +323,26 @@ class Problem(OneProcess):
             f"{name}.{key}": value
             for name, i in self.interfaces.items()
             for key, value in i.law.parameters().items()
+        }
+
+    @property
+    def part_parameters(self) -> dict[str, Any]:
+        """What can be swept of parts: ``"bar.E"``, the nominal modulus, and ``"bar.stiffness"``, a factor."""
+        found: dict[str, Any] = {}
+        for name, part in self.substructures.items():
+            modulus = getattr(part.material, "E", None)
+            if is_real(modulus):
+                found[f"{name}.E"] = modulus
+            found[f"{name}.stiffness"] = 1.0
+        return {key: value for key, value in found.items() if key not in self.law_parameters}
+
+    @property
+    def load_parameters(self) -> dict[str, Any]:
+        """Numbers of all loads of parts, ``"heat.dT"`` -> value."""
+        return {
+            f"{name}.{key}": value
+            for name, each in self.loads.items()
+            for key, value in each.load.values.items()
         }
 
     def laws(
@@ -258,7 +371,11 @@ class Problem(OneProcess):
             out[name] = law
         for key, value in (values or {}).items():
             known = [f"{name}.{each}" for name, law in out.items() for each in law.parameters()]
-            check_known("parameter", key, known)
+            check_known("parameter", key, [*known, *self.load_parameters])
+            if key in self.load_parameters:
+                raise SceneError(
+                    f"{key!r} is of a load, not of a law: problem.with_laws(values=...) takes it"
+                )
             name, _, parameter = key.rpartition(".")
             out[name] = out[name].with_(**{parameter: value})
         return out
@@ -271,11 +388,20 @@ class Problem(OneProcess):
         Parameters
         ----------
         laws, values
-            As for :meth:`laws`.
+            As for :meth:`laws`; values of loads of parts, too (``{"heat.dT": 80.0}``).
         """
-        new = self.laws(laws, values)
+        of_loads = self.load_parameters
+        here: dict[str, dict[str, Any]] = {}
+        rest = None
+        if isinstance(values, Mapping):
+            rest = {key: value for key, value in values.items() if key not in of_loads}
+            for key in values.keys() - rest.keys():
+                name, _, parameter = key.rpartition(".")
+                here.setdefault(name, {})[parameter] = values[key]
+        new = self.laws(laws, values if rest is None else rest)
         interfaces = {name: replace(i, law=new[name]) for name, i in self.interfaces.items()}
-        return replace(self, interfaces=interfaces)
+        loads = {n: each.with_values(here.get(n, {})) for n, each in self.loads.items()}
+        return replace(self, interfaces=interfaces, loads=loads)
 
     def __repr__(self) -> str:
         lines = [
@@ -292,9 +418,17 @@ class Problem(OneProcess):
             if len(i.sides) == 2:
                 meshes = "matching" if i.matching is not None else "non-matching"
                 share = "" if i.covered > _COVERED else f", {100 * i.covered:.3g} % of the first covered"
-                sides += f" ({meshes}{share})"
+                fit = ", no gap as meshed" if i.law.unilateral and i.fits and i.gap.any() else ""
+                sides += f" ({meshes}{share}{fit})"
             rows.append((i.name, i.law.title, str(i.num_points), f"{i.area:.4g}", sides))
-        return "\n".join(lines + [f"  {line}" for line in columns(rows, "<<>><")])
+        lines += [f"  {line}" for line in columns(rows, "<<>><")]
+        if self.loads:
+            table = [("load", "part", "values")]
+            for name, each in self.loads.items():
+                given = ", ".join(f"{k} = {short(v)}" for k, v in each.load.values.items())
+                table.append((name, each.load.part, given))
+            lines += [f"  {line}" for line in columns(table, "<<<")]
+        return "\n".join(lines)
 
 
 def check_is_problem(where: str, problem: object) -> None:

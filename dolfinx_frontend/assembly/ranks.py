@@ -6,14 +6,16 @@ ranks alike; ``assemble(scene, comm=MPI.COMM_WORLD)`` builds on each what belong
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
+import threading
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -35,11 +37,15 @@ __all__ = [
     "bound_threads",
     "check_alike",
     "end_all_on_errors",
+    "exchanged",
+    "one_call",
     "own_communicator",
     "place",
     "swap",
+    "together",
 ]
 
+P = ParamSpec("P")
 T = TypeVar("T")
 _TAG = 20041
 
@@ -56,6 +62,8 @@ class PartSummary:
     centre: Array = field(repr=False)
     loaded: bool
     """Whether it has body forces that are constant in time."""
+    around: bool = False
+    """Whether it is the section of a body of revolution."""
 
 
 @dataclass(frozen=True)
@@ -148,9 +156,115 @@ def own_communicator(comm: Any) -> Any:
     return known
 
 
+@dataclass(eq=False)
+class _Call:
+    """A call that all ranks make, and whether they have met in it."""
+
+    comm: Any
+    met: bool = False
+
+
+class _Open(threading.local):
+    """The calls that this rank is in, the outer ones first."""
+
+    def __init__(self) -> None:
+        self.calls: list[_Call] = []
+
+
+_OPEN = _Open()
+
+
+def _check_alive(comm: Any) -> None:
+    if comm == MPI.COMM_NULL:
+        raise SceneError(
+            "the communicator that the problem was assembled on has been freed: keep it for as long as the "
+            "problem and its results are used"
+        )
+
+
+def _meet(comm: Any, call: str, content: T, failure: str | None = None) -> list[tuple[str, T]]:
+    """What all ranks call and say; raises on those that have not failed if one has."""
+    _check_alive(comm)
+    for each in _OPEN.calls:
+        each.met = each.met or each.comm == comm
+    every = comm.allgather((call, content, failure))
+    if failure is None:
+        for rank, (_, _, message) in enumerate(every):
+            if message is not None:
+                raise SceneError(f"rank {rank} failed: {message}")
+    return [(other, said) for other, said, _ in every]
+
+
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, SceneError) else f"{type(error).__name__}: {error}"
+
+
+def exchanged(comm: Any, content: T) -> list[T]:
+    """What every rank says, in their order; collective. If a rank has failed before, the others raise.
+
+    Raises
+    ------
+    SceneError
+        Another rank has failed in the same call.
+    """
+    return [said for _, said in _meet(comm, "", content)]
+
+
+@contextmanager
+def one_call(comm: Any, call: str) -> Iterator[None]:
+    """A call that all ranks make: what one of them is refused before they first meet in it, all are.
+
+    A rank that fails before it has met the others (an argument that only it was given is wrong, say) tells
+    them where they wait for it: it raises its own error, they a SceneError with its message. A call in which
+    the ranks do not meet ends with a meeting. Without a communicator nothing is added.
+    """
+    if comm is None:
+        yield
+        return
+    own = _Call(comm)
+    _OPEN.calls.append(own)
+    try:
+        yield
+        if not own.met:
+            _meet(comm, call, None)
+    except Exception as error:
+        if not own.met:
+            _meet(comm, call, None, _reason(error))
+        raise
+    finally:
+        _OPEN.calls.remove(own)
+
+
+def together(call: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Decorator: a function of a problem or a result that all ranks call, see :func:`one_call`."""
+
+    def decorate(function: Callable[P, T]) -> Callable[P, T]:
+        @functools.wraps(function)
+        def called(*args: P.args, **kwargs: P.kwargs) -> T:
+            first: Any = args[0] if args else kwargs.get("problem", kwargs.get("result"))
+            distribution = getattr(getattr(first, "problem", first), "distribution", None)
+            comm = getattr(distribution, "comm", None)
+            with one_call(comm, call):
+                return function(*args, **kwargs)
+
+        return called
+
+    return decorate
+
+
 def _told(value: object) -> str:
     text = " ".join(repr(value).split())
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _described(value: Any) -> dict[str, str]:
+    """A value in words, and those of its fields if it is a record."""
+    parts = {each.name: _told(getattr(value, each.name)) for each in _fields_of(value)}
+    return {"": _told(value), **parts}
+
+
+def _fields_of(value: Any) -> tuple[Any, ...]:
+    return fields(value) if is_dataclass(value) and not isinstance(value, type) else ()
 
 
 def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
@@ -166,9 +280,9 @@ def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
     Raises
     ------
     SceneError
-        What differs, with the values of two ranks.
+        What differs, with the values of two ranks; or another rank has failed before.
     """
-    every = comm.allgather((call, {name: digest(value) for name, value in given.items()}))
+    every = _meet(comm, call, {name: digest(value) for name, value in given.items()})
     rule = "all ranks must make the same calls in the same order, and be given the same"
     for rank, (other, _) in enumerate(every):
         if other != every[0][0]:
@@ -177,11 +291,13 @@ def check_alike(comm: Any, call: str, given: Mapping[str, Any]) -> None:
     for rank, (_, digests) in enumerate(every):
         for name in dict.fromkeys([*first, *digests]):
             if first.get(name) != digests.get(name):
-                here = _told(given[name]) if name in given else "not there"
-                shown = comm.allgather(here)
+                said = exchanged(comm, _described(given[name]) if name in given else {"": "not there"})
+                one, other_one = said[0], said[rank]
+                field = next((f for f in one if f and f in other_one and one[f] != other_one[f]), "")
+                which = f"{field} = " if field else ""
                 raise SceneError(
-                    f"{call}: {name} differs between ranks: {shown[0]} on rank 0, {shown[rank]} on rank "
-                    f"{rank}; {rule}"
+                    f"{call}: {name} differs between ranks: {which}{one[field]} on rank 0, "
+                    f"{which}{other_one[field]} on rank {rank}; {rule}"
                 )
 
 
@@ -205,12 +321,10 @@ def agreement(comm: Any, call: str = "") -> Iterator[None]:
         yield
     except Exception as error:
         own = error
-    every = comm.allgather((call, None if own is None else f"{type(own).__name__}: {own}"))
+    every = _meet(comm, call, None, None if own is None else _reason(own))
     if own is not None:
         raise own
-    for rank, (other, message) in enumerate(every):
-        if message is not None:
-            raise SceneError(f"rank {rank} failed: {message}")
+    for rank, (other, _) in enumerate(every):
         if other != every[0][0]:
             raise SceneError(
                 f"rank 0 asks for {every[0][0]}, rank {rank} for {other}: all ranks must make the same calls "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,17 +30,85 @@ from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
-from dolfinx_frontend.common.frozen import locked, locked_matrix, read_only
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.common.frozen import OneProcess, locked, locked_matrix, read_only
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
-__all__ = ["Substructure"]
+__all__ = ["Sources", "Substructure", "ring"]
+
+
+_REMEDY = "after it was assembled: put it back, or assemble the scene again"
 
 
 @dataclass(frozen=True, repr=False)
-class Substructure:
+class Sources:
+    """What a part was assembled from and a user can write to, with what was in it then.
+
+    Attributes
+    ----------
+    mesh, nodes
+        The mesh, and a checksum of its coordinates.
+    constants
+        Constants of dolfinx in the material, and their values.
+    functions
+        Its functions, and checksums of their unknowns.
+    what
+        What they are of, for messages.
+    """
+
+    mesh: Any
+    nodes: int
+    constants: tuple[tuple[Any, Array], ...]
+    functions: tuple[tuple[Any, int], ...]
+    what: str
+
+    @classmethod
+    def of(cls, mesh: Any, form: Any, what: str = "its material") -> Sources:
+        """Of a UFL form on a mesh."""
+        values = [each for each in form.constants() if hasattr(each, "value")]
+        fields = [each for each in form.coefficients() if hasattr(each, "x")]
+        return cls(
+            mesh,
+            _checksum(mesh.geometry.x),
+            tuple((each, np.array(each.value)) for each in values),
+            tuple((each, _checksum(each.x.array)) for each in fields),
+            what,
+        )
+
+    def check_mesh(self, where: str) -> None:
+        """Raise SceneError if the nodes of the mesh were moved."""
+        if _checksum(self.mesh.geometry.x) != self.nodes:
+            raise SceneError(f"{where}: the nodes of its mesh were moved {_REMEDY}")
+
+    def check(self, where: str) -> None:
+        """Raise SceneError if something was written to."""
+        self.check_mesh(where)
+        self.check_values(where)
+
+    def check_values(self, where: str) -> None:
+        """As :meth:`check`, of constants and functions only."""
+        for constant, value in self.constants:
+            if not np.array_equal(constant.value, value):
+                now = short(np.asarray(constant.value).tolist())
+                raise SceneError(
+                    f"{where}: a Constant of {self.what} was changed from {short(value.tolist())} to {now} "
+                    f"{_REMEDY}"
+                )
+        for function, known in self.functions:
+            if _checksum(function.x.array) != known:
+                what = f"the Function {function.name!r} of {self.what}"
+                raise SceneError(f"{where}: {what} was changed {_REMEDY}")
+
+
+def _checksum(values: Array) -> int:
+    return zlib.crc32(np.ascontiguousarray(values).view(np.uint8).data) if values.size else 0
+
+
+@dataclass(frozen=True, repr=False)
+class Substructure(OneProcess):
     """A part, discretised; n = d * nodes unknowns, unknown d*node + component.
 
     Attributes
@@ -66,8 +134,14 @@ class Substructure:
         Volume (area in 2D) and centre of gravity.
     dof_coordinates
         (nodes, d).
+    around
+        Whether it is the section of a body of revolution: volumes and forces are those of the whole ring.
     material
         As the scene has it; None for a part that was not assembled from one.
+    sources
+        What it was assembled from, and what was in it then; None: not known.
+    factor
+        What its stiffness is multiplied with: 1, or random with the mean 1.
     """
 
     name: str
@@ -83,10 +157,30 @@ class Substructure:
     dof_coordinates: Array = field(repr=False)
     varying_loads: dict[Amplitude, Array] = field(default_factory=dict, repr=False)
     material: Any = field(default=None, repr=False)
+    sources: Sources | None = field(default=None, repr=False)
+    around: bool = False
+    factor: Any = 1.0
 
     def __post_init__(self) -> None:
         locked(self)
         noted(self.stiffness)
+
+    @property
+    def _instead(self) -> str:
+        return "its mesh and matrices live in this process; assemble its scene where it is needed"
+
+    def check_sources(self) -> None:
+        """Raise SceneError if the mesh or what the material depends on was changed since it was assembled.
+
+        For what reads them again, stresses and files for example; a solution needs the matrices only.
+        """
+        if self.sources is not None:
+            self.sources.check(f"substructure {self.name!r}")
+
+    def check_mesh(self) -> None:
+        """As :meth:`check_sources`, of the mesh only."""
+        if self.sources is not None:
+            self.sources.check_mesh(f"substructure {self.name!r}")
 
     def check_unchanged(self) -> None:
         """Raise SceneError if somebody has written to the stiffness."""
@@ -160,12 +254,13 @@ _FLAT, _LOST = 1e-5, 1e-8
 digits are left of sixteen, or none."""
 
 
-def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
-    """Volume and centre of gravity of a mesh; rejects cells that are inside out, or flat to rounding."""
+def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float, Array]:
+    """Volume and centre of gravity of a mesh (of a body of revolution that of its section); rejects cells
+    that are inside out, or flat to rounding."""
     cell = basix.CellType[mesh.topology.cell_name()]
     element = coordinate_element(mesh)
     d, order = int(mesh.geometry.dim), int(coordinate_map(mesh).degree)
-    points, weights = quadrature(cell, d * order + (order > 1))
+    points, weights = quadrature(cell, d * order + (order > 1) + around)
     tables = tabulate(element, 1, points)
     volume, moment, bad = 0.0, np.zeros(d, dtype=np.float64), 0
     flat, worst, lowest, at = 0, np.inf, np.inf, np.zeros(d)
@@ -178,6 +273,8 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
         det = np.linalg.det(jacobians)
         bad += np.count_nonzero(det.min(axis=1) * det.max(axis=1) <= 0.0)
         dx = np.abs(det) * weights
+        if around:
+            dx = dx * 2.0 * np.pi * (nodes[:, :, 0] @ tables[0].T)
         volume += float(dx.sum())
         moment += np.tensordot(dx @ tables[0], nodes, 2)
         # singular values of those cells only that a cheap bound does not clear
@@ -205,11 +302,11 @@ def _measure(mesh: dmesh.Mesh, where: str) -> tuple[float, Array]:
         if worst < _LOST:
             raise SceneError(f"{text}: rounding leaves nothing of their stiffness; fix the mesh")
         text += ": rounding may be seen in the answer; mesh it again"
-        warnings.warn(text, SceneWarning, stacklevel=7)
+        warn(text, SceneWarning)
     return volume, np.asarray(moment / volume, dtype=np.float64)
 
 
-def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
+def _modulus(K: sp.csr_matrix, x: Array, volume: float, around: bool = False) -> float:
     """Young's modulus, estimated from the energies of uniform volume-preserving strains.
 
     u = x_i e_i - x_j e_j has the energy u^T K u = 4 mu volume in an isotropic body, whatever its
@@ -217,6 +314,9 @@ def _modulus(K: sp.csr_matrix, x: Array, volume: float) -> float:
     Uniaxial strains would give lambda + 2 mu, which says nothing of E near incompressibility.
     """
     d = x.shape[1]
+    if around:  # the strain (1, -2, 1) of r, z and hoop has 12 mu volume
+        u = x * [1.0, -2.0]
+        return 0.65 * float(u.ravel() @ (K @ u.ravel())) / (3.0 * volume)
     total, pairs = 0.0, 0
     for i in range(d):
         for j in range(i):
@@ -232,8 +332,13 @@ def _integrand(material: Any) -> Callable[[Any, Any], Any]:
     return integrand
 
 
+def ring(mesh: dmesh.Mesh) -> Any:
+    """2 pi r, UFL: what an integral over the section of a body of revolution is multiplied with."""
+    return 2.0 * np.pi * ufl.SpatialCoordinate(mesh)[0]
+
+
 def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
-    """The compiled bilinear form of a substructure."""
+    """The bilinear form of a substructure."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     material = spec.material
     integrand = _integrand(material)(u, v)
@@ -248,13 +353,16 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
         order = int(coordinate_map(spec.part.mesh).degree)
         simplex = spec.cell in ("triangle", "tetrahedron")
         constant = isinstance(material, (LinearElastic, OrthotropicElastic))
-        degree = 2 * (spec.degree - (simplex and constant)) + 2 * (order - 1)
+        degree = 2 * (spec.degree - (simplex and constant and not spec.axisymmetric)) + 2 * (order - 1)
+        if spec.axisymmetric:
+            integrand = ring(spec.part.mesh) * integrand
+            degree += 1
         integrand = integrand * ufl.dx(domain=spec.part.mesh, degree=degree)
     if len(integrand.arguments()) != 2:
         raise SceneError(
             f"substructure {spec.name!r}: what the material returned is not bilinear in (u, v)"
         )
-    return fem.form(integrand)
+    return integrand
 
 
 def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
@@ -273,7 +381,8 @@ def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
             f"({spec.dim},) is wanted"
         )
     v = ufl.TestFunction(space)
-    nodal = fem.assemble_vector(fem.form(ufl.inner(force, v) * ufl.dx(domain=spec.part.mesh)))
+    around = ring(spec.part.mesh) if spec.axisymmetric else 1.0
+    nodal = fem.assemble_vector(fem.form(around * ufl.inner(force, v) * ufl.dx(domain=spec.part.mesh)))
     return np.array(nodal.array, dtype=np.float64)
 
 
@@ -282,8 +391,11 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     mesh = spec.part.mesh
     d = spec.dim
     space = fem.functionspace(mesh, ("Lagrange", spec.degree, (d,)))
-    volume, centre = _measure(mesh, where)
-    matrix = fem_petsc.assemble_matrix(_bilinear(spec, space))
+    volume, centre = _measure(mesh, where, spec.axisymmetric)
+    if spec.axisymmetric:
+        centre = np.array([0.0, centre[1]])
+    bilinear = _bilinear(spec, space)
+    matrix = fem_petsc.assemble_matrix(fem.form(bilinear))
     matrix.assemble()
     K = csr(matrix)
     if not np.all(np.isfinite(K.data)):
@@ -297,13 +409,13 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     if abs(x @ (K @ y) - y @ (K @ x)) > 1e-9 * scale:
         raise SceneError(f"{where}: its stiffness is not symmetric; check the material")
     coordinates = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local, :d].copy()
-    modulus = _modulus(K, coordinates - centre, volume)
+    modulus = _modulus(K, coordinates - centre, volume, spec.axisymmetric)
     if not modulus > 0.0:
         raise SceneError(
             f"{where}: a uniform shear has the energy {modulus * volume:g}; its stiffness must be "
             "positive, check the material"
         )
-    length = volume ** (1.0 / d)
+    length = volume ** (1.0 / (3 if spec.axisymmetric else d))
     loads: dict[Amplitude | None, Array] = {None: _load(spec, space, None)}
     varies = isinstance(spec.body_force, Varying)
     for amplitude, force in spec.body_force.terms if varies else ((None, spec.body_force),):
@@ -323,10 +435,13 @@ def discretise(spec: SubstructureSpec) -> Substructure:
         dof_coordinates=coordinates,
         varying_loads={a: f for a, f in loads.items() if a is not None},
         material=spec.material,
+        around=spec.axisymmetric,
+        factor=spec.stiffness,
+        sources=Sources.of(mesh, bilinear),
     )
 
 
 def summary(s: Substructure) -> PartSummary:
     return PartSummary(
-        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load))
+        s.dim, s.size, s.modulus, s.length, s.volume, s.centre, bool(np.any(s.load)), s.around
     )

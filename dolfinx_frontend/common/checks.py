@@ -7,12 +7,13 @@ numbers, whatever Python converts them to.
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -35,18 +36,45 @@ __all__ = [
     "checked_seed",
     "checked_whole",
     "checked_word",
+    "is_list",
+    "is_masked",
     "is_real",
     "is_whole",
+    "refuse_masked",
+    "told_call",
 ]
 
+T = TypeVar("T")
 W = TypeVar("W", bound=str)
 
 _NOT_IN_NAMES = ("Cc", "Cs", "Zl", "Zp")
 """Control characters, halves of surrogate pairs, separators of lines and paragraphs."""
 
 
+_LONGEST = 255
+"""Bytes of the name of a file or folder."""
+
+
+def is_masked(value: object) -> bool:
+    """Whether a value is a masked array or has one in it: all its numbers would be read as valid."""
+    if isinstance(value, (list, tuple)):
+        return any(map(is_masked, value))
+    return isinstance(value, np.ma.MaskedArray)
+
+
+def refuse_masked(where: str, value: object) -> None:
+    """Refuse masked arrays: NumPy forgets the mask where they are converted."""
+    if is_masked(value):
+        raise SceneError(
+            f"{where} = {short(value)} is a masked array, whose mask would be ignored: give plain numbers, "
+            "e.g. values.compressed() or values.filled(...)"
+        )
+
+
 def is_real(value: object) -> bool:
     """Whether a value is a single real number: no truth value, no text, not complex."""
+    if is_masked(value):
+        return False
     if isinstance(value, np.ndarray):
         return value.ndim == 0 and value.dtype.kind in "iuf"
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
@@ -72,6 +100,7 @@ def checked_number(
     most: float = math.inf,
 ) -> float:
     """A finite number within bounds: > `above`, >= `least`, < `below`, <= `most`."""
+    refuse_masked(f"{where}: {what}", value)
     if not is_real(value):
         raise _refuse(where, what, value, " is not a number")
     try:
@@ -118,6 +147,7 @@ def checked_numbers(where: str, what: str, values: Any, wanted: str, dimensions:
 
 def checked_reals(where: str, what: str, values: Any, wanted: str) -> Array:
     """As :func:`checked_numbers`, finite or not, of any shape."""
+    refuse_masked(f"{where}: {what}", values)
     if _all_real(values):
         try:
             return np.array(values, dtype=np.float64)
@@ -167,9 +197,16 @@ def check_known(kind: str, name: Any, known: Iterable[str], where: str = "") -> 
         raise unknown_name(kind, name, known, where)
 
 
+def is_list(value: Any) -> TypeGuard[Sequence[Any]]:
+    """Whether a value is a list, a tuple, or an array that has one axis at least."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
 def checked_names(where: str, what: str, given: Any, others: str = "") -> list[str]:
     """A list of names; `others` is what else would do."""
-    if isinstance(given, Iterable) and not isinstance(given, (str, bytes)):
+    # an array without axes says that it can be gone through, and cannot
+    listed = is_list(given) if isinstance(given, np.ndarray) else isinstance(given, Iterable)
+    if listed and not isinstance(given, (str, bytes)):
         names = list(given)
         if all(isinstance(name, str) for name in names):
             return names
@@ -191,16 +228,49 @@ def check_optional_kind(
         check_kind(where, what, value, kind, wanted)
 
 
-def checked_callable(where: str, what: str, value: Any, wanted: str) -> Any:
-    """A function; `wanted` says which."""
+def checked_callable(where: str, what: str, value: Any, wanted: str, arguments: int = 1) -> Any:
+    """A function that can be called with so many arguments; `wanted` says which."""
     if not callable(value):
         raise _refuse(where, what, value, f" cannot be called; {wanted}")
+    try:
+        signature = inspect.signature(value)
+    except (TypeError, ValueError):  # of some functions in C nothing is known
+        return value
+    try:
+        signature.bind(*[None] * arguments)
+    except TypeError as error:
+        count = "one argument" if arguments == 1 else f"{arguments} arguments"
+        raise _refuse(where, what, value, f" cannot be called with {count} ({error}); {wanted}") from error
     return value
 
 
-def checked_path(where: str, value: Any, what: str = "path") -> Path:
-    """The path of a file or folder."""
+def told_call(where: str, function: Callable[..., T], *given: Any) -> T:
+    """What a user's function returns; what it raises becomes a :class:`SceneError` that says where.
+
+    Errors of this project pass as they are: they are clear already.
+    """
+    try:
+        return function(*given)
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] in ("dolfinx_frontend", "latin_core"):
+            raise
+        reason = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise SceneError(f"{where}: the function raised {reason}") from error
+
+
+def checked_path(where: str, value: Any, what: str = "path", new: bool = False) -> Path:
+    """The path of a file or folder; `new`: it may be made, so that its name has to fit a file system."""
     given = os.fspath(value) if isinstance(value, os.PathLike) else value
-    if isinstance(given, str) and given and "\0" not in given:
-        return Path(given)
-    raise _refuse(where, what, value, "; give the name of a file")
+    if not isinstance(given, str) or not given or "\0" in given:
+        raise _refuse(where, what, value, "; give the name of a file")
+    try:
+        longest = max((len(os.fsencode(part)) for part in Path(given).parts), default=0)
+    except UnicodeEncodeError as error:
+        shown = ascii(given)
+        raise SceneError(f"{where}: {what} = {shown} has characters that no file name can have") from error
+    if new and longest > _LONGEST:
+        raise SceneError(
+            f"{where}: {what} = {short(given[:40])}... has a name of {longest} bytes; file systems allow "
+            f"{_LONGEST}: give a shorter one"
+        )
+    return Path(given)

@@ -7,6 +7,7 @@ import copyreg
 import dis
 import functools
 import hashlib
+import importlib.util
 import sys
 import types
 from collections.abc import Callable, Mapping
@@ -160,6 +161,8 @@ class Reader:
                 self.say("empty")
             else:
                 self.feed(content, f"{where}, its variable {name!r}")
+        if value.__dict__:  # attributes of the function
+            self.feed(dict(sorted(value.__dict__.items())), f"{where}, its attributes")
         self._globals(value.__code__, value.__globals__, where)
 
     def _code(self, code: types.CodeType, doc: str | None, where: str) -> None:
@@ -178,6 +181,8 @@ class Reader:
         """The globals that a code uses; of a user's module what is taken from it."""
         steps = [each for each in dis.get_instructions(code) if each.opname not in ("CACHE", "EXTENDED_ARG")]
         for number, step in enumerate(steps):
+            if step.opname == "IMPORT_NAME":
+                self._import(str(step.argval), where)
             if step.opname not in ("LOAD_GLOBAL", "LOAD_NAME"):
                 continue
             name = str(step.argval)
@@ -215,6 +220,19 @@ class Reader:
         if library is None and file is None:
             raise self._refused(value, where)
         self.say("module", library or _file_digest(str(file)))
+
+    def _import(self, name: str, where: str) -> None:
+        """A module that is imported while a function runs: by its file, not by what was written to it."""
+        module = sys.modules.get(name)
+        if module is not None:
+            self._module(module, f"{where}, which imports {name!r}")
+            return
+        try:
+            found = importlib.util.find_spec(name)
+        except (ImportError, ValueError):
+            found = None
+        origin = None if found is None else found.origin
+        self.say("import", name, _file_digest(origin) if origin and Path(origin).is_file() else "")
 
     def _found(self, value: Any, where: str) -> None:
         """A compiled function: by its name, and the file of its module."""

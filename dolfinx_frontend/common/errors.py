@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import sys
+import warnings
 from collections.abc import Iterable
+from types import FrameType
 from typing import Any
 
-__all__ = ["SceneError", "SceneWarning", "unknown_name"]
+__all__ = ["SceneError", "SceneWarning", "unknown_name", "warn"]
+
+_NOT_THE_USER = ("dolfinx_frontend", "latin_core", "contextlib", "functools")
 
 
 class SceneError(ValueError):
@@ -45,3 +50,15 @@ def unknown_name(kind: str, name: Any, known: Iterable[str], where: str = "") ->
     prefix = f"{where}: " if where else ""
     listing = f"known: {shown}" if names else f"there is no {kind} yet"
     return SceneError(f"{prefix}unknown {kind} {name!r}; {hint + ' ' if hint else ''}({listing})")
+
+
+def _package(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__", "")).partition(".")[0]
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """A warning at the line of a user's script, however deep in the package it comes from."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and _package(frame) in _NOT_THE_USER:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)

@@ -48,7 +48,7 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
             raise OSError("it is a pipe, a socket or a device, not a file")
         if before is not None and not os.access(real, os.W_OK):
             raise PermissionError("it is write-protected")
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise _refused(target, error, kind) from error
     try:
         yield temporary
@@ -59,7 +59,7 @@ def replaced(target: Path, kind: type[FileError] = FileError) -> Iterator[Path]:
                 os.chown(temporary, before.st_uid, before.st_gid)
             os.chmod(temporary, stat.S_IMODE(before.st_mode))
         temporary.replace(real)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise _refused(target, error, kind) from error
     finally:
         with contextlib.suppress(OSError):
@@ -88,7 +88,7 @@ def made_folder(folder: Path) -> Path:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         text = f"the folder {folder} cannot be made ({error}): choose one that is writable"
         raise FileError(text) from error
     return folder

@@ -121,7 +121,7 @@ def solve_to_accuracy(
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
-    if random.sources:
+    if random.every:
         if what is not None and active is None and what.interface not in random.interfaces:
             active = [what.interface]
         first = solve_chaos(

@@ -10,14 +10,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from math import ceil, isfinite, log
+from operator import add
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -96,7 +97,8 @@ def _over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | N
     comm = result.problem.comm
     if comm is None:
         return value
-    return comm.allreduce(value) if join is None else join(comm.allgather(value))
+    every = exchanged(comm, value)
+    return reduce(add, every) if join is None else join(every)
 
 
 def distance(one: ChaosResult, other: ChaosResult) -> float:
@@ -187,6 +189,7 @@ def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.
 
 
 # --- errors of a result -----------------------------------------------------------------------------
+@together("errors")
 def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
     """Estimate the errors of a result by their sources.
 
@@ -209,6 +212,8 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
     result.problem.check_alike("errors", quantity=quantity)
     if quantity is None and result.found is not None:
         return result.found
+    with agreement(result.problem.comm):
+        result.problem.check_sources()
     return _BY_KIND[result.kind](result, interest(result.problem.interfaces, quantity))
 
 

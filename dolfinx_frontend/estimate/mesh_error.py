@@ -22,7 +22,7 @@ from latin_core import Laws, State
 
 from dolfinx_frontend.assembly.interface import Interface, frames
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged, together
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_known
@@ -108,6 +108,7 @@ class DiscretisationError:
         return f"{text}; quantity of interest {self.value:.6g} +- {self.quantity:.2g}"
 
 
+@together("discretisation_error")
 def discretisation_error(
     result: Result, quantity: Interest = None, step: int = -1
 ) -> DiscretisationError:
@@ -138,9 +139,17 @@ def discretisation_error(
         raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
+    if result.plan.scaled:
+        raise SceneError(
+            f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.scaled))} is random; "
+            "take the result of solve(problem), at the means"
+        )
     check_step(result.times, step, "discretisation_error")
     problem = result.problem
     quantity = interest(problem.interfaces, quantity)
+    problem.check_alike("discretisation_error", quantity=quantity, step=step)
+    with agreement(problem.comm):
+        problem.check_sources()
     fields = {name: _at(result, u, step) for name, u in result.displacements.items()}
     began = perf_counter()
     dual: _Dual | None = None
@@ -150,15 +159,20 @@ def discretisation_error(
         value = _value(result, quantity, step, fields)
     z = {} if dual is None else dual.solve()
     solved = perf_counter()
-    with agreement(problem.comm):
+    with agreement(problem.comm), np.errstate(over="ignore", invalid="ignore"):  # told below
         found = {
             name: _Errors.of(part, fields[name], z.get(name))
             for name, part in problem.own.substructures.items()
         }
     if problem.comm is not None:
-        found = {n: each for some in problem.comm.allgather(found) for n, each in some.items()}
+        found = {n: each for some in exchanged(problem.comm, found) for n, each in some.items()}
     found = {name: found[name] for name in problem.parts}
     whole = float(np.sqrt(sum(each.norm for each in found.values())))
+    if not np.isfinite(whole):
+        raise SceneError(
+            "discretisation_error: the energies of the result leave the range of numbers; scale the loads, "
+            "or choose units that fit them"
+        )
     parts = {n: float(np.sqrt(each.error)) / whole if whole else 0.0 for n, each in found.items()}
     seconds = {"dual": solved - began, "recovery": perf_counter() - solved}
     total = sum(found.values(), start=_Errors())
@@ -337,7 +351,7 @@ class _Dual:
                 loads = _pull(problem, quantity, law)
         size = max((float(np.abs(u).max()) for u in fields.values()), default=0.0)
         if problem.comm is not None:
-            size = max(problem.comm.allgather(size))
+            size = max(exchanged(problem.comm, size))
         parts = [problem.parts[side.substructure] for side in problem.interfaces[name].sides]
         unit_ = size or min(part.length for part in parts)
         if quantity.of == "jump":  # of forces, whose sum is 1

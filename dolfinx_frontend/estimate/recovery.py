@@ -85,6 +85,12 @@ class Recovery:
     """
 
     def __init__(self, part: Substructure) -> None:
+        if part.around:
+            raise SceneError(
+                f"part {part.name!r}: the error of the meshes is not estimated for axisymmetric parts yet; "
+                "compare two "
+                "meshes, and give meshes=False to solve(accuracy=...)"
+            )
         self.part = part
         mesh, space = part.part.mesh, part.space
         self.element = space.element.basix_element

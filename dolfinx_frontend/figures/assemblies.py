@@ -242,6 +242,7 @@ def _named_functions(
     if not isinstance(displacements, (Mapping, Sequence)):
         check_answer("deformed_figure", "displacements", displacements)
         parts = displacements.problem.substructures
+        displacements.problem.check_mesh()
         displacements = {name: displacements.displacement(name, step) for name in parts}
     named = isinstance(displacements, Mapping)
     functions = list(displacements.values() if isinstance(displacements, Mapping) else displacements)

@@ -15,14 +15,19 @@ from dolfinx_frontend.common.checks import check_known, checked_number, checked_
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.figures.assemblies import KIND_COLOURS
 from dolfinx_frontend.figures.canvas import rgb, round_down, save, sheet
-from dolfinx_frontend.figures.solids import draw_solid, joined, outline, skin_of
-from dolfinx_frontend.io.facets import facet_fields
+from dolfinx_frontend.figures.solids import corner_weights, draw_solid, joined, outline, skin_of
+from dolfinx_frontend.io.facets import corner_fields, facet_fields
 from dolfinx_frontend.results.answer import Answer
+from dolfinx_frontend.results.contact import CLOSED, OPEN, SLIPS
 
 if TYPE_CHECKING:
     from dolfinx import fem
 
 __all__ = ["interface_figure", "interface_map"]
+
+
+STATE_COLOURS = ("#d9d9d9", "#3b6fb6", "#e08214")
+"""Of open, closed and slipping contacts."""
 
 
 def interface_figure(
@@ -39,7 +44,9 @@ def interface_figure(
     title: str | None = None,
     renderer: str = "auto",
 ) -> Path:
-    """The deformed assembly with a field of an interface, facet by facet, on its first side.
+    """The deformed assembly with a field of an interface on the side that its points are on.
+
+    The field is continuous in the space ``"mortar"``, and drawn facet by facet in the others.
 
     Parameters
     ----------
@@ -52,7 +59,8 @@ def interface_figure(
         PNG file to write.
     quantity
         A field of :func:`dolfinx_frontend.io.write_interfaces`: ``"pressure"``, ``"gap"``,
-        ``"pressure std"``, ``"slip probability"``, ...; of vectors the magnitude is drawn.
+        ``"pressure std"``, ``"slip probability"``, ...; of vectors the magnitude is drawn. ``"state"``: where
+        a contact is open, closed (sticks) or slips, in three colours.
     label
         Of the colour bar, with the unit; None: the quantity.
     step
@@ -74,13 +82,9 @@ def interface_figure(
     RenderError
         ``renderer="vtk"`` and VTK is missing or has no display.
     """
-    from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
 
-    numbers, found = facet_fields(result, interface, step)
-    check_known("quantity", quantity, found, f"interface {interface!r}")
-    values = found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
+    numbers, values = _drawn_values(result, interface, quantity, step)
     problem = result.problem
     described = problem.interfaces[interface]
     side = described.sides[described.carrier]
@@ -88,12 +92,12 @@ def interface_figure(
     normal[: described.dim] = side.normal if np.any(side.normal) else described.normals[0]
     own = problem.substructures[side.substructure]
     names = _drawn(problem, interface, normal, hide)
+    for name in names:
+        problem.check_mesh(name)
     functions = {name: result.displacement(name, step) for name in names}
     skins = {name: skin_of(u.function_space.mesh, None, u) for name, u in functions.items()}
     scale = _visible_scale(skins) if scale is None else checked_number("interface_figure", "scale", scale)
-    low, high = float(values.min()), float(values.max())
-    norm = Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-6)
-    colours = colormaps["viridis"]
+    norm, colours = _scale_of(values, quantity)
     figure = sheet(6.5, 5.0)
     axis = figure.add_subplot()
     axis.set_title(f"{title + ', ' if title else ''}displacements × {scale:g}", fontsize=11)
@@ -110,14 +114,55 @@ def interface_figure(
         tint = np.tile(rgb(KIND_COLOURS["free"]), (len(facets), 1)) * 0.5 + 0.5
         if name == own.name:
             _, mine, at = np.intersect1d(facets, numbers, return_indices=True)
-            tint[mine] = colours(norm(values[at]))[:, :3]
-        solids.append(skin.solid(points, tint[skin.patch]))
+        if values.ndim == 1:
+            if name == own.name:
+                tint[mine] = colours(norm(values[at]))[:, :3]
+            solids.append(skin.solid(points, tint[skin.patch]))
+            continue
+        tint = np.repeat(tint[:, None], len(points) // len(facets), axis=1)
+        if name == own.name:
+            inside = _between(corner_weights(values.shape[1]), values[at], quantity)
+            tint[mine] = colours(norm(inside))[:, :, :3]
+        solids.append(skin.solid(points, tint.reshape(-1, 3)))
     if solids:
         draw_solid(figure, [axis], joined(solids), [_onto(normal) if view is None else view], renderer)
     else:
-        _facet_lines(axis, own, side.face, numbers, values, functions[own.name], scale, norm, colours)
-    figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
+        moved = functions[own.name]
+        _facet_lines(axis, own, side.face, numbers, values, quantity, moved, scale, norm, colours)
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, label=label or quantity, shrink=0.85)
+    if quantity == "state":
+        bar.set_ticks([OPEN, CLOSED, SLIPS], labels=["open", "closed", "slips"])
     return save(figure, path)
+
+
+def _drawn_values(result: Answer, interface: str, quantity: str, step: int) -> tuple[Ints, Array]:
+    """Facets (k,), and a scalar field on them: (k, vertices of a facet) where it is continuous, else (k,)."""
+    numbers, found = facet_fields(result, interface, step)
+    corners = corner_fields(result, interface, step)
+    if corners is not None and quantity in corners[1]:
+        values = corners[1][quantity]
+        return numbers, np.linalg.norm(values, axis=2) if values.ndim == 3 else values
+    known = {**found, **(corners[1] if corners is not None else {})}
+    check_known("quantity", quantity, known, f"interface {interface!r}")
+    return numbers, found[quantity] if found[quantity].ndim == 1 else np.linalg.norm(found[quantity], axis=1)
+
+
+def _scale_of(values: Array, quantity: str) -> tuple[Any, Any]:
+    """Norm and colours of a field."""
+    from matplotlib import colormaps
+    from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
+
+    if quantity == "state":
+        return BoundaryNorm([-0.5, 0.5, 1.5, 2.5], 3), ListedColormap(STATE_COLOURS)
+    low, high = float(values.min()), float(values.max())
+    return Normalize(low, high if high > low else low + max(abs(low), 1.0) * 1e-6), colormaps["viridis"]
+
+
+def _between(weights: Array, values: Array, quantity: str) -> Array:
+    """(k, points): values (k, vertices) at points with weights (points, vertices); states are not mixed."""
+    if quantity == "state":
+        return np.asarray(values[:, weights.argmax(axis=1)])
+    return np.asarray(values @ weights.T)
 
 
 def _visible_scale(skins: Mapping[str, Any]) -> float:
@@ -159,6 +204,7 @@ def _facet_lines(
     face: str,
     numbers: Ints,
     values: Array,
+    quantity: str,
     displacement: fem.Function,
     scale: float,
     norm: Any,
@@ -175,6 +221,10 @@ def _facet_lines(
     nodal = displacement.x.array.reshape(-1, part.dim)
     u = facets.trace(part.space, index, s, len(nodal)) @ nodal
     lines = (x + scale * u).reshape(len(row), len(along), 2)
+    if values.ndim == 2:  # piece by piece
+        middle = 0.5 * (along[1:] + along[:-1])
+        values = _between(np.hstack([1.0 - middle, middle]), values, quantity).ravel()
+        lines = np.stack([lines[:, :-1], lines[:, 1:]], axis=2).reshape(-1, 2, 2)
     axis.add_collection(LineCollection(list(lines), colors=colours(norm(values)), lw=5.0, capstyle="butt"))
 
 

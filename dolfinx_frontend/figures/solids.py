@@ -70,6 +70,11 @@ def _lattice(corners: int) -> tuple[Array, Ints, list[tuple[int, int, list[int]]
     return weights.astype(np.float64), triangles.astype(np.int64), edges
 
 
+def corner_weights(corners: int) -> Array:
+    """(points, corners): weights of the corners of a facet at the points that its skin has."""
+    return _lattice(corners)[0]
+
+
 def skin_of(
     mesh: Any, tag_of_facet: Mapping[int, int] | None = None, function: Any = None
 ) -> tuple[Skin, Ints]:

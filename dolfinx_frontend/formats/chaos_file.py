@@ -37,7 +37,9 @@ from dolfinx_frontend.formats.hdf5 import (
     DAMAGE,
     ChaosFileError,
     Tree,
+    LayoutError,
     h5py_module,
+    placed,
     read_tree,
     write_tree,
 )
@@ -447,7 +449,8 @@ def _read_json(path: Path) -> Tree:
         content = json.load(file)
     if not isinstance(content, dict):
         raise ValueError("no chaos file")
-    return content
+    tree: Tree = placed(content)
+    return tree
 
 
 def _write_hdf5(path: Path, tree: Tree, checksum: str) -> None:
@@ -708,6 +711,8 @@ def load_chaos(path: str | Path) -> ChaosFile:
         )
     try:
         return _read(source, node)
+    except LayoutError as error:
+        raise ChaosFileError(f"{source} is damaged or was edited: {error}; save it again") from error
     except DAMAGE as error:
         raise ChaosFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"

@@ -32,6 +32,28 @@ DAMAGE = (
 _USER_BLOCK = 512  # bytes before an HDF5 file, which the library leaves alone
 
 
+class LayoutError(ValueError):
+    """A file whose seal is right lacks something, or has it in another form."""
+
+
+class Node(dict[str, Any]):
+    """A group of a file that was read; what is asked for and is not there is said with its place."""
+
+    def __init__(self, entries: Tree, where: str = "") -> None:
+        super().__init__(entries)
+        self._where = where
+
+    def __missing__(self, name: str) -> Any:
+        raise LayoutError(f"{self._where}/{name} is missing" if self._where else f"{name} is missing")
+
+
+def placed(tree: Any, where: str = "") -> Any:
+    """A tree whose groups know their places."""
+    if not isinstance(tree, dict):
+        return tree
+    return Node({key: placed(each, f"{where}/{key}" if where else key) for key, each in tree.items()}, where)
+
+
 class ChaosFileError(FileError):
     """A file that is no chaos file, is damaged or of another version, or cannot be written."""
 
@@ -114,6 +136,11 @@ def read_tree(path: Path, form: str) -> Tree:
     ------
     ValueError
         The file is of another kind, was damaged, or holds what does not belong there.
+
+    Returns
+    -------
+    Tree
+        What is asked for and is not there raises :class:`LayoutError` with its place.
     """
     h5py = h5py_module()
     plain = (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
@@ -145,4 +172,5 @@ def read_tree(path: Path, form: str) -> Tree:
 
     _check_seal(path, form)
     with h5py.File(path, "r") as file:
-        return get(file)
+        tree: Tree = placed(get(file))
+    return tree

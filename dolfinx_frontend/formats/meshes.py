@@ -126,6 +126,10 @@ class StoredPart:
         ):
             raise ValueError(f"part {name!r}: its mesh does not fit together")
 
+    def __getstate__(self) -> Tree:
+        """What was read: a copy makes its own mesh."""
+        return {name: each for name, each in vars(self).items() if name not in ("part", "V", "_numbers")}
+
     @property
     def dim(self) -> int:
         """Space dimension d."""

@@ -133,7 +133,7 @@ def check_target(path: str | Path, series: bool) -> Path:
     ValueError
         Another ending, or a series of what has no times.
     """
-    target = checked_path("ParaView file", path)
+    target = checked_path("ParaView file", path, new=True)
     if target.suffix not in (".vtm", ".pvd"):
         raise ValueError(
             f"{target.name}: the name of the index file ends in .vtm, or in .pvd for all times of a history"

@@ -39,7 +39,7 @@ _GMSH_CELLS = {
 }
 
 
-def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
+def from_gmsh(model: Any, gdim: int | None = None, *, order: int | None = None) -> Assembly:
     """Split a meshed gmsh model into parts.
 
     Physical groups say what is what:
@@ -60,17 +60,27 @@ def from_gmsh(model: Any, gdim: int | None = None) -> Assembly:
         quadrilaterals or hexahedra, one cell type per part.
     gdim
         Number of coordinates; the dimension of the parts if not given.
+    order
+        1 or 2: straight cells, or cells that are curved along the model's geometry; changes the mesh of the
+        model. None: as it is meshed.
 
     Raises
     ------
     SceneError
-        No mesh, no part, a group without a name, a face without its part or without facets on it,
+        Cells that curving folds, no mesh, no part, a group without a name, a face without its part or
+        without facets on it,
         a facet in two faces of a part or inside a part, mixed or unsupported cells.
     """
     if not hasattr(model, "getPhysicalGroups"):
         raise SceneError(f"from_gmsh: model = {short(model)} is no gmsh model; give gmsh.model")
     if gdim is not None:
         checked_whole("from_gmsh", "gdim", gdim, 2, 3)
+    if order is not None:
+        checked_whole("from_gmsh", "order", order, 1, 2)
+        if order == 2:
+            curve_elements(model)
+        else:
+            model.mesh.setOrder(1)
     return assembled(meshed(model), gdim)
 
 
@@ -236,11 +246,12 @@ def refine_around(
 
 def curve_elements(model: Any) -> None:
     """Raise the mesh to second order and repair the cells that this folds."""
-    mesh = model.mesh
+    mesh, dim = model.mesh, model.getDimension()
 
     def worst() -> float:
         return min(
-            float(mesh.getElementQualities(tags, "minSJ").min()) for tags in mesh.getElements(3)[1]
+            (float(mesh.getElementQualities(tags, "minSJ").min()) for tags in mesh.getElements(dim)[1]),
+            default=1.0,
         )
 
     mesh.setOrder(2)
@@ -249,6 +260,6 @@ def curve_elements(model: Any) -> None:
             mesh.optimize(method)
     if (quality := worst()) <= 0:
         raise SceneError(
-            f"curved cells are folded (scaled Jacobian {quality:.2g}); reduce size or use "
-            "geometry_order=1"
+            f"curved cells are folded (scaled Jacobian {quality:.2g}); reduce their size or use straight "
+            "ones (order=1, geometry_order=1)"
         )

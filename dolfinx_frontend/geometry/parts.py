@@ -15,7 +15,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_kind, check_known, is_real, is_whole
+from dolfinx_frontend.common.checks import check_kind, check_known, is_list, is_real, is_whole
 from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
@@ -168,7 +168,7 @@ def check_positive(**values: float) -> None:
 
 
 def check_divisions(divisions: Sequence[int], dimension: int) -> list[int]:
-    several = isinstance(divisions, (list, tuple, np.ndarray))
+    several = is_list(divisions)
     if not several or len(divisions) != dimension or not all(is_whole(n) and n >= 1 for n in divisions):
         raise SceneError(
             f"divisions = {short(divisions)} must be {dimension} whole numbers of at least 1"

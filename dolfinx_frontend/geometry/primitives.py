@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,12 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.parts import Marker, Part, cell_type, check_divisions, check_positive, located
 
 __all__ = ["box"]
+
+DIGITS = 1e-12
+"""A cell is at least this long, relative to its coordinates."""
+
+MOST_CELLS = 2**31 - 1
+"""Cells of a mesh that can be numbered."""
 
 
 def box(
@@ -54,6 +61,18 @@ def box(
     if low.shape != (dim,):
         raise SceneError(f"box: origin = {short(origin)} must have {dim} coordinates, like the lengths")
     high = low + sizes
+    steps = sizes / numbers
+    lost = [i for i in range(dim) if steps[i] < DIGITS * max(abs(low[i]), abs(high[i]), np.finfo(float).tiny)]
+    if lost or not np.all(np.isfinite(high)):
+        raise SceneError(
+            f"box: origin = {short(origin)}: coordinates there are rounded to more than the cells, which are "
+            f"{short(steps.tolist())} long; choose an origin nearer to 0"
+        )
+    if math.prod(numbers) > MOST_CELLS:
+        raise SceneError(
+            f"box: divisions = {short(divisions)} make {math.prod(numbers):.1e} cells; "
+            f"{MOST_CELLS:.1e} at most"
+        )
     kind = cell_type(("quadrilateral", "hexahedron")[dim - 2] if cell is None else cell, dim)
     build = dmesh.create_rectangle if dim == 2 else dmesh.create_box
     mesh = build(MPI.COMM_SELF, [low, high], numbers, cell_type=kind)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +36,7 @@ from dolfinx_frontend.common.checks import (
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
-from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, unknown_name, warn
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.progress import Bar
 from dolfinx_frontend.geometry.away import away, check_timeout
@@ -370,9 +369,10 @@ class StepAssembly:
             matches = touch.kind != "near"
             settings = dict(join.settings)
             if not matches and "max_distance" not in settings:
-                # relative to the largest facet, at least the usual quarter
+                # relative to the largest facet; the usual one, which refining keeps, if it is enough
                 size = min(self._size(p) for p in touch.parts)
-                settings["max_distance"] = max(0.25, 4.0 * touch.widest / size)
+                if 4.0 * touch.widest > 0.25 * size:
+                    settings["max_distance"] = 4.0 * touch.widest / size
             space: Space = join.space or "auto"
             partial = not matches and space != "points"
             scene.interface(
@@ -482,10 +482,9 @@ def read_step(
         "survey", file, "cannot be read as STEP", "export it again", timeout, source=source, gap=gap
     )
     if found.lost:
-        warnings.warn(
+        warn(
             f"{file.name!r}: solids that cannot be read, or not in full: {'; '.join(found.lost)}",
             SceneWarning,
-            stacklevel=2,
         )
     touches = {t.name: t for t in found.touches}
     return StepAssembly(file, found.solids, touches, found.gap, source, _alone=found.alone)

@@ -21,7 +21,7 @@ from dolfinx_frontend.results.contact import OPEN, SLIPS
 from dolfinx_frontend.results.points import interface_fields
 from dolfinx_frontend.scene.amplitudes import check_step
 
-__all__ = ["InterfaceWriter", "facet_fields", "vector_values"]
+__all__ = ["InterfaceWriter", "corner_fields", "facet_fields", "vector_values"]
 
 
 def vector_values(values: Array) -> Values:
@@ -57,6 +57,33 @@ def facet_fields(
     data = InterfaceWriter(result, interface).facets(at).cell_data
     numbers = np.sort(part.facet_tags.find(part.names[side.face])).astype(np.int64)
     return numbers[described.facets], {name: np.asarray(values) for name, (values, _) in data.items()}
+
+
+def corner_fields(
+    result: Answer, interface: str, step: int = -1
+) -> tuple[npt.NDArray[np.int64], dict[str, Array]] | None:
+    """The same at the vertices of the facets, where the interface has continuous fields (``"mortar"``).
+
+    Returns
+    -------
+    facets
+        (k,), as of :func:`facet_fields`.
+    fields
+        Name -> (k, vertices of a facet) or (k, vertices, d); ``"state"`` is that of the point of each vertex.
+    """
+    numbers, _ = facet_fields(result, interface, step)
+    at = check_step(result.times, step, "corner_fields")
+    vertices = result.problem.here(interface).vertices
+    if vertices is None:
+        return None
+    out: dict[str, Array] = {}
+    for name, values in interface_fields(result, interface).items():
+        if name == "state":
+            nearest = np.asarray(vertices.nodal.argmax(axis=1)).ravel()
+            out[name] = values[at][nearest][vertices.corners]
+        else:
+            out[name] = (vertices.nodal @ values[at])[vertices.corners]
+    return numbers, out
 
 
 class _Surface(NamedTuple):

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem, plot
 
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -46,6 +47,7 @@ _SYMMETRIC = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (
 """Components of a symmetric tensor in VTK's order."""
 
 
+@together("write")
 def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tuple[Path, Path]:
     """Write parts and interfaces of a result into a folder, of a load history at all times.
 
@@ -62,13 +64,15 @@ def write(result: Answer, folder: str | Path, modes: Sequence[int] = ()) -> tupl
         The files to open: ``parts`` and ``interfaces``, ``.vtm`` or, of a history, ``.pvd``.
     """
     check_answer("write", "result", result)
-    where = checked_path("write", folder, "folder")
+    where = checked_path("write", folder, "folder", new=True)
+    result.problem.check_alike("write", folder=str(where), modes=modes)
     ending = "vtm" if result.times is None else "pvd"
     parts = write_fields(result, where / f"parts.{ending}", modes=modes)
     return parts, write_interfaces(result, where / f"interfaces.{ending}")
 
 
 # --- parts -----------------------------------------------------------------------------------------
+@together("write_fields")
 def write_fields(
     fields: Answer | Mapping[str, fem.Function],
     path: str | Path,
@@ -126,17 +130,23 @@ def write_fields(
     if isinstance(materials, Scene):
         materials = {name: spec.material for name, spec in materials.substructures.items()}
     if isinstance(fields, Mapping):
-        names, rank, made = list(fields), 0, dict(_function_grids(fields, materials or {}))
+        names, rank, comm = list(fields), 0, None
+        made = dict(_function_grids(fields, materials or {}))
     else:
-        names, rank = list(fields.problem.parts), fields.problem.rank
-        made = dict(_part_grids(fields, materials, modes))
+        given = {"path": str(target), "step": step, "modes": modes, "materials": materials is None}
+        fields.problem.check_alike("write_fields", **given)
+        names, rank, comm = list(fields.problem.parts), fields.problem.rank, fields.problem.comm
+        with agreement(comm):
+            fields.problem.check_sources()
+            made = dict(_part_grids(fields, materials, modes))
     if not names:
         raise ValueError("there are no displacements to write")
 
     def blocks(at: int) -> Blocks:
         return {name: partial(made[name], at) if name in made else None for name in names}
 
-    return write_blocks(target, times, step, blocks, rank)
+    with agreement(comm):
+        return write_blocks(target, times, step, blocks, rank)
 
 
 def _function_grids(
@@ -145,7 +155,7 @@ def _function_grids(
     """Part -> its grid from a function."""
     for name, function in functions.items():
         part = _PartWriter(function, materials.get(name))
-        yield name, partial(part.grid, function.x.array[None].copy(), [], {})
+        yield name, partial(part.grid, function.x.array[None].copy(), [], {}, [], [])
 
 
 def _part_grids(
@@ -170,17 +180,30 @@ def _part_grids(
             return np.asarray(answer.function(name, unknowns, "").x.array)
 
         function = answer.function(name, stepped(mean, answer.times)[0], "")
-        part = _PartWriter(function, s.material if materials is None else materials.get(name), put)
+        loads = answer.problem.initial_stresses(name)
+        initial = [stress for _, _, stress in loads]
+        material = s.material if materials is None else materials.get(name)
+        if name in getattr(answer.plan, "scaled", ()):
+            material = None  # its stress is no function of the mean displacement
+        part = _PartWriter(function, material, put, initial)
         in_time = partial(stepped, times=answer.times)
+        numbers = [in_time(answer.load_number(load, parameter)) for load, parameter, _ in loads]
+        of_spread = [
+            [in_time(each) for each in answer.load_spread(load, parameter)] for load, parameter, _ in loads
+        ]
         beside = {key: in_time(values) for key, values in extra.items()}
-        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside)
+        yield name, partial(part.grid, in_time(mean), [*map(in_time, spread)], beside, numbers, of_spread)
 
 
 class _PartWriter:
     """Grid of a part, and displacements and stresses at its nodes from unknowns."""
 
     def __init__(
-        self, function: fem.Function, material: Any, put: Callable[[Array], Array] | None = None
+        self,
+        function: fem.Function,
+        material: Any,
+        put: Callable[[Array], Array] | None = None,
+        initial: Sequence[Any] = (),
     ) -> None:
         space = function.function_space
         self._u, self._put = fem.Function(space), put
@@ -190,21 +213,30 @@ class _PartWriter:
         topology, types, self._x = plot.vtk_mesh(self._nodal.function_space)
         self._cells = topology.reshape(len(types), -1)[:, 1:].astype(np.int64)
         self._type = int(types[0])
-        self._stress: Callable[[], fem.Function] | None = None
+        self._stress: Callable[[Sequence[float]], fem.Function] | None = None
+        self._nothing = [0.0] * len(initial)
         if hasattr(material, "stress"):
-            self._stress = stress_of(self._u, material, degree)
+            self._stress = stress_of(self._u, material, degree, initial)
 
-    def _at(self, unknowns: Array) -> tuple[Array, Array | None]:
+    def _at(self, unknowns: Array, numbers: Sequence[float] | None = None) -> tuple[Array, Array | None]:
         """Displacement (nodes, d), and stress (nodes, d, d) if it is known."""
         self._u.x.array[:] = unknowns if self._put is None else self._put(unknowns)
         self._nodal.interpolate(self._u)
         moved = self._nodal.x.array.reshape(-1, self._d).copy()
         if self._stress is None:
             return moved, None
-        return moved, self._stress().x.array.reshape(-1, self._d, self._d).copy()
+        stress = self._stress(self._nothing if numbers is None else numbers)
+        n = int(stress.function_space.value_shape[0])
+        return moved, stress.x.array.reshape(-1, n, n).copy()
 
     def grid(
-        self, mean: Array, spread: Sequence[Array], extra: Mapping[str, Array], step: int
+        self,
+        mean: Array,
+        spread: Sequence[Array],
+        extra: Mapping[str, Array],
+        numbers: Sequence[Array],
+        of_spread: Sequence[Sequence[Array]],
+        step: int,
     ) -> Grid:
         """The grid at a step.
 
@@ -214,14 +246,16 @@ class _PartWriter:
             Unknowns (T, n), the latter by what is added to the name.
         spread
             Deviations (T, n) from the mean, whose squares add up to the variance.
+        numbers, of_spread
+            Of initial stresses: (T,) each, and those of every deviation.
         """
-        u, stress = self._at(mean[step])
+        u, stress = self._at(mean[step], [each[step] for each in numbers])
         data: dict[str, Values] = {"displacement": vector_values(u)}
         for name, values in extra.items():
             data[f"displacement {name}"] = vector_values(self._at(values[step])[0])
         square, stress_square = np.zeros_like(u), 0.0 if stress is None else np.zeros_like(stress)
-        for away in spread:
-            moved, strained = self._at(away[step])
+        for k, away in enumerate(spread):
+            moved, strained = self._at(away[step], [each[k][step] for each in of_spread])
             square += moved**2
             if strained is not None:
                 stress_square += strained**2
@@ -229,19 +263,20 @@ class _PartWriter:
             data["displacement std"] = vector_values(np.sqrt(square))
         if stress is not None:
             data["stress"] = self._symmetric(stress)
-            if self._d == 3:
+            if stress.shape[1] == 3:
                 data["von Mises"] = (von_mises(stress), "")
             if spread:
                 data["stress std"] = self._symmetric(np.sqrt(stress_square))
         return Grid(self._x, self._cells, self._type, data)
 
     def _symmetric(self, tensor: Array) -> Values:
-        which = _SYMMETRIC[self._d]
+        which = _SYMMETRIC[int(tensor.shape[1])]
         values = np.stack([tensor[:, i, j] for i, j in which], axis=1)
         return values, " ".join("XYZ"[i] + "XYZ"[j] for i, j in which)
 
 
 # --- interfaces ------------------------------------------------------------------------------------
+@together("write_interfaces")
 def write_interfaces(
     result: Answer,
     path: str | Path,
@@ -303,10 +338,14 @@ def write_interfaces(
     times = result.times
     target = check_target(path, times is not None)
     step = check_step(times, step, "write_interfaces")
+    given = {"path": str(target), "step": step, "interfaces": interfaces}
+    result.problem.check_alike("write_interfaces", **given)
     chosen = known_interfaces(result, interfaces, "write_interfaces")
     if not chosen:
         raise ValueError("there are no interfaces whose force is known: solve with active=[...] to have some")
     problem = result.problem
+    with agreement(problem.comm):
+        problem.check_sources()
     writers = {name: InterfaceWriter(result, name) for name in chosen if problem.speaks_for(name)}
     # files of older versions know the points only
     meshed = all(i.sides[i.carrier].shape is not None for i in map(problem.interfaces.__getitem__, chosen))
@@ -321,4 +360,5 @@ def write_interfaces(
             for group in groups
         }
 
-    return write_blocks(target, times, step, blocks, problem.rank)
+    with agreement(problem.comm):
+        return write_blocks(target, times, step, blocks, problem.rank)

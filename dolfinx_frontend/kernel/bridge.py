@@ -7,7 +7,7 @@ with a kernel law, local frames and search directions.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from latin_core import Laws, NumericalError, Structure, _core
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
@@ -28,6 +28,7 @@ from dolfinx_frontend.plan.plan import Plan, check_reach
 from dolfinx_frontend.plan.reduction import Body, factorised_stiffness, reduce
 from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Fields, resolve
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
     "Acting",
@@ -43,6 +44,9 @@ __all__ = [
 
 _log = logging.getLogger(__name__)
 
+Pattern = Amplitude | LoadTerm | None
+"""What has a load pattern: an amplitude, what is constant in time (None), or a load of a part that varies."""
+
 Values = dict[str, Any]
 """Arguments of one of the kernel's descriptions, by name."""
 
@@ -57,6 +61,9 @@ SOFTEST = 1e-3
 
 GIVEN_REACH = 1e10
 """As :data:`dolfinx_frontend.plan.plan.REACH`, of one interface, whose own springs may be soft or stiff."""
+
+LARGEST = 1e300
+"""Largest force or displacement of a direct solution: sums of them must fit into double precision."""
 
 RANGE = 1e130
 """Largest strain of an iteration, and the inverse of the smallest: squares, moduli and tolerances must fit
@@ -76,7 +83,8 @@ def _modulus(problem: Problem) -> float:
 def _length(problem: Problem) -> float:
     """L of the scene: (sum of volumes)^(1/d)."""
     parts = problem.parts.values()
-    return float(sum(part.volume for part in parts) ** (1.0 / next(iter(parts)).dim))
+    d = next(iter(parts)).dim
+    return float(sum(part.length**d for part in parts) ** (1.0 / d))
 
 
 def _direction(
@@ -167,13 +175,16 @@ def _side_by_side(columns: Iterable[Array]) -> Array:
 
 def _body(
     problem: Problem,
-    patterns: Mapping[Amplitude | None, Body],
+    patterns: Mapping[Pattern, Body],
     floors: Mapping[tuple[str, str], Array] | None = None,
     corrected: bool = False,
+    scaled: Container[str] = (),
+    without: Container[LoadTerm] = (),
 ) -> Values:
     """A body in the kernel's terms, for :func:`_made_body`; `patterns` are the body under each load pattern.
 
-    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected.
+    Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected. `scaled` are parts
+    whose stiffness varies, `without` the loads that have a pattern of their own.
     """
     body = next(iter(patterns.values()))
     members = []
@@ -188,6 +199,9 @@ def _body(
                 "offset": offset if np.any(offset) else None,
             }
         )
+        if name in scaled:
+            columns = [_stiffness_load(problem, name, pattern, without) for pattern in patterns]
+            members[-1]["of_stiffness"] = _side_by_side(columns)
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
@@ -206,6 +220,15 @@ def _body(
             }
         )
     return {"name": "+".join(body.members), "size": body.n, "members": members, "springs": springs}
+
+
+def _stiffness_load(problem: Problem, part: str, pattern: Pattern, without: Container[LoadTerm]) -> Array:
+    """The part of a load pattern that comes from the stiffness of a part, (n,)."""
+    if not isinstance(pattern, LoadTerm):
+        return problem.stiffness_load_on(part, pattern, without)
+    load = problem.loads[pattern.load]
+    nodal = load.on(part, pattern.parameter) if pattern.parameter in load.stresses else None
+    return np.zeros(problem.substructures[part].size) if nodal is None else nodal
 
 
 def _made_body(body: Values) -> _core.Body:
@@ -274,7 +297,7 @@ class Description(NamedTuple):
     bodies: list[Values]
     interfaces: list[Values]
     fields: dict[str, Fields]
-    reduced: list[dict[Amplitude | None, Body]]
+    reduced: list[dict[Pattern, Body]]
 
 
 class Built(NamedTuple):
@@ -306,7 +329,10 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
     own = problem.own
     scale = _scale(problem, plan)
     reduced = _reduced(own, plan)
-    bodies = [_body(own, patterns, corrected=corrected) for patterns in reduced]
+    bodies = [
+        _body(own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads)
+        for patterns in reduced
+    ]
     interfaces, found = [], {}
     for name in plan.active:
         if name not in own.interfaces:
@@ -339,7 +365,7 @@ def build(problem: Problem, plan: Plan) -> Built:
             interfaces.append(_made_interface(each, _law(own.interfaces[name], described.fields[name])))
     reduced = described.reduced
     loading = _loading(own, [body for patterns in reduced for body in patterns.values()], described.fields)
-    _check_range(loading if comm is None else max(comm.allgather(loading)))
+    _check_range(loading if comm is None else max(exchanged(comm, loading)))
     options = plan.options
     began = perf_counter()
     core = Structure(
@@ -395,6 +421,7 @@ def _interface(
 def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields]) -> float:
     """Largest strain, by order, that a load on bodies or active interfaces makes; 0 if there is none."""
     if not laws:
+        _check_forces(problem, bodies)
         return 0.0  # one solve; no squares, which may overflow
     found = [0.0]
 
@@ -418,6 +445,22 @@ def _loading(problem: Problem, bodies: Iterable[Body], laws: Mapping[str, Fields
     return max(found)
 
 
+def _check_forces(problem: Problem, bodies: Iterable[Body]) -> None:
+    """Refuse loads and prescribed displacements whose forces are no numbers, or whose sums are none."""
+    for body in bodies:
+        for name in body.members:
+            part = problem.substructures[name]
+            moved = float(np.abs(body.offset[name]).max(initial=0.0))
+            load = float(np.abs(body.load[name]).max(initial=0.0))
+            force = moved * (part.modulus * part.length ** (part.dim - 2))
+            if not max(moved, load, force) < LARGEST:
+                raise SceneError(
+                    f"substructure {name!r}: a load of {load:.0e} and a displacement of {moved:.0e} make "
+                    f"forces above {LARGEST:.0e}, the largest that can be summed up: scale the loads, or "
+                    "choose units that fit them"
+                )
+
+
 def _check_range(strain: float) -> None:
     """Refuse loads whose squares are no numbers: every error would be 0 or infinite."""
     if 0.0 < strain < 1.0 / RANGE or not strain < RANGE:
@@ -428,18 +471,27 @@ def _check_range(strain: float) -> None:
         )
 
 
-def _reduced(problem: Problem, plan: Plan) -> list[dict[Amplitude | None, Body]]:
+def _reduced(problem: Problem, plan: Plan) -> list[dict[Pattern, Body]]:
     """The bodies, each under every load pattern: their loads differ, their prolongations do not."""
     chosen = {name for name in plan.eliminated if name in problem.interfaces}
-    found: list[dict[Amplitude | None, Body]] = []
+    found: list[dict[Pattern, Body]] = []
     for amplitude in plan.patterns:
         laws = {name: problem.interfaces[name].law.pattern(amplitude) for name in chosen}
         if len(plan.patterns) == 1 and amplitude is None:
             laws = {}
-        bodies = reduce(problem, chosen, laws, amplitude)
+        bodies = reduce(problem, chosen, laws, amplitude, plan.loads)
         found = found or [{} for _ in bodies]
         for known, body in zip(found, bodies, strict=True):
             known[amplitude] = body
+    for term in plan.loads:
+        for known in found:
+            body = next(iter(known.values()))
+            nothing: dict[str, Array] = {
+                name: np.zeros(problem.substructures[name].size) for name in body.members
+            }
+            of_term = {name: problem.loads[term.load].on(name, term.parameter) for name in body.members}
+            load = {name: nothing[name] if f is None else f for name, f in of_term.items()}
+            known[term] = replace(body, offset=nothing, load=load)
     return found
 
 

@@ -20,6 +20,7 @@ from latin_core import SweptParameter
 
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array
@@ -66,10 +67,13 @@ def fingerprint(
         "given search directions": {name: _sums(k) for name, k in direction.given.items()},
         "times": None if plan.times is None else _sums(plan.times),
         "factors of the load patterns": _sums(plan.factors()),
+        "loads that vary": [[f"{t.load}.{t.parameter}" for t in plan.loads], _sums(plan.load_factors)],
     }
     facts |= _problem(problem, np.zeros(0) if plan.times is None else plan.times)
-    for swept in parameters:
+    for number, swept in enumerate(parameters):
         name = f"values of {swept.interface}.{swept.parameter}"
+        if not swept.interface:
+            name = f"values of swept load {number}"
         facts[name] = [_sums(swept.pattern), _sums(swept.values), swept.columns]
     for name, interface in problem.interfaces.items():
         functions = interface.law.functions
@@ -100,6 +104,23 @@ def _problem(problem: Problem, times: npt.NDArray[np.float64]) -> Facts:
         facts |= _part(part)
     for interface in problem.interfaces.values():
         facts |= _interface(interface, times)
+    for load in problem.loads.values():
+        facts |= _load(load, times)
+    return facts
+
+
+def _load(load: PartLoad, times: npt.NDArray[np.float64]) -> Facts:
+    facts: Facts = {}
+    for parameter, columns in load.columns.items():
+        numbers = [
+            [a(t) if (a := n.amplitude) is not None else 1.0 for t in times]
+            for n in load.load.terms(parameter)
+        ]
+        facts[f"load {load.load.name!r}, {parameter}"] = [
+            {part: _sums(nodal) for part, nodal in columns.items()},
+            [_sums(n.mean) for n in load.load.terms(parameter)],
+            [_sums(each) for each in numbers],
+        ]
     return facts
 
 

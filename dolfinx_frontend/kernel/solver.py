@@ -26,7 +26,7 @@ from latin_core import (
 from latin_core import sweep as kernel_sweep
 
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import ReadOnlyDict, read_only
@@ -78,7 +78,7 @@ class Solver:
         self.plan = plan
         self._core, own, acting = bridge.build(problem, plan)
         self.acting = ReadOnlyDict(acting)
-        every = [own] if problem.comm is None else problem.comm.allgather(own)
+        every = [own] if problem.comm is None else exchanged(problem.comm, own)
         self.bodies = tuple(body for bodies in every for body in bodies)
         self._first_body = sum(len(bodies) for bodies in every[: problem.rank])
         with agreement(problem.comm):
@@ -228,7 +228,7 @@ class Solver:
         comm = self.problem.comm
         if comm is None:
             return
-        errors, places = zip(*comm.allgather((points.largest, points.worst)), strict=True)
+        errors, places = zip(*exchanged(comm, (points.largest, points.worst)), strict=True)
         which = np.argmax(errors, axis=0)
         points.largest[:] = np.max(errors, axis=0)
         points.worst[:] = np.stack(places)[which, np.arange(len(which))]

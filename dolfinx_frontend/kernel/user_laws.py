@@ -15,7 +15,7 @@ from latin_core import find_roots
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import checked_reals
+from dolfinx_frontend.common.checks import checked_reals, refuse_masked
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.laws import Functions
 
@@ -68,7 +68,10 @@ class _Asked:
         try:
             with np.errstate(over="ignore"):  # far from the answer a law may be anything
                 found = function(*given, **values)
+                refuse_masked(f"{self.who}: what its {what} returned", found)
                 answer: Any = np.asarray(found)
+        except SceneError:
+            raise
         except Exception as error:
             shapes = ", ".join(f"{name} {np.shape(v)}" for name, v in values.items() if np.ndim(v) == 2)
             hint = f"; values are (points, columns): {shapes}; write value[:, None] beside a jump"

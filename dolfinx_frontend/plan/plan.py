@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -33,6 +34,7 @@ from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.plan.reduction import members_of_bodies, wholly_held
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of, check_times
 from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
@@ -151,6 +153,10 @@ class Plan:
     history
         What a history needs: ``"none"`` (nothing changes in time: one column answers for all times),
         ``"patterns"`` (linear: one column per load pattern, superposed) or ``"steps"`` (one column per time).
+    loads, load_means
+        Numbers of loads of parts that vary, each with a load pattern of its own, and their means.
+    scaled
+        Parts whose stiffness varies by a factor.
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """
@@ -169,6 +175,9 @@ class Plan:
     macro: tuple[str, ...] = ()
     moments: Moments = "linear"
     paired: tuple[str, ...] = ()
+    loads: tuple[LoadTerm, ...] = ()
+    load_means: tuple[float, ...] = ()
+    scaled: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         locked(self)
@@ -185,10 +194,39 @@ class Plan:
 
     @property
     def amplitudes(self) -> npt.NDArray[np.float64]:
-        """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes."""
-        if self.history == "steps":
-            return np.asfortranarray(self.factors())
-        return np.eye(len(self.patterns))
+        """Amplitudes (l, columns) of the load patterns, for columns that are no chaos modes.
+
+        First those of the amplitudes, then those of the loads that vary, at their means.
+        """
+        base = self.fixed_amplitudes
+        if self.loads:
+            base = np.vstack([base, np.reshape(self.load_means, (-1, 1)) * self.load_factors])
+        return np.asfortranarray(base)
+
+    @property
+    def fixed_amplitudes(self) -> npt.NDArray[np.float64]:
+        """Those of the loads that do not vary, (patterns, columns)."""
+        return self.factors() if self.history == "steps" else np.eye(len(self.patterns))
+
+    @property
+    def load_factors(self) -> npt.NDArray[np.float64]:
+        """What a number 1 of every load that varies is in the columns, (loads, columns)."""
+        if self.history == "patterns":
+            rows = [[float(a == term.amplitude) for a in self.patterns] for term in self.loads]
+        elif self.history == "steps" and self.times is not None:
+            rows = [
+                [1.0 if (a := term.amplitude) is None else a(t) for t in self.times] for term in self.loads
+            ]
+        else:
+            rows = [[1.0] for _ in self.loads]
+        columns = self.fixed_amplitudes.shape[1]
+        return np.reshape(np.array(rows, dtype=np.float64), (len(self.loads), columns))
+
+    def column_factors(self, amplitude: Amplitude) -> npt.NDArray[np.float64]:
+        """What an amplitude is in the columns of a history, (columns,)."""
+        if self.history == "patterns":
+            return np.array([float(a == amplitude) for a in self.patterns])
+        return np.array([amplitude(t) for t in ([] if self.times is None else self.times)])
 
     def in_time(self, block: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Columns of a field (..., columns) as its values at all times, (T, ...)."""
@@ -230,8 +268,27 @@ def check_problem(where: str, problem: object, plan: object = None) -> None:
             check_known("interface", name, problem.interfaces, f"{where}: the plan is of another problem")
 
 
-def check_keeps(where: str, plan: Plan, interfaces: Iterable[str]) -> None:
+def check_keeps(
+    where: str,
+    plan: Plan,
+    interfaces: Iterable[str],
+    loads: Iterable[LoadTerm] = (),
+    parts: Iterable[str] = (),
+) -> None:
     """Refuse a plan that eliminates interfaces whose laws are random: at their means nothing would vary."""
+    fixed = [f"{term.load}.{term.parameter}" for term in loads if term not in plan.loads]
+    if fixed:
+        raise SceneError(
+            f"{where}: the plan has no column for {', '.join(fixed)}, which is random: leave the plan out, "
+            "or "
+            "make it for what is random"
+        )
+    stiff = [name for name in parts if name not in plan.scaled]
+    if stiff:
+        raise SceneError(
+            f"{where}: the plan has no factor for the stiffness of {', '.join(map(repr, stiff))}, which is "
+            "random: leave the plan out, or make it with scaled=[...]"
+        )
     lost = [name for name in interfaces if name in plan.eliminated]
     if lost:
         raise SceneError(
@@ -268,11 +325,18 @@ def _one_column(problem: Problem) -> str:
         for parameter, value in interface.law.parameters().items()
         if not is_plain(value) and hasattr(value, "mean")
     ]
+    random += [f"stiffness of {name}" for name in problem.factors]
+    random += dict.fromkeys(
+        f"{term.load}.{term.parameter}"
+        for term in problem.load_terms
+        if not all(is_plain(n.number) for n in problem.numbers_of(term))
+    )
     if random:
         return f"no chaos was asked for: {', '.join(random)} at the mean"
     return "nothing is random and no law has a history"
 
 
+@together("plan")
 def make_plan(
     problem: Problem,
     method: Method = "auto",
@@ -283,6 +347,8 @@ def make_plan(
     random: RandomLaws | None = None,
     columns: int = 1,
     times: npt.ArrayLike | None = None,
+    loads: Iterable[LoadTerm] = (),
+    scaled: Iterable[str] = (),
 ) -> Plan:
     """Decide what is modelled.
 
@@ -306,6 +372,10 @@ def make_plan(
         What is random, and the number of chaos modes.
     times
         Times (T,) of a load history, increasing; the state before the first is unloaded and unslipped.
+    loads
+        Numbers of loads of parts that vary: each has a load pattern of its own.
+    scaled
+        Parts whose stiffness varies by a factor: what joins them to others stays active.
 
     Raises
     ------
@@ -314,7 +384,8 @@ def make_plan(
     """
     _check_request(problem, method, options)
     moments = _moments_in_time(problem, times)
-    reasons, eliminated = _split(problem, _wanted(problem, method, active, vary))
+    factors = tuple(dict.fromkeys(scaled))
+    reasons, eliminated = _split(problem, _wanted(problem, method, active, vary, factors))
     kept = tuple(name for name in problem.interfaces if name in reasons)
     if method == "direct" and kept:
         raise SceneError(
@@ -326,11 +397,28 @@ def make_plan(
     newton = random is None and chosen == "accelerated" and _takes_newton_steps(problem, kept, options)
     macro, balanced, paired, reach = _reach(problem, kept, cut, chosen, options, newton)
     direction = _search_direction(problem, direction, chosen, bool(macro))
-    patterns, history, why = _history(problem, kept, moments, problem.amplitudes)
+    varied = tuple(loads)
+    constant = any(term.amplitude is None for term in varied)
+    patterns, history, why = _history(problem, kept, moments, problem.amplitudes, constant)
     steps = len(moments) if history == "steps" and moments is not None else 1
     columns, of_columns = _columns(problem, random, columns, history, steps, len(patterns), why)
 
     decisions = [*_of_interfaces(kept, reasons, eliminated), *_of_spaces(problem), *of_columns]
+    if varied:
+        names = ", ".join(dict.fromkeys(f"{t.load}.{t.parameter}" for t in varied))
+        decisions.append(
+            Decision(
+                "load columns", names, "loads that vary: a column of the right-hand side, no factorisation"
+            )
+        )
+    if factors:
+        decisions.append(
+            Decision(
+                "stiffness factors",
+                ", ".join(factors),
+                "they vary: diagonal in the modes of the coupling of a part, no second factorisation",
+            )
+        )
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
         options = options.with_(newton=0)
@@ -359,6 +447,9 @@ def make_plan(
         macro,
         balanced,
         paired,
+        varied,
+        tuple(sum(n.mean for n in problem.numbers_of(term)) for term in varied),
+        factors,
     )
 
 
@@ -378,6 +469,7 @@ def _moments_in_time(problem: Problem, times: npt.ArrayLike | None) -> Array | N
     if problem.amplitudes:
         changing = [name for name, i in problem.interfaces.items() if i.law.varying]
         changing += [name for name, s in problem.substructures.items() if s.varying_loads]
+        changing += dict.fromkeys(t.load for t in problem.load_terms if t.amplitude is not None)
         raise SceneError(
             f"{', '.join(repr(n) for n in changing)}: values change in time: solve with times=[...]"
         )
@@ -410,14 +502,23 @@ def _wanted(
     method: Method,
     active: Sequence[str] | Literal["all"] | None,
     vary: Iterable[str],
+    scaled: Sequence[str] = (),
 ) -> dict[str, str]:
     """Interfaces that are kept whatever their law allows -> why."""
     reasons = {name: "its sides lie on two ranks" for name in problem.cuts}
+    reasons |= _around(problem, scaled)
     for name in _names(problem, vary, "plan"):
         reasons[name] = "its law varies"
     for name, interface in problem.interfaces.items():
         if set(interface.law.varying) - set(interface.law.loading):
             reasons.setdefault(name, "its law changes in time")
+    tied = [n for n in reasons if problem.interfaces[n].law.elimination is Elimination.TIED]
+    if tied:
+        raise SceneError(
+            f"plan: {', '.join(map(repr, tied))} ties nodes to a rigid motion and cannot vary: its motion is "
+            "no "
+            "parameter; vary a load or a spring on it"
+        )
     everything = isinstance(active, str) and active == "all"
     if everything or (active is None and method == "latin"):
         for name in problem.interfaces:
@@ -430,6 +531,27 @@ def _wanted(
             if interface.law.springs and len(interface.sides) == 2:
                 reasons.setdefault(name, "elastic, between two parts")
     return reasons
+
+
+def _around(problem: Problem, scaled: Sequence[str]) -> dict[str, str]:
+    """What joins parts whose stiffness varies to others, or to springs -> why it is kept."""
+    found = {}
+    for name in scaled:
+        check_known("substructure", name, problem.substructures, "plan: scaled")
+    for name, interface in problem.interfaces.items():
+        parts = dict.fromkeys([*(side.substructure for side in interface.sides), *interface.law.partners])
+        varying = [part for part in parts if part in scaled]
+        if not varying:
+            continue
+        how = interface.law.elimination
+        if how is Elimination.TIED and len(parts) > 1:
+            raise SceneError(
+                f"interface {name!r} ties {varying[0]!r}, whose stiffness varies, to {len(parts) - 1} other "
+                "parts in one rigid group: give each its own, joined by Elastic or Perfect"
+            )
+        if how is Elimination.SPRINGS or len(parts) > 1:
+            found[name] = f"the stiffness of {varying[0]!r} varies"
+    return found
 
 
 def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
@@ -446,6 +568,8 @@ def _split(problem: Problem, wanted: Mapping[str, str]) -> tuple[dict[str, str],
                 "these do not: give it space='facets', mesh both parts together, or use Elastic with a "
                 "stiffness well above modulus / length"
             )
+        if law.elimination is Elimination.TIED:
+            reasons.pop(name, None)  # it is never iterated on
         if name in reasons:
             continue
         how = law.eliminated(interface.matching is not None)
@@ -501,11 +625,15 @@ def _of_interfaces(
 def _of_spaces(problem: Problem) -> list[Decision]:
     """Where laws hold that are not imposed point by point, and why."""
     why: dict[tuple[str, str], list[str]] = {}
+    remote: dict[str, list[str]] = {}
     for name, interface in problem.interfaces.items():
+        if interface.wrench is not None:
+            remote.setdefault(interface.why, []).append(name)
         if interface.space != "points":
             reason = interface.why or "asked for"
             why.setdefault((interface.space, reason), []).append(name)
-    return [Decision(f"space {space}", ", ".join(names), reason) for (space, reason), names in why.items()]
+    found = [Decision(f"space {space}", ", ".join(names), reason) for (space, reason), names in why.items()]
+    return [*found, *(Decision("one point", ", ".join(names), reason) for reason, names in remote.items())]
 
 
 def _columns(
@@ -619,13 +747,14 @@ def _history(
     kept: Sequence[str],
     times: npt.NDArray[np.float64] | None,
     amplitudes: Sequence[Amplitude],
+    constant_loads: bool = False,
 ) -> tuple[tuple[Amplitude | None, ...], Literal["none", "patterns", "steps"], str]:
     """Load patterns, what a history needs of columns, and why."""
     if times is None:
         return (None,), "none", ""
-    if not amplitudes:
+    if not amplitudes and not any(i.law.timed for i in problem.interfaces.values()):
         return (None,), "none", "nothing changes in time: one column answers for all times"
-    constant = (None,) if _constant_loads(problem) else ()
+    constant = (None,) if constant_loads or _constant_loads(problem) else ()
     patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
     nonlinear = [n for n in kept if not problem.interfaces[n].law.superposes]
     if not nonlinear and len(patterns) < len(times):
@@ -644,7 +773,7 @@ def _history(
 
 def _constant_loads(problem: Problem) -> bool:
     """Whether any loading is constant in time and not zero."""
-    if any(part.loaded for part in problem.parts.values()):
+    if problem.has_constant_loads:
         return True
     for interface in problem.interfaces.values():
         law = interface.law

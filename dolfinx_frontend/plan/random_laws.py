@@ -6,23 +6,27 @@ speak of the same germs in the same order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
+from latin_core.stochastic import ChaosBasis
 
 from dolfinx_frontend.assembly.problem import Problem, check_is_problem
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
+from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.laws import Fields, Law
+from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
+from dolfinx_frontend.uncertainty.expressions import ByName, Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField, RandomField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
 __all__ = ["RandomLaws", "SampledParameter", "Source", "is_random", "sampled_parameters"]
 
-Source = RandomParameter | DiscretisedField
+Source = RandomParameter | DiscretisedField | Expression
 
 
 class SampledParameter(NamedTuple):
@@ -34,8 +38,8 @@ class SampledParameter(NamedTuple):
 
 
 def is_random(value: object) -> bool:
-    """Whether a law's value is a random parameter or field."""
-    return isinstance(value, (RandomParameter, RandomField))
+    """Whether a value is a random parameter, an expression of some, or a random field."""
+    return isinstance(value, (RandomParameter, Expression, RandomField))
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,18 +56,26 @@ class RandomLaws:
         Random parameters that no answer depends on, with the reason: they get no germ.
     space
         Their germs.
+    loads
+        Numbers of loads of parts that are random -> the random parameters in them.
+    parts
+        Parts -> random factor of their stiffness, with the mean 1.
     """
 
     problem: Problem
     sources: dict[tuple[str, str], Source]
     dropped: tuple[str, ...]
     space: RandomSpace
+    loads: dict[LoadTerm, tuple[RandomParameter | Expression, ...]] = field(default_factory=dict)
+    parts: dict[str, Source] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         locked(self)
 
     def __repr__(self) -> str:
-        named = (f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items())
+        named = [f"{name}.{parameter} = {source!r}" for (name, parameter), source in self.sources.items()]
+        named += [f"{t.load}.{t.parameter} = {s!r}" for t, found in self.loads.items() for s in found]
+        named += [f"stiffness of {name} = {source!r}" for name, source in self.parts.items()]
         return f"RandomLaws({', '.join(named)})"
 
     @classmethod
@@ -80,8 +92,23 @@ class RandomLaws:
         fields: dict[tuple[str, RandomField], DiscretisedField] = {}
         dropped = []
         for name, interface in problem.interfaces.items():
+            consumed: set[str] = set()
+            for target, (names, function) in interface.law.derived().items():
+                values = interface.law.parameters()
+                own = {key: values[key] for key in names if is_random(values[key])}
+                if own:
+                    fields_of = [key for key, value in own.items() if isinstance(value, RandomField)]
+                    if fields_of:
+                        raise SceneError(
+                            f"interface {name!r}: {fields_of[0]} is a random field; give a random number"
+                        )
+                    sources[name, target] = Expression(
+                        ByName(function, own), *own.values(), name=f"{name}.{target}"
+                    )
+                    consumed |= set(own)
             for parameter, value in interface.law.parameters().items():
-                if not is_random(value):
+                value = _number_in_time(interface.law, parameter, value)
+                if not is_random(value) or parameter in consumed:
                     continue
                 if not interface.law.matters(parameter):
                     dropped.append(f"{name}.{parameter}: the interface has no stiffness")
@@ -93,12 +120,86 @@ class RandomLaws:
                     sources[name, parameter] = fields[key]
                 else:
                     sources[name, parameter] = value
-        return cls(problem, sources, tuple(dropped), RandomSpace(sources.values()))
+        loads: dict[LoadTerm, tuple[RandomParameter | Expression, ...]] = {}
+        for term in problem.load_terms:
+            found = [n.number for n in problem.numbers_of(term) if is_random(n.number)]
+            if any(isinstance(each, RandomField) for each in found):
+                raise SceneError(
+                    f"load {term.load!r}: {term.parameter} is a random field; a load of a part takes random "
+                    "numbers: give a Normal, LogNormal, ..."
+                )
+            if found:
+                loads[term] = tuple(found)
+        of_loads = [each for found in loads.values() for each in found]
+        parts = dict(problem.factors)
+        space = RandomSpace([*sources.values(), *of_loads, *parts.values()])
+        return cls(problem, sources, tuple(dropped), space, loads, parts)
+
+    @property
+    def every(self) -> list[Source]:
+        """All random parameters and fields, of laws, loads and parts."""
+        of_loads = (each for found in self.loads.values() for each in found)
+        return [*self.sources.values(), *of_loads, *self.parts.values()]
+
+    def factors(self, part: str, points: Array) -> Array:
+        """What the stiffness of a part is multiplied with at points (N, L) of the germs, (N,).
+
+        Raises
+        ------
+        SceneError
+            A factor that is not positive.
+        """
+        source = self.parts.get(part)
+        if source is None:
+            return np.ones(len(points))
+        values: Array = np.reshape(self.space.values(source, points), -1)
+        if not values.min() > 0.0:
+            worst = int(values.argmin())
+            at = ", ".join(
+                f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
+            )
+            raise SceneError(
+                f"substructure {part!r}: {int((values <= 0.0).sum())} of {len(points)} samples give it a "
+                f"stiffness that is not positive (smallest factor {values.min():.4g}, at the germs {at}): "
+                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, "
+                "Beta, Uniform or TruncatedNormal"
+            )
+        return values
+
+    def load_values(self, term: LoadTerm, points: Array) -> Array:
+        """A number of a load at points (N, L) of the germs, (N,); see :data:`OF_STIFFNESS`."""
+        if term.load == OF_STIFFNESS:
+            return self.factors(term.parameter, points)
+        total: Array = np.zeros(len(points))
+        for each in self.problem.numbers_of(term):
+            number = each.number
+            values = self.space.values(number, points) if is_random(number) else float(number)
+            total += each.coefficient * np.reshape(values, -1)
+        return total
+
+    def load_coefficients(self, term: LoadTerm, basis: ChaosBasis) -> Array:
+        """Chaos coefficients (P + 1,) of a number of a load; see :data:`OF_STIFFNESS`."""
+        if term.load == OF_STIFFNESS:
+            if term.parameter not in self.parts:
+                return np.asarray(np.eye(1, len(basis))[0])
+            return np.asarray(self.space.coefficients(self.parts[term.parameter], basis)[0])
+        total = np.zeros(len(basis))
+        for each in self.problem.numbers_of(term):
+            if is_random(each.number):
+                total += each.coefficient * self.space.coefficients(each.number, basis)[0]
+            else:
+                total[0] += each.coefficient * float(each.number)
+        return total
 
     @property
     def interfaces(self) -> tuple[str, ...]:
         """Interfaces with something random, in the scene's order."""
         return tuple(dict.fromkeys(name for name, _ in self.sources))
+
+    def amplitude(self, interface: str, parameter: str) -> Amplitude | None:
+        """What multiplies a random parameter of a law in time; None: it is constant."""
+        value = self.problem.interfaces[interface].law.parameters().get(parameter)
+        return value.terms[0][0] if isinstance(value, Varying) else None
 
     def source(self, interface: str, parameter: str) -> Source | None:
         """The random parameter of a law, or None if the value is fixed."""
@@ -113,6 +214,16 @@ class RandomLaws:
         """Whether the law of an interface is linear: chaos coefficients go through it exactly."""
         return self.problem.interfaces[interface].law.linear
 
+    def make_laws(self, points: Array) -> bool:
+        """Whether all random parameters make laws at points (N, L) of the germs, see :meth:`sampled`."""
+        for part, source in self.parts.items():
+            if not np.min(self.space.values(source, points)) > 0.0:
+                return False
+        return all(
+            _makes_laws(self.problem.interfaces[name].law, parameter, self.space.values(source, points))
+            for (name, parameter), source in self.sources.items()
+        )
+
     def sampled(self, name: str, parameter: str, points: Array) -> SampledParameter:
         """A random parameter of an interface at points (N, L) of the germs, as the kernel takes it.
 
@@ -125,8 +236,7 @@ class RandomLaws:
         source = self.sources[name, parameter]
         values = np.atleast_2d(self.space.values(source, points))
         law = interface.law
-        inverted = parameter in law.inverse
-        if parameter in law.not_negative and (values.min() < 0.0 or (inverted and values.min() == 0.0)):
+        if not _makes_laws(law, parameter, values):
             count = int((values < 0.0).any(axis=0).sum())
             worst = int(values.min(axis=0).argmin())
             at = ", ".join(
@@ -164,7 +274,10 @@ class RandomLaws:
         laws = {name: i.law for name, i in self.problem.interfaces.items()}
         for (name, parameter), source in self.sources.items():
             values = self.space.values(source, xi)
-            value = values[:, 0] if isinstance(source, DiscretisedField) else float(values[0])
+            value: Any = values[:, 0] if isinstance(source, DiscretisedField) else float(values[0])
+            amplitude = self.amplitude(name, parameter)
+            if amplitude is not None:
+                value = amplitude * value
             laws[name] = laws[name].with_(**{parameter: value})
         return laws
 
@@ -189,3 +302,18 @@ def sampled_parameters(
             each = random.sampled(name, parameter, points)
             values[each.name] = np.repeat(each.pattern @ each.values, steps, axis=1)
     return {parameter: np.asfortranarray(block) for parameter, block in values.items()}
+
+
+def _number_in_time(law: Law, parameter: str, value: Any) -> Any:
+    """The random number of an amplitude times one, of a parameter that loads; others as they are."""
+    if isinstance(value, Varying) and parameter in law.loading and len(value.terms) == 1:
+        return value.terms[0][1]
+    return value
+
+
+def _makes_laws(law: Law, parameter: str, values: Array) -> bool:
+    """Whether a law can have all of these values: no negative stiffness, friction or threshold."""
+    if parameter not in law.not_negative:
+        return True
+    smallest = values.min()
+    return bool(smallest > 0.0 or (smallest == 0.0 and parameter not in law.inverse))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,8 +20,10 @@ from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_known
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.groups import group_labels, grouped
+from dolfinx_frontend.plan.ties import ties_of
 from dolfinx_frontend.scene.amplitudes import Amplitude
-from dolfinx_frontend.scene.laws import Elimination, Law
+from dolfinx_frontend.scene.laws import Elimination, Law, Rigid
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = [
     "Body",
@@ -108,8 +111,13 @@ def _free_basis(rows: Array) -> Array:
 def members_of_bodies(problem: Problem, eliminate: Container[str]) -> list[list[str]]:
     """Substructures of this rank by body, in the order of the problem."""
     here = problem.substructures
-    sides = [[s.substructure for s in i.sides] for i in problem.interfaces.values() if i.name in eliminate]
-    return grouped(list(here), [(s[0], s[-1]) for s in sides if here.keys() >= set(s)])
+    sides = [
+        [*(s.substructure for s in i.sides), *i.law.partners]
+        for i in problem.interfaces.values()
+        if i.name in eliminate
+    ]
+    pairs = [(s[0], other) for s in sides if here.keys() >= set(s) for other in s]
+    return grouped(list(here), pairs)
 
 
 def wholly_held(problem: Problem, removed: Container[str]) -> dict[str, list[str]]:
@@ -294,6 +302,7 @@ def _body(
     laws: Mapping[str, Law],
     inside: list[Interface],
     amplitude: Amplitude | None,
+    without: Container[LoadTerm],
 ) -> Body:
     parts = [problem.substructures[m] for m in members]
     counts = np.array([len(p.dof_coordinates) for p in parts])
@@ -325,12 +334,22 @@ def _body(
         raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
     prolongation: dict[str, sp.csr_matrix] = {}
     offset: dict[str, Array] = {}
+    tied = [(i, cast(Rigid, laws[i.name])) for i in by_way[Elimination.TIED]]
+    ties = ties_of(
+        problem, tied, start, classes.bases, classes.kind, classes.fixed, shift, label, columns
+    )
+    size = size if ties is None else ties.left.shape[1]
+    if size == 0:
+        raise SceneError(f"{', '.join(members)}: every displacement is prescribed; nothing is left")
     for m, count, s in zip(members, counts, starts, strict=False):
         own = label[s : s + count]
         prolongation[m] = _prolongation(classes, own, columns)
         offset[m] = (classes.fixed[own] + shift[s : s + count]).ravel()
+        if ties is not None:
+            offset[m] = offset[m] + prolongation[m] @ ties.given
+            prolongation[m] = (prolongation[m] @ ties.left).tocsr()
 
-    load = {m: p.load_of(amplitude).copy() for m, p in zip(members, parts, strict=True)}
+    load = {m: problem.load_on(m, amplitude, without) for m in members}
     for i in by_way[Elimination.LOAD]:
         given = laws[i.name].load(i)
         if given is not None:
@@ -345,6 +364,7 @@ def reduce(
     eliminate: Iterable[str],
     laws: Mapping[str, Law] | None = None,
     amplitude: Amplitude | None = None,
+    without: Container[LoadTerm] = (),
 ) -> list[Body]:
     """Bodies that remain when interfaces are assembled across.
 
@@ -358,6 +378,8 @@ def reduce(
         Laws to use instead of those of the problem.
     amplitude
         Amplitude whose part of the body forces is taken; None: the constant part.
+    without
+        Numbers of loads of parts that are left out.
 
     Returns
     -------
@@ -382,7 +404,7 @@ def reduce(
             for i in problem.interfaces.values()
             if i.name in chosen and i.sides[0].substructure in members
         ]
-        bodies.append(_body(problem, members, current, inside, amplitude))
+        bodies.append(_body(problem, members, current, inside, amplitude, without))
     return bodies
 
 

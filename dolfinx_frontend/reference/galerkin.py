@@ -49,6 +49,7 @@ from dolfinx_frontend.plan.reduction import Body, body_matrix, reduce, spring_ju
 from dolfinx_frontend.reference.cholesky import Cholesky
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
@@ -56,7 +57,7 @@ from dolfinx_frontend.uncertainty.space import RandomSpace
 __all__ = ["SSFEMSolution", "smallest_eigenvalue", "ssfem"]
 
 PETSc: Any = _PETSc  # its stubs know no members
-Source = RandomParameter | DiscretisedField
+Source = RandomParameter | DiscretisedField | Expression
 
 _PREFIX = "latin_ssfem_"
 
@@ -162,6 +163,7 @@ class _System:
         self.products: list[list[tuple[sp.csr_matrix, Array, _Coupling]]] = []
         for body in self.bodies:
             self._assemble(body)
+        self.scaled = [self._scaled(body) for body in self.bodies]
         self.load = np.concatenate([self._load(body) for body in self.bodies])
 
     # -- pieces --------------------------------------------------------------------------------
@@ -244,14 +246,38 @@ class _System:
         self.mean.append(mean.tocsr())
         self.products.append(products)
 
+    def _factor(self, part: str) -> Array:
+        """Galerkin matrix (P + 1, P + 1) of the random factor of a part's stiffness."""
+        matrix = self.random.space.galerkin_matrix(self.random.parts[part], self.basis)
+        return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+
+    def _scaled(self, body: Body) -> list[tuple[sp.csr_matrix, Array]]:
+        """Z^T K Z of parts with a random factor, and its Galerkin matrix less that of the mean."""
+        found = []
+        for m in body.members:
+            if m in self.random.parts:
+                Z = body.Z[m]
+                K = (Z.T @ self.problem.substructures[m].matrix @ Z).tocsr()
+                found.append((K, self._factor(m) - np.eye(self.columns)))
+        return found
+
     def _load(self, body: Body) -> Array:
         """Right-hand side (n, P + 1)."""
         f = np.zeros((body.n, self.columns))
         for m in body.members:
             offset, load = self.offsets[m], np.zeros_like(self.offsets[m])
             load[:, 0] = body.load[m]
+            if m in self.random.parts:
+                self._loads_of_stiffness(m, load)
+            for term in self.random.loads:
+                nodal = self.problem.loads[term.load].on(m, term.parameter)
+                if m in self.random.parts and term.parameter in self.problem.loads[term.load].stresses:
+                    continue
+                if nodal is not None:  # the mean is in the load of the body
+                    load[:, 1:] += np.outer(nodal, self.random.load_coefficients(term, self.basis)[1:])
             if np.any(offset):
-                load -= self.problem.substructures[m].matrix @ offset
+                moved = self.problem.substructures[m].matrix @ offset
+                load -= moved @ self._factor(m) if m in self.random.parts else moved
             for i in self.problem.interfaces.values():
                 if i.sides[0].substructure == m and i.law.prescribes == "force":
                     self._random_force(i, load)
@@ -263,6 +289,17 @@ class _System:
             force = s.force(spring_jump(self.problem, name, self.offsets))
             f -= B.T @ (i.weights[:, None, None] * force).reshape(-1, self.columns)
         return f
+
+    def _loads_of_stiffness(self, part: str, load: Array) -> None:
+        """Replace the means of initial strains by these times the random factor of the stiffness."""
+        factor = self._factor(part)
+        for each in self.problem.loads.values():
+            for term in each.keys():
+                nodal = each.on(part, term.parameter)
+                if nodal is not None and term.parameter in each.stresses:
+                    modes = self.random.load_coefficients(term, self.basis)
+                    load[:, 0] -= each.mean(term.parameter, term.amplitude) * nodal
+                    load += np.outer(nodal, factor @ modes)
 
     def _random_force(self, i: Interface, load: Array) -> None:
         """Modes of a random pressure or traction, without the mean, which the body has already."""
@@ -294,7 +331,11 @@ class _System:
 
     def apply(self, q: Array) -> Array:
         """The operator on (n, P + 1)."""
-        return self.operator.apply(q)
+        found = self.operator.apply(q)
+        for part, terms in zip(self.slices, self.scaled, strict=True):
+            for K, factor in terms:
+                found[part] += K @ q[part] @ factor
+        return found
 
     def apply_mean(self, q: Array) -> Array:
         """The mean block on each mode of (n, P + 1)."""
@@ -310,7 +351,7 @@ class _System:
     def matrices(self) -> list[sp.csr_matrix]:
         """The operator of each body, formed: (n (P + 1), n (P + 1)), mode fastest."""
         c = self.columns
-        out = []
+        out: list[sp.csr_matrix] = []
         for fixed, products in zip(self.fixed, self.products, strict=True):
             A = sp.kron(fixed, sp.identity(c), "csr")
             for B, weights, product in products:
@@ -323,6 +364,8 @@ class _System:
                 law = sp.coo_matrix((values.ravel(), where), shape=(rows * c, rows * c)).tocsr()
                 trace = sp.kron(B, sp.identity(c), "csr")
                 A = A + trace.T @ law @ trace
+            for K, factor in self.scaled[len(out)]:
+                A = A + sp.kron(K, sp.csr_matrix(factor), "csr")
             out.append(A)
         return out
 
@@ -337,11 +380,25 @@ class _System:
                         f"interface {name!r}, {parameter} stiffness {source.name!r}: smallest "
                         f"eigenvalue {product.smallest:.4g} of its Galerkin matrix"
                     )
+        for part in self.random.parts:
+            smallest = float(np.linalg.eigvalsh(self._factor(part))[0])
+            if smallest <= 0.0:
+                bad.append(f"substructure {part!r}: smallest eigenvalue {smallest:.4g} of its factor")
         return SceneError(
             "the stochastic Galerkin operator is not positive definite ("
             + ("; ".join(bad) or "something is not held")
             + "); take a positive law such as LogNormal, Gamma or TruncatedNormal, or a lower order"
         )
+
+
+class _Applied:
+    """The operator of a system for PETSc, where the kernel's does not have all of it."""
+
+    def __init__(self, system: _System) -> None:
+        self.system = system
+
+    def mult(self, _: Any, x: Any, y: Any) -> None:
+        y.setArray(self.system.apply(x.getArray(readonly=True).reshape(self.system.load.shape)).ravel())
 
 
 @dataclass(frozen=True)
@@ -462,7 +519,7 @@ def ssfem(
     _check_request("ssfem", problem, chaos, rtol)
     checked_whole("ssfem", "max_iterations", max_iterations, 1)
     if callback is not None:
-        checked_callable("ssfem", "callback", callback, "give a function of iteration and residual")
+        checked_callable("ssfem", "callback", callback, "give a function of iteration and residual", 2)
     began = perf_counter()
     system = _System(problem, chaos)
     matrices = system.matrices() if solver == "direct" else []
@@ -476,6 +533,10 @@ def ssfem(
         precondition = system.factor()
         # a right-hand side may hide an indefinite operator from conjugate gradients
         products = [p for s in system.springs.values() for _, _, p in s.random]
+        factors = [np.eye(system.columns) + f for terms in system.scaled for _, f in terms]
+        least = min((float(np.linalg.eigvalsh(f)[0]) for f in factors), default=1.0)
+        if least <= 0.0:
+            raise system.indefinite()
         if not all(p.definite for p in products):
             if _smallest(system, precondition, 1e-3) <= 0.0:
                 raise system.indefinite()
@@ -545,6 +606,10 @@ def _conjugate_gradients(
             callback(iteration, norm / norms[0] if norms[0] > 0.0 else 0.0)
 
     A = system.operator.matrix()
+    if any(system.scaled):
+        sizes = (system.load.size, system.load.size)
+        A = PETSc.Mat().createPython(sizes, _Applied(system), comm=PETSc.COMM_SELF)
+        A.setUp()
     x, b = A.createVecs()
     b.setArray(system.load.ravel())
     ksp = PETSc.KSP().create(PETSc.COMM_SELF)
@@ -602,7 +667,7 @@ def _check_request(where: str, problem: object, chaos: object, rtol: object) -> 
 
 def _smallest(system: _System, solve: Callable[[Array], Array], rtol: float) -> float:
     size = system.load.size
-    if not any(system.products):
+    if not any(system.products) and not any(system.scaled):
         return 1.0
 
     def operator(function: Callable[[Array], Array]) -> Any:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from latin_core import Summary
 
+from dolfinx_frontend.assembly.ranks import exchanged
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.frozen import locked
@@ -165,7 +166,7 @@ def accuracy_of_run(
     comm
         Of the ranks; None: there is one.
     """
-    tables = [summary.errors] if comm is None else comm.allgather(summary.errors)
+    tables = [summary.errors] if comm is None else exchanged(comm, summary.errors)
     tables = [table for table in tables if table.size]
     if not tables:
         return None

@@ -20,6 +20,7 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import locked
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.scene.loads import OF_STIFFNESS
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = [
@@ -64,8 +65,13 @@ class Surface:
         (m, components, d), directions of the components of force and jump in global axes.
     contact
         Whether it can open and slip.
+    wrench
+        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has
+        points.
     bolt
         The step that ends the tightening if it is a bolt in a load history, else None.
+    places, mean_normals
+        (m, d), of which resultants are made, see :class:`Interface`; None: the points, and their normals.
     """
 
     name: str
@@ -76,9 +82,22 @@ class Surface:
     frames: Array = field(repr=False)
     contact: bool = False
     bolt: int | None = None
+    wrench: Array | None = field(default=None, repr=False)
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         locked(self)
+
+    @property
+    def acting(self) -> tuple[Array, Array]:
+        """(m, d) places, and (m, components, d), what a unit of each component adds to the resultant, per
+        area."""
+        places = self.points if self.places is None else self.places
+        if self.mean_normals is None:
+            return places, self.frames
+        out = np.einsum("pcd,pd->pc", self.frames, self.normals)
+        return places, self.frames + out[:, :, None] * (self.mean_normals - self.normals)[:, None]
 
     @property
     def dim(self) -> int:
@@ -93,7 +112,7 @@ class Surface:
     @property
     def centre(self) -> Array:
         """(d,), centroid."""
-        centre: Array = self.weights @ self.points / self.weights.sum()
+        centre: Array = self.weights @ self.acting[0] / self.weights.sum()
         return centre
 
     def vectors(self, values: Array) -> Array:
@@ -124,6 +143,7 @@ class Block:
     germs: Array | None = None
     weights: Array | None = None
     _force: Callable[[str], Array] | None = None
+    _load: Callable[[str, str], Array] | None = None
 
     def __post_init__(self) -> None:
         locked(self)
@@ -154,6 +174,15 @@ class Block:
     def displacement(self, part: str, unknowns: Ints | None = None) -> Array:
         """Unknowns (n, [T,] unknowns) of a part, length; of some of them only if their numbers are given."""
         return self._displacement(part, unknowns)
+
+    def load(self, load: str, parameter: str) -> Array:
+        """What a shape of a load of a part is multiplied with, (n, [T])."""
+        assert self._load is not None  # only what is read from files has none, and no parts either
+        return self._load(load, parameter)
+
+    def factor(self, part: str) -> Array:
+        """What the stiffness of a part is multiplied with, (n,) or (1,)."""
+        return np.ones(1) if self._load is None else self._load(OF_STIFFNESS, part)
 
     def contact(self, interface: str) -> ContactValues | None:
         """Clearance and friction of a contact; None: it is none, or they are not known."""
@@ -243,6 +272,12 @@ class Answer(Protocol):
 
     def spread(self, part: str) -> Sequence[Array]:
         """Unknowns ([T,] n) whose squares add up to the variance, of fields that are linear in them."""
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """What a shape of a load of a part is multiplied with, ([T]), in what is shown."""
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean, in the order of `spread`."""
 
     def deviation(self, part: str) -> Array | None:
         """Standard deviation ([T,] n) of the unknowns; None: nothing is random, or it is not known."""

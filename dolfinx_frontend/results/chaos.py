@@ -13,9 +13,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from latin_core import Laws, State, stochastic
 
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_kind, check_known, checked_whole
-from dolfinx_frontend.common.describe import shown_error
+from dolfinx_frontend.common.checks import check_kind, check_known, checked_names, checked_whole
+from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
 from dolfinx_frontend.formats.chaos_file import Field, content, save_chaos
@@ -24,6 +25,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
+from dolfinx_frontend.results.acting import load_factors
 from dolfinx_frontend.results.answer import (
     BYTES,
     CACHED,
@@ -46,6 +48,7 @@ from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
@@ -57,6 +60,9 @@ SAMPLES_OF_MOMENTS = 2**12
 
 CHUNK = 512
 """Samples of a field that are evaluated at once."""
+
+POINTS_OF_MISFIT = 2**8
+"""Sobol points at which a linear law is compared with its chaos."""
 
 NOISE = 100.0
 """A standard deviation below this many times the tolerance, relative to the mean, is noise."""
@@ -203,6 +209,10 @@ class ChaosResult(Result, StochasticResult):
         Active interface -> its truncation, measured at the end of the run if a law is nonlinear.
     checked
         The deterministic solves of that measurement.
+    misfits
+        If all laws are linear: interface with a random law -> estimated relative error of mean and standard
+        deviation of its force, see :meth:`misfit`, and ``"load.parameter"`` -> what the chaos leaves out of a
+        random number of a load; None: not estimated.
     sampler
         Solves deterministically at points of the germs, see :meth:`sample`.
     """
@@ -214,9 +224,10 @@ class ChaosResult(Result, StochasticResult):
     collocations: Mapping[str, Collocation] = field(kw_only=True, default_factory=dict)
     checks: Mapping[str, TruncationError] = field(kw_only=True, default_factory=dict)
     checked: tuple[SampleResult, ...] = field(kw_only=True, default=())
+    misfits: Mapping[str, float] | None = field(kw_only=True, default=None)
     sampler: Sampler = field(kw_only=True)
 
-    _notes = Result._notes | {"checks", "checked"}
+    _notes = Result._notes | {"checks", "checked", "misfits"}
 
     @property
     def space(self) -> RandomSpace:
@@ -229,13 +240,19 @@ class ChaosResult(Result, StochasticResult):
         return len(self.basis)
 
     @property
-    def trusted(self) -> bool:
-        """Whether the iteration converged and, if a law is nonlinear, every force passed the check.
+    def trusted(self) -> bool | None:
+        """Whether the iteration converged and the truncation of every force is within ``chaos.tolerance``.
 
-        A linear scene is not checked by itself: ask :meth:`truncation`.
+        If a law is nonlinear, by deterministic solves. Where all are linear, by :attr:`misfits`, an estimate
+        without any solve: :meth:`truncation` measures it. None: it converged, and nothing is known of its
+        truncation.
         """
-        if not self.converged or not self.collocations:
-            return self.converged
+        if not self.converged:
+            return False
+        if not self.collocations:
+            if self.misfits is None:
+                return None
+            return all(each <= self.chaos.tolerance for each in self.misfits.values())
         if not self.checked or not all(part.converged for part in self.checked):
             return False
         return all(each.error <= self.chaos.tolerance for each in self.checks.values())
@@ -250,6 +267,7 @@ class ChaosResult(Result, StochasticResult):
         """None: the modes are no state of `mean_laws`."""
         return None
 
+    @together("mean_std")
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; collective."""
         check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
@@ -292,7 +310,7 @@ class ChaosResult(Result, StochasticResult):
 
     @cached_property
     def _blocks(self) -> dict[str, Array]:
-        amplitudes = amplitudes_of(self.plan, self.modes)
+        amplitudes = amplitudes_of(self.plan, self.random, self.basis)
         blocks = self.solver.displacements(self.laws, self.state, amplitudes)
         return {
             name: read_only(timed(self.plan, block.reshape(len(block), self.modes, -1)))
@@ -312,6 +330,27 @@ class ChaosResult(Result, StochasticResult):
         """Modes ([T,] n) of the unknowns beside the mean, whose squares add up to the variance."""
         block = self.coefficients(part)
         return [block[..., k] for k in range(1, self.modes)]
+
+    def _load_modes(self, load: str, parameter: str) -> Array:
+        """Chaos coefficients (P + 1, [T]) of what a shape of a load is multiplied with."""
+        of = partial(self.random.load_coefficients, basis=self.basis)
+        return load_factors(self.problem, self.times, load, parameter, of)
+
+    def stiffness_modes(self, part: str) -> Array | None:
+        """Galerkin matrix (P + 1, P + 1) of the random factor of a part's stiffness; None: there is none."""
+        if part not in self.random.parts:
+            return None
+        matrix = self.random.space.galerkin_matrix(self.random.parts[part], self.basis)
+        return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """Mean ([T]) of what a shape of a load of a part is multiplied with."""
+        number: Array = self._load_modes(load, parameter)[0]
+        return number
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean."""
+        return list(self._load_modes(load, parameter)[1:])
 
     def modes_of(self, interface: str) -> tuple[Array, Array] | None:
         """Coefficients (P + 1, [T,] m, components) of force and jump; None where the law is nonlinear."""
@@ -440,6 +479,13 @@ class ChaosResult(Result, StochasticResult):
         """Fields at points (N, L) of the germs."""
         points = self.space.checked_points(germs, "at")
         psi = self.basis.evaluate(points)
+        # the products with modes that follow are to be finite as well
+        far = np.flatnonzero(~(np.abs(psi).max(axis=1) < 1e150))
+        if far.size:
+            raise SceneError(
+                f"at: the chaos has no numbers at the germs {short(points[far[0]].tolist())}: germs are of "
+                "order 1 (standard normal, or within [-1, 1])"
+            )
 
         def displacement(part: str, unknowns: Ints | None) -> Array:
             block = self.coefficients(part)
@@ -461,7 +507,9 @@ class ChaosResult(Result, StochasticResult):
                 return np.moveaxis(timed(self.plan, _at_points(self._columns_of(name)[0], psi)), -1, 0)
             return both(name)[0]
 
-        return Block(len(points), both, displacement, contact, points, _force=force)
+        number = partial(self.random.load_values, points=points)
+        load = partial(load_factors, self.problem, self.times, of=number)
+        return Block(len(points), both, displacement, contact, points, _force=force, _load=load)
 
     def _parameters_at(self, name: str, points: Array, fields: Fields) -> dict[str, Array]:
         return sampled_parameters(self.random, name, points, fields, self.plan.steps)
@@ -490,6 +538,7 @@ class ChaosResult(Result, StochasticResult):
         germs = self.space.sample(SAMPLES if samples is None else samples, seed)
         yield from map(self.at, self._in_parts(germs, CACHED))
 
+    @together("readings")
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
@@ -524,6 +573,7 @@ class ChaosResult(Result, StochasticResult):
 
     def chaos_fields(self, substructures: Sequence[str] = ()) -> tuple[dict[str, Field], dict[str, Any]]:
         """Fields and notes of the file that :meth:`save_chaos` writes."""
+        substructures = checked_names("save_chaos", "substructures", substructures)
         return self._fields_of(self.plan.active, substructures)
 
     def _fields_of(
@@ -565,6 +615,7 @@ class ChaosResult(Result, StochasticResult):
         block = self.force_coefficients(interface).reshape(-1, self.modes)
         return to_openturns(self.space, self.basis, block, inputs=inputs)
 
+    @together("sample")
     def sample(
         self,
         germs: npt.ArrayLike,
@@ -582,6 +633,7 @@ class ChaosResult(Result, StochasticResult):
             self, germs, weights, kind, keep_states=keep_states, progress=progress, rtol=rtol
         )
 
+    @together("monte_carlo")
     def monte_carlo(
         self,
         samples: int,
@@ -595,6 +647,7 @@ class ChaosResult(Result, StochasticResult):
         germs = self.space.sample(samples, seed)
         return self.sample(germs, keep_states=keep_states, progress=progress, rtol=rtol)
 
+    @together("quasi_monte_carlo")
     def quasi_monte_carlo(
         self,
         samples: int,
@@ -608,6 +661,7 @@ class ChaosResult(Result, StochasticResult):
         germs = self.space.sample_sobol(samples, seed)
         return self.sample(germs, kind="qmc", keep_states=keep_states, progress=progress, rtol=rtol)
 
+    @together("truncation")
     def truncation(self, interface: str, points: int = 16, seed: int = 1) -> TruncationError:
         """Estimate the error of the truncation in the force of an interface; collective.
 
@@ -618,8 +672,8 @@ class ChaosResult(Result, StochasticResult):
         points
             Deterministic solves at independent points of the germs; 0: only the decay.
         """
-        self.problem.check_alike("truncation", interface=interface, points=points, seed=seed)
         checked_whole("truncation", "points", points, 0)
+        self.problem.check_alike("truncation", interface=interface, points=points, seed=seed)
         # before the solves: on all ranks it is an interface with a chaos, or on none
         decay, deviation = self.everywhere(interface, lambda: self._decay(interface))
         if points == 0:
@@ -641,6 +695,86 @@ class ChaosResult(Result, StochasticResult):
             ratio = min(ratio, 0.9)
             decay = by_degree[-1] * ratio / np.sqrt(1.0 - ratio**2) / deviation
         return float(decay), deviation
+
+    @property
+    def points_of_misfit(self) -> Array:
+        """Points (N, L) of the germs at which :meth:`misfit` asks the laws."""
+        return self.space.sample_sobol(POINTS_OF_MISFIT, 1)
+
+    def misfit(self, interface: str) -> float:
+        """How far the chaos is from the linear law of an interface with something random.
+
+        Equilibrium holds for every mode, the law for as many as there are: at points of the germs it fails by
+        what the truncation left out. One local stage there, and the answer of the parts to it, give the force
+        that the law wants; the result is the larger relative change of mean and standard deviation. The parts
+        answer to a change as they do to what is random, see :meth:`_compliance`. What the chaos cannot
+        represent is orthogonal to it, and adds its square to the variance.
+        """
+        germs = self.points_of_misfit
+        weights = self.problem.interfaces[interface].weights[:, None, None, None]
+        fields = bridge.active_fields(self.problem.interfaces[interface], self.plan)
+        flexible = self._flexibility(interface)[..., None, None]
+        compliance = self._compliance(interface)
+        chunk = max(1, CHUNK // self.steps)
+        own, better, square = [], [], 0.0
+        for i in range(0, len(germs), chunk):
+            points = germs[i : i + chunk]
+            psi = self.basis.evaluate(points)
+            force, jump = (_at_points(block, psi) for block in self._columns_of(interface))
+            parameters = sampled_parameters(self.random, interface, points, fields, self.steps)
+            free = np.asfortranarray((jump + flexible * force).reshape(force.shape[0] * force.shape[1], -1))
+            shift = float(np.abs(free).max()) or 1.0
+            found, there = (
+                self.solver.resolve_samples(self.laws, interface, each, parameters)[0].reshape(force.shape)
+                for each in (free, free + shift)
+            )
+            # laws are linear: 1 where the jump is given, 0 where the force is
+            given = np.clip(flexible * (there - found) / shift, 0.0, 1.0)
+            wanted = force + (found - force) / ((1.0 - given) + given * compliance)
+            square += float(np.sum(weights * (wanted - force) ** 2)) / len(germs)
+            own.append(force)
+            better.append(wanted)
+        whole, exact = np.concatenate(own, axis=2), np.concatenate(better, axis=2)
+        scale = weights[..., 0]
+        of_mean = _relative(whole.mean(axis=2) - exact.mean(axis=2), exact.mean(axis=2), scale)
+        deviation = exact.std(axis=2)
+        spread = float(np.sum(scale * deviation**2))
+        size = float(np.sum(scale * exact.mean(axis=2) ** 2))
+        if spread <= (NOISE * self.plan.options.rtol) ** 2 * size:  # noise, as in a check
+            return of_mean
+        of_std = _relative(whole.std(axis=2) - deviation, deviation, scale)
+        return max(of_mean, of_std, square / spread)
+
+    def misfit_of(self, term: LoadTerm) -> float:
+        """What the chaos leaves out of a random number of a load, which it holds by its modes: the larger
+        relative error of mean and standard deviation, or of the variance."""
+        germs = self.space.sample_sobol(SAMPLES_OF_MOMENTS, 1)
+        exact = self.random.load_values(term, germs)
+        modes = self.random.load_coefficients(term, self.basis)
+        pieces = (germs[i : i + CHUNK] for i in range(0, len(germs), CHUNK))
+        found = np.concatenate([self.basis.evaluate(each) @ modes for each in pieces])
+        size, deviation = float(np.sqrt(np.mean(exact**2))), float(exact.std())
+        if size == 0.0 or deviation == 0.0:
+            return 0.0
+        left = exact - found
+        of_std = abs(float(found.std()) / deviation - 1.0)
+        return max(abs(float(left.mean())) / size, of_std, float(np.mean(left**2)) / deviation**2)
+
+    def _compliance(self, interface: str) -> Array:
+        """What the jump varies by for a force that varies by 1, relative to the search directions.
+
+        That of the parts where only the law of the interface is random; (m, components, 1, 1).
+        """
+        weights = self.problem.interfaces[interface].weights[:, None, None, None]
+        force, jump = (
+            np.sqrt(np.sum(weights * block[:, :, 1:] ** 2, axis=(0, 2, 3)))
+            for block in self._columns_of(interface)
+        )
+        flexible = self._flexibility(interface)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = jump / (force * flexible)
+        usual = np.where(np.isnan(found), 1.0, np.clip(found, 1e-8, 1e8))  # 0 / 0: nothing varies
+        return np.asarray(usual[..., None, None], dtype=np.float64)
 
     def compared(self, interface: str, truth: Sequence[SampleResult]) -> TruncationError:
         """The chaos against deterministic solves."""
@@ -694,9 +828,19 @@ class ChaosResult(Result, StochasticResult):
             measured = "".join(f"\n  {c}" for c in self.checks.values()) or " not checked"
             solves = sum(len(part.germs) for part in self.checked)
             text += f";\n  truncation {verdict} by {solves} deterministic solves:{measured}"
+        elif self.misfits and not self.trusted:
+            worst = max(self.misfits, key=lambda name: self.misfits[name] if self.misfits else 0.0)
+            text += (
+                f";\n  truncation NOT TRUSTED to {percent(self.chaos.tolerance)}: about "
+                f"{percent(self.misfits[worst])} in {worst}"
+            )
         return text + ")"
 
 
-def amplitudes_of(plan: Plan, modes: int) -> Array:
-    """Amplitudes (l, modes * steps) of the load patterns: loads are not random."""
-    return np.asfortranarray(np.kron(np.eye(1, modes), plan.amplitudes), dtype=np.float64)
+def amplitudes_of(plan: Plan, random: RandomLaws, basis: stochastic.ChaosBasis) -> Array:
+    """Amplitudes (l, modes * steps) of the load patterns: those of loads that vary have the modes of
+    these."""
+    found = [np.kron(np.eye(1, len(basis)), plan.fixed_amplitudes)]
+    for term, factors in zip(plan.loads, plan.load_factors, strict=True):
+        found.append(np.kron(random.load_coefficients(term, basis), factors)[None])
+    return np.asfortranarray(np.vstack(found), dtype=np.float64)

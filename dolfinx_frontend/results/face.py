@@ -11,8 +11,15 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_callable, checked_flag, checked_name
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_callable,
+    checked_flag,
+    checked_name,
+    told_call,
+)
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.results import tables, writing
 from dolfinx_frontend.results.answer import (
@@ -26,6 +33,7 @@ from dolfinx_frontend.results.answer import (
 )
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import ELIMINATED, Readings, read
+from dolfinx_frontend.results.probes import reaction_of
 from dolfinx_frontend.results.reactions import eliminated_fields, prescribed_force
 from dolfinx_frontend.results.stress import stress_function, stress_of
 from dolfinx_frontend.results.surfaces import surface_of
@@ -186,6 +194,7 @@ class Face(ABC):
         found: T = self.problem.everywhere(interface, read)
         return found
 
+    @together("gathered")
     def gathered(self, interface: str) -> tuple[Array, Array]:
         """Force and jump of an interface as :meth:`force` and :meth:`jump` give them, on all ranks.
 
@@ -203,6 +212,8 @@ class Face(ABC):
         check_known("interface", name, self.problem.interfaces, "result")
 
     def _check_part(self, name: str) -> None:
+        if isinstance(name, str):
+            self.problem.check_here(name)
         check_known("substructure", name, self.problem.substructures, "result")
         if self.without_displacements is not None:
             raise SceneError(f"displacements of {name!r} are not known: {self.without_displacements}")
@@ -272,7 +283,78 @@ class Face(ABC):
             As for :meth:`displacement`, or the material is a form that gives no stress.
         """
         u = self.displacement(part, step)
-        return stress_function(u, self.problem.substructures[part].material)
+        self.problem.check_sources(part)
+        step = check_step(self.times, step, "stress")
+        if self._factored(part):
+            return self._stress_moments(part, step)[0]
+        if self.problem.substructures[part].material is None:
+            raise SceneError(
+                f"stress of {part!r}: no material is known for it. A file has none of a part with initial "
+                "strains (temperatures) or a random stiffness, or whose material is a form: compute stresses "
+                "before save"
+            )
+        initial = [
+            (stress, float(stepped(self.load_number(load, parameter), self.times)[step]))
+            for load, parameter, stress in self.problem.initial_stresses(part)
+        ]
+        return stress_function(u, self.problem.substructures[part].material, initial=initial)
+
+    def _factored(self, part: str) -> bool:
+        """Whether the stiffness of a part varies in this answer."""
+        return part in getattr(self.plan, "scaled", ())
+
+    def stiffness_modes(self, part: str) -> Array | None:
+        """Matrix (P + 1, P + 1) by which the factor of a stiffness multiplies modes; None: no modes."""
+        return None
+
+    def _stress_moments(self, part: str, step: int) -> tuple[fem.Function, fem.Function]:
+        """Mean and deviation of the stress of a part whose stiffness varies; of a sweep of its last point."""
+        u = self.displacement(part, step)
+        material = self.problem.substructures[part].material
+        loads = self.problem.initial_stresses(part)
+        degree = int(u.function_space.element.basix_element.degree)
+        at = stress_of(u, material, degree, [each for _, _, each in loads])
+
+        def stress(unknowns: Array, numbers: Sequence[float]) -> Array:
+            u.x.array[:] = self.function(part, unknowns, "").x.array
+            return np.array(at(numbers).x.array)
+
+        mean, deviation = at([0.0] * len(loads)).copy(), at([0.0] * len(loads)).copy()
+        by = self.stiffness_modes(part)
+        if by is not None:
+
+            def now(mean: Array, spread: Sequence[Array]) -> Array:
+                return np.stack([stepped(each, self.times)[step] for each in (mean, *spread)])
+
+            modes = now(self.unknowns(part), self.spread(part))
+            numbers = [now(self.load_number(a, b), self.load_spread(a, b)) for a, b, _ in loads]
+            fields = by @ modes
+            every = [by @ each for each in numbers]
+            found = [stress(fields[k], [float(each[k]) for each in every]) for k in range(len(fields))]
+            mean.x.array[:] = found[0]
+            deviation.x.array[:] = np.sqrt(np.sum(np.square(found[1:]), axis=0)) if len(found) > 1 else 0.0
+            return mean, deviation
+        sums = Accumulator()
+        for block in [self.shown()] if self.statistics == "grid" else self.moment_blocks():
+            fields = stepped(block.displacement(part), self.times, 1)[:, step]
+            factors = np.broadcast_to(block.factor(part), (len(fields),))
+            sampled = [stepped(block.load(load, p), self.times, 1)[:, step] for load, p, _ in loads]
+            each_row = [np.broadcast_to(each, (len(fields),)) for each in sampled]
+            rows: Array = np.reshape(each_row, (len(loads), len(fields))).T
+            found = [factors[n] * stress(fields[n], list(rows[n])) for n in range(len(fields))]
+            sums.add({part: np.array(found)}, block.weights)
+        mean.x.array[:], deviation.x.array[:] = sums.found()[part]
+        return mean, deviation
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """What a shape of a load of a part is multiplied with, ([T]): of a random answer the mean, of a sweep
+        at the last point."""
+        number: Array = self.shown().load(load, parameter)[0]
+        return number
+
+    def load_spread(self, load: str, parameter: str) -> Sequence[Array]:
+        """Its modes ([T]) beside the mean, in the order of :meth:`spread`."""
+        return ()
 
     def std(self, part: str, step: int = -1, of: OfPart = "displacement") -> fem.Function:
         """Standard deviation of every component of the displacement or the stress; 0 if nothing is random.
@@ -296,25 +378,40 @@ class Face(ABC):
         return self.function(part, stepped(values, self.times)[step], "deviation")
 
     def _stress_deviation(self, part: str, step: int) -> fem.Function:
+        if self._factored(part):
+            return self._stress_moments(part, step)[1]
         u = self.displacement(part, step)
+        self.problem.check_sources(part)
         material = self.problem.substructures[part].material
-        out = stress_function(u, material)
-        at = stress_of(u, material, int(u.function_space.element.basix_element.degree))
+        loads = self.problem.initial_stresses(part)
+        keys = [(load, parameter) for load, parameter, _ in loads]
+        at = stress_of(
+            u, material, int(u.function_space.element.basix_element.degree), [each for _, _, each in loads]
+        )
+        out = at([0.0] * len(loads)).copy()
 
-        def stress(unknowns: Array) -> Array:
+        def stress(unknowns: Array, numbers: Sequence[float]) -> Array:
             u.x.array[:] = self.function(part, unknowns, "").x.array
-            return np.array(at().x.array)
+            return np.array(at(numbers).x.array)
 
         spread = self.spread(part)
         if self.deviation(part) is None:
             out.x.array[:] = 0.0
         elif spread:
-            out.x.array[:] = np.sqrt(sum(stress(stepped(each, self.times)[step]) ** 2 for each in spread))
+            numbers = [self.load_spread(*key) for key in keys]
+            total = np.zeros_like(out.x.array)
+            for k, each in enumerate(spread):
+                now = [float(stepped(modes[k], self.times)[step]) for modes in numbers]
+                total += stress(stepped(each, self.times)[step], now) ** 2
+            out.x.array[:] = np.sqrt(total)
         else:
             sums = Accumulator()
             for block in self.moment_blocks():
                 fields = stepped(block.displacement(part), self.times, 1)[:, step]
-                sums.add({part: np.array([stress(each) for each in fields])}, block.weights)
+                every = [stepped(block.load(*key), self.times, 1)[:, step] for key in keys]
+                at_samples: Array = np.reshape(every, (len(keys), len(fields))).T
+                found = [stress(fields[n], list(at_samples[n])) for n in range(len(fields))]
+                sums.add({part: np.array(found)}, block.weights)
             out.x.array[:] = sums.found()[part][1]
         return out
 
@@ -394,8 +491,11 @@ class Face(ABC):
         wanted = "give a function of the fields of n samples that returns (n,) values"
         checked_callable("quantity", "function", function, wanted)
         checked_name("quantity", name)
+        where = f"quantity {name!r}"
         blocks = self.many(self.draws if samples is None else samples, seed)
-        found = [(one_number_a_sample(function(b), len(b), name), b.weights) for b in blocks]
+        found = [
+            (one_number_a_sample(told_call(where, function, b), len(b), name), b.weights) for b in blocks
+        ]
         weights = [w for _, w in found if w is not None]
         return Quantity(
             name=name,
@@ -405,6 +505,12 @@ class Face(ABC):
             kind=self.statistics,
         )
 
+    def reaction(self, interface: str, component: str, step: int = -1) -> Callable[[Block], Array]:
+        """The reaction of a support or glued face for :meth:`quantity`, see
+        :func:`dolfinx_frontend.results.probes.reaction_of`."""
+        return reaction_of(self, interface, component, step)
+
+    @together("table")
     def table(
         self,
         interfaces: Sequence[str] | str | None = None,
@@ -442,6 +548,7 @@ class Face(ABC):
         self.problem.check_alike("table", step=step, about=about, quantiles=quantiles)
         return tables.summarise(self.readings(interfaces, samples, seed), step, about, quantiles)
 
+    @together("bolts")
     def bolts(
         self,
         interfaces: Sequence[str] | str | None = None,
@@ -454,6 +561,7 @@ class Face(ABC):
         self.problem.check_alike("bolts", quantiles=quantiles)
         return tables.bolts(self.readings(interfaces, samples, seed), quantiles)
 
+    @together("readings")
     def readings(
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:

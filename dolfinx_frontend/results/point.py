@@ -96,6 +96,11 @@ class OnePoint(Face):
         found: Surface = self.whole.surface(interface)
         return found
 
+    def load(self, interface: str) -> Array | None:
+        """Force of a load that was assembled into its part, as of the whole; None: it is no such load."""
+        found: Array | None = self.whole.load(interface)
+        return found
+
     def why_unknown(self, interface: str) -> str | None:
         """Why the force of an interface not in `known` cannot follow from equilibrium; None: it may."""
         why: str | None = self.whole.why_unknown(interface)
@@ -109,7 +114,7 @@ class OnePoint(Face):
     def _one(self) -> Block:
         one = self._block()
         # no sample any more
-        return Block(1, one._both, one._displacement, one._contact)
+        return Block(1, one._both, one._displacement, one._contact, _load=one._load)
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """The point as one sample."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.results.answer import Answer, Block, stepped
@@ -145,23 +146,46 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
             for t in ([None] if times is None else times)
         ]
     )
+    of_loads = [
+        (name, parameter, nodal[rows], parameter in each.stresses)
+        for name, each in problem.loads.items()
+        for parameter in each.load.values
+        if (nodal := each.on(part.name, parameter)) is not None and np.any(nodal[rows])
+    ]
     acting = []
+    remote = []
     for other in answer.known:
         for sign, each in zip((1.0, -1.0), problem.interfaces[other].sides, strict=False):
-            if each.substructure == part.name and (shape := each.shape.tocsc()[:, nodes]).nnz:
-                acting.append((sign, answer.surface(other), shape.T.tocsr()))
+            whole = problem.interfaces[other]
+            if each.substructure == part.name and whole.wrench is not None:
+                number_of = next(k for k, s in enumerate(whole.sides) if s is each)
+                remote.append((sign, other, whole.local_trace(number_of)[0].toarray().ravel()[rows]))
+                continue
+            if each.substructure == part.name and (trace := csr(each.trace).tocsc()[:, rows]).nnz:
+                acting.append((sign, answer.surface(other), trace.T.tocsr()))
 
     def forces(block: Block) -> Array:
         u = stepped(block.displacement(part.name, columns), times, 1)
-        total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1) - load
+        total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1)
+        # loads that come from the stiffness change with it
+        for of_stiffness in (True, False):
+            for name, parameter, nodal, strained in of_loads:
+                if strained is of_stiffness:
+                    total = total - stepped(block.load(name, parameter), times, 1)[..., None] * nodal
+            if of_stiffness:
+                total = block.factor(part.name)[:, None, None] * total - load
         out: Array = total.reshape(*u.shape[:2], -1, d)
-        for sign, surface, shape in acting:
+        for sign, surface, trace in acting:
             given = answer.load(surface.name)
             force = block.force(surface.name) if given is None else given[None]
             force = surface.vectors(stepped(force, times, 1))
-            weighted = np.moveaxis(sign * surface.weights[:, None] * force, 2, 0)  # (m, n, T, d)
-            nodal = (shape @ weighted.reshape(len(weighted), -1)).reshape(-1, *weighted.shape[1:])
-            out = out - np.moveaxis(nodal, 0, 2)
+            weighted = np.moveaxis(sign * surface.weights[:, None] * force, (2, 3), (0, 1))  # (m, d, n, T)
+            nodal = trace @ weighted.reshape(trace.shape[1], -1)
+            out = out - np.moveaxis(nodal.reshape(-1, d, *weighted.shape[2:]), (0, 1), (2, 3))
+        for sign, other, nodal in remote:
+            given = answer.load(other)
+            force = stepped(block.force(other) if given is None else given[None], times, 1)[..., 0, 0]
+            out = out - sign * (force[..., None] * nodal).reshape(out.shape)
         out = (1.0 - 2.0 * number) * out
         out[..., away] = 0.0
         return out

@@ -30,6 +30,8 @@ ELIMINATED = "eliminated, the force is not an unknown (solve with active=[...] t
 SHARED = "eliminated, shares nodes with another support or glued face (solve with active=[...] to have it)"
 ROUNDED = 1e-14
 """Products of unit vectors up to this are those of orthogonal ones."""
+SQUARED = 1e150
+"""Forces above it are scaled before they are squared."""
 PLANE = 1e-9
 """Normals within this of each other are those of a plane."""
 
@@ -152,6 +154,10 @@ def _normal_and_shear(force: Array, out: Array, tangents: Array) -> tuple[Array,
     Component by component, because many samples lie side by side in memory; those of local frames are normal
     or tangential, so that most products are nothing.
     """
+    size = max(force.max(initial=0.0), -force.min(initial=0.0))
+    if SQUARED < size < np.inf:
+        normal, shear = _normal_and_shear(force / size, out, tangents)
+        return size * normal, size * shear
     each = [force[..., c] for c in range(force.shape[-1])]
     normal, square = np.zeros(force.shape[:-1]), np.zeros(force.shape[:-1])
     for c, f in enumerate(each):
@@ -189,12 +195,16 @@ def measure(
     out = np.einsum("pcd,pd->pc", frames, surface.normals)  # what each component pushes out of side 1
     tangents = frames - out[:, :, None] * surface.normals[:, None]
     axes = {"xyz"[a]: tangents[:, :, a] for a in range(surface.dim)}
-    rows = {c: np.einsum("pcd,pd->pc", frames, r) for c, r in _levers(surface.points, surface.centre).items()}
+    places, acting = surface.acting
+    rows = {c: np.einsum("pcd,pd->pc", acting, r) for c, r in _levers(places, surface.centre).items()}
+    if surface.wrench is not None:
+        first = np.eye(1, len(out[0]))
+        rows = {c: value * first for c, value in zip(rows, surface.wrench, strict=True)}
     rows |= {"normal": out} | axes
     sums = _summed(force, {column: weights[:, None] * row for column, row in rows.items()})
     values = {"area": np.full(force.shape[:-2], weights.sum())}
     values |= {column: sum_ for column, sum_ in sums.items() if column not in axes}
-    values["shear"] = np.linalg.norm([sums[axis] for axis in axes], axis=0)
+    values["shear"] = np.hypot.reduce([sums[axis] for axis in axes], axis=0)
     normal, shear = _normal_and_shear(force, out, tangents)
     values["pressure_min"] = -normal.max(axis=-1)
     values["pressure_mean"] = -values["normal"] / weights.sum()
@@ -243,7 +253,7 @@ def _reacted(surface: Surface, held: Reaction, blocks: Sequence[Block]) -> dict[
         vector = np.stack([resultants[f"force_{a}"] for a in "xyz"[: surface.dim]], axis=-1)
         along = vector @ normal
         values["normal"] = along
-        values["shear"] = np.linalg.norm(vector - along[..., None] * normal, axis=-1)
+        values["shear"] = np.hypot.reduce(vector - along[..., None] * normal, axis=-1)
         values["pressure_mean"] = -along / surface.area
     return values
 

@@ -12,8 +12,9 @@ from latin_core import Laws, State, Summary
 
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_kind
+from dolfinx_frontend.common.checks import check_kind, checked_number
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -21,6 +22,7 @@ from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.cost import shown
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import Accuracy, Corrected, direct_status, ended
+from dolfinx_frontend.results.acting import load_factors, mean_number
 from dolfinx_frontend.results.answer import AnswerKind, Block, timed
 from dolfinx_frontend.results.errors import (
     Continuation,
@@ -163,11 +165,15 @@ class Result(Value, Face):
         """None: there are displacement fields, whose gradients can be recovered."""
         return None
 
+    @together("tightened")
     def tightened(self, rtol: float) -> Self:
         """The run carried on to another tolerance, on the same factors."""
+        checked_number("tightened", "rtol", rtol, above=0.0, below=1.0)
+        self.problem.check_alike("tightened", rtol=rtol)
         more: Self = self.continuation(self, rtol)
         return more
 
+    @together("mean_std")
     def mean_std(self, quantity: Resultant) -> MeanStd:
         """A total force or mean jump, of a history at its end; its standard deviation if it is random.
 
@@ -205,12 +211,16 @@ class Result(Value, Face):
             force, jump = self._local(name)
             return force[None], jump[None]
 
-        yield Block(1, both, self._as_sample, partial(law_contact, self.problem, self.plan))
+        contact = partial(law_contact, self.problem, self.plan)
+        number = partial(mean_number, self.problem)
+        load = partial(load_factors, self.problem, self.times, of=number)
+        yield Block(1, both, self._as_sample, contact, _load=load)
 
     def _as_sample(self, part: str, unknowns: Ints | None) -> Array:
         u = self.unknowns(part)[None]
         return u if unknowns is None else u[..., unknowns]
 
+    @together("errors")
     def errors(self, quantity: Resultant | str | None = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
 

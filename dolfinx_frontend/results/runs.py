@@ -11,12 +11,13 @@ from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.formats.chaos_file import Field, with_fields
 from dolfinx_frontend.formats.hdf5 import Tree
 
-__all__ = ["RUN_FORMAT", "RUN_VERSION", "from_run"]
+__all__ = ["NOT_KEPT", "RUN_FORMAT", "RUN_VERSION", "from_run"]
 
 RUN_FORMAT = "latin-run"
 RUN_VERSION = 1
 UNDESCRIBED = "it was solved from a folder of another program: nothing says what its numbers are of"
 """A folder that another program has written has nothing for this reader."""
+NOT_KEPT = "latin_run keeps the displacements at the points of a sweep if it is run with --displacements"
 
 
 def from_run(tree: Tree) -> Tree:
@@ -42,7 +43,7 @@ def from_run(tree: Tree) -> Tree:
         values = run["axes"]
         tree["axes"] = {name: values[str(n)]["values"] for n, name in enumerate(values.pop("names"))}
         tree |= {"kind": "sweep", "statistics": "grid"}
-        tree["no_displacements"] = "latin_run keeps no states of the points of a sweep"
+        tree["no_displacements"] = NOT_KEPT
     if "points" in run:
         tree["points"] = run["points"]
         _add_points(tree, run, timed)
@@ -114,7 +115,7 @@ def _steps(block: Array, modes: int) -> int:
 
 
 def _add_points(tree: Tree, run: Tree, timed: Callable[[Array], Array]) -> None:
-    """Force and jump (points, columns, rows) of a sweep."""
+    """Force and jump (points, columns, rows) of a sweep, and displacements if they were kept."""
     shape = tuple(len(values) for values in tree["axes"].values())
     for name, node in _fields(run, "interfaces").items():
         for what in ("force", "jump"):
@@ -123,3 +124,11 @@ def _add_points(tree: Tree, run: Tree, timed: Callable[[Array], Array]) -> None:
             if "times" in tree:
                 block = np.moveaxis(block, 0, 1)
             tree["interfaces"][name][what] = block.reshape(*shape, *block.shape[1:])
+    if "parts" not in run:
+        return
+    tree.pop("no_displacements", None)
+    for name, node in _fields(run, "parts").items():
+        u: Any = timed(np.swapaxes(node["displacement"], 1, 2))
+        if "times" in tree:
+            u = np.moveaxis(u, 0, 1)
+        tree["substructures"][name]["displacement"] = u.reshape(*u.shape[:-1], -1, _dim(tree, name))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from latin_core import Laws, SweepPoints, stochastic
+from latin_core import Laws, SweepPoints, SweptParameter, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array
@@ -20,6 +20,7 @@ from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.plan.random_laws import RandomLaws, sampled_parameters
 from dolfinx_frontend.results.accuracy import largest_of
+from dolfinx_frontend.results.acting import load_factors, stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
@@ -30,6 +31,7 @@ from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -138,6 +140,20 @@ class SampleResult(Value, PointResults, StochasticResult):
             return sampled_parameters(self.random, name, germs, fields, self.plan.steps)
 
         return law_contact(self.problem, self.plan, name, len(germs), sampled)
+
+    def _swept_loads(self) -> Sequence[SweptParameter]:
+        random, germs = self.random, self.germs
+        loads = swept_loads(self.plan, {term: random.load_values(term, germs) for term in random.loads})
+        return [*loads, *stiffness_factors({part: random.factors(part, germs) for part in random.parts})]
+
+    def _load_at(self, term: LoadTerm, part: slice) -> Array:
+        return self.random.load_values(term, self.germs[part])
+
+    def load_number(self, load: str, parameter: str) -> Array:
+        """Mean ([T]) of what a shape of a load of a part is multiplied with."""
+        of = partial(self._load_at, part=slice(None))
+        number: Array = self.probabilities @ load_factors(self.problem, self.times, load, parameter, of)
+        return number
 
     def _block(self, part: slice) -> Block:
         weights = None if self.weights is None else self.weights[part]

@@ -14,7 +14,13 @@ import scipy.sparse as sp
 
 from dolfinx_frontend.assembly.interface import PointFrames, Vertices
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_known, checked_flag, checked_path
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_flag,
+    checked_numbers,
+    checked_path,
+    checked_whole,
+)
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.frozen import ReadOnlyDict, locked, locked_matrix, read_only
@@ -24,6 +30,7 @@ from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import StoredPart
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, chunks
 from dolfinx_frontend.results.contact import ContactValues
+from dolfinx_frontend.results.contents import check_contents
 from dolfinx_frontend.results.face import Face
 from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.readings import Measures, Readings, read
@@ -102,6 +109,11 @@ class SavedInterface(PointFrames):
         Whether it can open; its clearance, friction coefficient and threshold, where they are known.
     bolt
         The step that ends its tightening if it is a bolt in a load history, else None.
+    wrench
+        Force (d,) and moment of a force 1, of an interface between mean motions of faces; None: it has
+        points.
+    places, mean_normals
+        (m, d), of which resultants are made; None: the points, and their normals.
     """
 
     name: str
@@ -118,6 +130,9 @@ class SavedInterface(PointFrames):
     contact: ContactValues | None = field(default=None, repr=False)
     bolt: int | None = field(default=None, repr=False)
     carrier: int = 0
+    wrench: Array | None = field(default=None, repr=False)
+    places: Array | None = field(default=None, repr=False)
+    mean_normals: Array | None = field(default=None, repr=False)
     _surface: _Surface | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -184,6 +199,23 @@ class SavedProblem:
 
     def check_alike(self, call: str, **given: object) -> None:
         """All is on one rank."""
+
+    def initial_stresses(self, part: str) -> list[tuple[str, str, Any]]:
+        """A file has none: parts that have some were saved without their material."""
+        return []
+
+    def check_here(self, part: str) -> None:
+        """All is on one rank."""
+
+    def check_sources(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    def check_mesh(self, part: str | None = None) -> None:
+        """Nobody has its meshes."""
+
+    @property
+    def comm(self) -> None:
+        """None: all is on one rank."""
 
     def __repr__(self) -> str:
         return self.text
@@ -345,6 +377,9 @@ class SavedResult(Face):
             each.directions,
             each.is_contact,
             each.bolt,
+            each.wrench,
+            each.places,
+            each.mean_normals,
         )
 
     def load(self, interface: str) -> Array | None:
@@ -423,6 +458,7 @@ class SavedResult(Face):
 
     def blocks(self, samples: int | None = None, seed: int = 0) -> Iterator[Block]:
         """The samples of the file, some at a time; of a chaos the first of those that its tables use."""
+        self._check_samples(samples)
         if self.kind == "chaos":
             germs = self.germs
             if germs is None or (samples or 0) > len(germs):
@@ -435,6 +471,10 @@ class SavedResult(Face):
         if self.kind in ("samples", "sweep"):
             return map(self._block, self._in_parts(int(np.prod(self.shape))))
         return iter([self._block(slice(0, 1))])
+
+    def _check_samples(self, samples: int | None) -> None:
+        if samples is not None:
+            checked_whole(str(self.path), "samples", samples, 1)
 
     def _in_parts(self, count: int) -> Iterator[slice]:
         steps = 1 if self.times is None else len(self.times)
@@ -482,7 +522,8 @@ class SavedResult(Face):
         chaos = self.chaos
         if chaos is None:
             raise ResultFileError(f"{self.path}: only a chaos can be evaluated at points of the germs")
-        points = np.atleast_2d(np.asarray(germs, dtype=np.float64))
+        wanted = "give points of finite numbers, one row each"
+        points = np.atleast_2d(checked_numbers(str(self.path), "germ_points", germs, wanted))
         psi = chaos.modes(points)
 
         def both(name: str) -> tuple[Array, Array]:
@@ -522,6 +563,7 @@ class SavedResult(Face):
         self, interfaces: Sequence[str] | str | None = None, samples: int | None = None, seed: int = 0
     ) -> Readings:
         """The numbers of the file; of a chaos those of the first `samples` samples."""
+        self._check_samples(samples)
         other = samples is not None and self.germs is not None and samples != len(self.germs)
         if not self._measured or (self.kind == "chaos" and other):
             return read(self, interfaces, samples, seed)
@@ -588,12 +630,14 @@ def load(path: str | Path) -> SavedResult:
             "save again"
         )
     try:
-        if of_run:
-            return _read(source, from_run(tree))
-        for older, convert in ((1, _from_first), (2, _from_second)):
-            if version <= older:
+        older = ((RUN_VERSION, from_run),) if of_run else ((1, _from_first), (2, _from_second))
+        for each, convert in older:
+            if version <= each:
                 tree = convert(tree)
+        check_contents(tree, meshes=of_run or version > 1)
         return _read(source, tree)
+    except hdf5.LayoutError as error:
+        raise ResultFileError(f"{source} is damaged or was edited: {error}; save it again") from error
     except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} is damaged ({type(error).__name__}: {error}); save it again"
@@ -708,6 +752,9 @@ def _read_interface(name: str, node: Tree, parts: Mapping[str, Any]) -> SavedInt
         _contact(node["contact"]) if "contact" in node else None,
         None if bolt < 0 else bolt,
         carrier,
+        _optional(node, "wrench"),
+        _optional(node, "places"),
+        _optional(node, "mean_normals"),
         _read_surface(node, sides[carrier], len(points), parts),
     )
 

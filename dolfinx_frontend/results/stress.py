@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import basix
@@ -30,7 +30,12 @@ def broken_space(function: fem.Function, shape: tuple[int, ...], degree: int) ->
     return fem.functionspace(mesh, element)
 
 
-def stress_function(displacement: fem.Function, material: Any, degree: int | None = None) -> fem.Function:
+def stress_function(
+    displacement: fem.Function,
+    material: Any,
+    degree: int | None = None,
+    initial: Sequence[tuple[Any, float]] = (),
+) -> fem.Function:
     """Stress of a displacement, force / area, interpolated cell by cell.
 
     Parameters
@@ -41,6 +46,8 @@ def stress_function(displacement: fem.Function, material: Any, degree: int | Non
         With a method ``stress(u)``, as the materials of this package have.
     degree
         Of the discontinuous Lagrange space; None: the displacement's.
+    initial
+        Stresses of initial strains (UFL), and the numbers that they are multiplied with: they are taken away.
 
     Returns
     -------
@@ -59,17 +66,27 @@ def stress_function(displacement: fem.Function, material: Any, degree: int | Non
         )
     if degree is None:
         degree = int(displacement.function_space.element.basix_element.degree)
-    return stress_of(displacement, material, degree)()
+    stresses, numbers = [each for each, _ in initial], [number for _, number in initial]
+    return stress_of(displacement, material, degree, stresses)(numbers)
 
 
-def stress_of(displacement: fem.Function, material: Any, degree: int) -> Callable[[], fem.Function]:
-    """The stress of what a function holds when it is called: compiled once."""
-    d = int(displacement.function_space.mesh.geometry.dim)
-    function = fem.Function(broken_space(displacement, (d, d), degree), name="stress")
+def stress_of(
+    displacement: fem.Function, material: Any, degree: int, initial: Sequence[Any] = ()
+) -> Callable[[Sequence[float]], fem.Function]:
+    """The stress of what a function holds when it is called with the numbers of initial stresses: compiled
+    once."""
+    mesh = displacement.function_space.mesh
+    numbers = [fem.Constant(mesh, np.float64(0.0)) for _ in initial]
+    total = material.stress(displacement)
+    for number, each in zip(numbers, initial, strict=True):
+        total = total - number * each
+    function = fem.Function(broken_space(displacement, tuple(total.ufl_shape), degree), name="stress")
     points = function.function_space.element.basix_element.points
-    expression = fem.Expression(material.stress(displacement), points)
+    expression = fem.Expression(total, points)
 
-    def stress() -> fem.Function:
+    def stress(given: Sequence[float] = ()) -> fem.Function:
+        for number, value in zip(numbers, given, strict=True):
+            number.value = value
         function.interpolate(expression)
         return function
 

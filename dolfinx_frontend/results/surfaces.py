@@ -29,6 +29,9 @@ def surface_of(interface: Interface, times: Array | None) -> Surface:
         rows.reshape(interface.num_points, -1, interface.dim),
         law.unilateral,
         None if times is None else law.tightened(interface, times),
+        interface.wrench,
+        interface.places,
+        interface.mean_normals,
     )
 
 

@@ -20,6 +20,13 @@ from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Plan
 from dolfinx_frontend.results.accuracy import ended, known, largest_of, place_of
+from dolfinx_frontend.results.acting import (
+    STIFFNESS,
+    factors_of,
+    load_factors,
+    mean_number,
+    with_loads,
+)
 from dolfinx_frontend.results.answer import AnswerKind, Block, chunks, timed
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.face import Face
@@ -27,6 +34,7 @@ from dolfinx_frontend.results.point import OnePoint, point_number
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
 from dolfinx_frontend.scene.laws import Fields
+from dolfinx_frontend.scene.loads import OF_STIFFNESS, LoadTerm
 from dolfinx_frontend.uncertainty.quantities import Kind
 
 __all__ = ["PointResults", "SweepResult", "point_block"]
@@ -163,7 +171,16 @@ class PointResults(Face):
             return self._eliminated(name, displacement)
 
         count = len(range(*part.indices(len(self.points.status))))
-        return Block(count, both, displacement, lambda name: self._contact_at(name, part))
+        load = partial(load_factors, self.problem, self.times, of=partial(self._load_at, part=part))
+        return Block(count, both, displacement, lambda name: self._contact_at(name, part), _load=load)
+
+    def _swept_loads(self) -> Sequence[SweptParameter]:
+        """Loads of parts that differ from point to point, as the kernel had them."""
+        return ()
+
+    def _load_at(self, term: LoadTerm, part: slice) -> Array:
+        """A number of a load at some of the points, (n,) or (1,)."""
+        return mean_number(self.problem, term)
 
     def _in_parts(self) -> Iterator[slice]:
         """Slices of the points whose fields fit into memory."""
@@ -180,10 +197,16 @@ class PointResults(Face):
         """Part -> unknowns (n, [T,] unknowns) at some of the points; one solve per point."""
         assert self.points.states is not None  # was asked before
         states = self.points.states[part]  # (points, 2, rows, columns)
-        data, traces = np.moveaxis(states, 0, 2).reshape(2, states.shape[2], -1)
+        shape = (2, states.shape[2], len(states) * states.shape[3])
+        data, traces = np.moveaxis(states, 0, 2).reshape(shape)
         state = State(np.asfortranarray(data), np.asfortranarray(traces))
-        amplitudes = np.asfortranarray(np.tile(self.plan.amplitudes, (1, len(states))))
-        fields = self.solver.displacements(self.laws, state, amplitudes)
+        amplitudes = with_loads(self.plan, self._swept_loads(), part)
+        if amplitudes.shape[1] != data.shape[1]:  # the loads are the same at all points
+            amplitudes = np.asfortranarray(np.tile(amplitudes, (1, len(states))))
+        laws = self.laws
+        if factors := factors_of(self._swept_loads(), part):
+            laws = laws.with_(stiffness=factors)
+        fields = self.solver.displacements(laws, state, amplitudes)
         return {
             name: np.moveaxis(timed(self.plan, values.reshape(len(values), len(states), -1)), -1, 0)
             for name, values in fields.items()
@@ -276,6 +299,24 @@ class SweepResult(Value, PointResults):
     def extra_content(self, parts: Sequence[str], samples: int | None, seed: int) -> dict[str, Any]:
         """What a file has of a sweep beside what it has of all."""
         return {**super().extra_content(parts, samples, seed), "axes": dict(self.axes)}
+
+    def _swept_loads(self) -> Sequence[SweptParameter]:
+        return [each for each in self.parameters if not each.interface or each.parameter == STIFFNESS]
+
+    def _load_at(self, term: LoadTerm, part: slice) -> Array:
+        mean = mean_number(self.problem, term)
+        for each in self._swept_loads():
+            if term.load == OF_STIFFNESS and each.interface == term.parameter:
+                return np.asarray(each.values[0, part])
+        if term not in self.plan.loads:
+            return np.repeat(mean, len(range(*part.indices(len(self.points.status)))))
+        row = len(self.plan.patterns) + self.plan.loads.index(term)
+        columns = np.arange(self.plan.amplitudes.size).reshape(self.plan.amplitudes.shape, order="F")[row]
+        for each in (one for one in self._swept_loads() if not one.interface):
+            unit = each.pattern[columns, 0]
+            if np.any(unit):
+                return np.asarray(mean + each.values[0, part])
+        return mean
 
     def _contact_at(self, name: str, part: slice) -> ContactValues | None:
         numbers = range(*part.indices(len(self.points.status)))

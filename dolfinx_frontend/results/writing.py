@@ -35,6 +35,7 @@ def save(answer: Any, path: str | Path, fields: bool, samples: int | None, seed:
     """Write an answer, see :meth:`dolfinx_frontend.results.face.Face.save`."""
     target = _target(path)
     answer.problem.on_one_rank("save")
+    answer.problem.check_sources()
     write(target, _tree(answer, answer.readings(None, samples, seed), fields, samples, seed))
 
 
@@ -132,6 +133,9 @@ def interface_tree(problem: Any, name: str, surface: Surface) -> Tree:
         "areas": _sparse(interface.areas, "points"),
         "trace": _sparse(side.shape, "nodes"),
     }
+    for key in ("wrench", "places", "mean_normals"):
+        if (values := getattr(surface, key)) is not None:
+            tree[key] = values
     if interface.vertices is not None:
         nodal = _sparse(interface.vertices.nodal, "points")
         tree["vertices"] = {"corners": interface.vertices.corners.astype(np.int64)} | nodal
@@ -169,6 +173,11 @@ def _alike(values: list[Array]) -> Array:
     return values[0] if same else np.concatenate(values)
 
 
+def _beside(answer: Any, name: str) -> bool:
+    """Whether the stress of a part depends on more than its displacement and its material."""
+    return bool(answer.problem.initial_stresses(name)) or name in answer.plan.scaled
+
+
 def _part_tree(answer: Any, name: str) -> Tree:
     part = answer.problem.substructures[name]
     values = answer.unknowns(name)
@@ -176,7 +185,8 @@ def _part_tree(answer: Any, name: str) -> Tree:
         values = np.concatenate([block.displacement(name) for block in answer.blocks()])
     tree: Tree = {
         "displacement": values.reshape(*values.shape[:-1], -1, part.dim),
-        "mesh": part_arrays(part.part, part.V, part.material),
+        # a file has no initial stresses or factors, without which a stress from its material would be wrong
+        "mesh": part_arrays(part.part, part.V, None if _beside(answer, name) else part.material),
     }
     deviation = answer.deviation(name)
     if deviation is not None and answer.kind != "chaos":  # of a chaos it follows from the modes

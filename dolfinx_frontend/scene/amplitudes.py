@@ -75,6 +75,8 @@ class Amplitude:
 
     def __call__(self, time: float) -> float:
         """The factor at a time."""
+        if not is_real(time):
+            raise SceneError(f"Amplitude: time = {short(time)} is not a number")
         if self._function is None:
             return float(np.interp(time, self._times, self._values))
         factor = self._function(time)
@@ -154,7 +156,7 @@ class Varying:
         """The value with every amplitude at 1."""
         return Combination(tuple((1.0, v) for _, v in self.terms))
 
-    def pattern(self, amplitude: Amplitude | None) -> Combination:
+    def pattern(self, amplitude: object) -> Combination:
         """What is multiplied by one amplitude."""
         return Combination(tuple((1.0, v) for a, v in self.terms if a == amplitude))
 

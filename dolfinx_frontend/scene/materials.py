@@ -7,7 +7,8 @@ share one compiled form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import dolfinx.fem as fem
@@ -21,9 +22,16 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, is_plain
+from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
 
-__all__ = ["LinearElastic", "Material", "OrthotropicElastic", "matrix_stress", "strain"]
+__all__ = [
+    "LinearElastic",
+    "Material",
+    "OrthotropicElastic",
+    "matrix_stress",
+    "revolved_strain",
+    "strain",
+]
 
 
 @runtime_checkable
@@ -39,6 +47,14 @@ def strain(u: Any) -> Any:
     return ufl.sym(ufl.grad(u))
 
 
+def revolved_strain(u: Any) -> Any:
+    """Linearised strain of an axisymmetric displacement (u_r, u_z) at (r, z): UFL (3, 3), r, z, hoop."""
+    g = strain(u)
+    r = ufl.SpatialCoordinate(extract_unique_domain(u))[0]
+    hoop = ufl.conditional(ufl.gt(r, 0.0), u[0] / r, g[0, 0])  # on the axis the limit
+    return ufl.as_matrix([[g[0, 0], g[0, 1], 0.0], [g[0, 1], g[1, 1], 0.0], [0.0, 0.0, hoop]])
+
+
 def _constant(u: Any, value: npt.ArrayLike) -> Any:
     return fem.Constant(extract_unique_domain(u), np.asarray(value, dtype=np.float64))
 
@@ -48,8 +64,8 @@ def _dim(u: Any) -> int:
 
 
 def _check_plane(name: str, plane: str) -> None:
-    if not isinstance(plane, str) or plane not in ("strain", "stress"):
-        raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress'")
+    if not isinstance(plane, str) or plane not in ("strain", "stress", "axisymmetric"):
+        raise SceneError(f"{name}: plane = {plane!r}; admissible: 'strain', 'stress', 'axisymmetric'")
 
 
 def _check_known(name: str, constant: str, value: Any) -> None:
@@ -57,8 +73,9 @@ def _check_known(name: str, constant: str, value: Any) -> None:
     if is_plain(value) or not isinstance(value, (Parameter, Amplitude, Combination, Varying)):
         return
     raise SceneError(
-        f"{name}: {constant} = {value!r}; the stiffness of a part is neither random nor does it change in "
-        "time: give a number or a UFL expression, and solve once for each value, or let a law carry it"
+        f"{name}: {constant} = {value!r}; only the E of LinearElastic may be random, and nothing of a "
+        "material changes in time: give a number or a UFL expression, a random factor of the whole part by "
+        "scene.substructure(..., stiffness=), or let a law carry it"
     )
 
 
@@ -73,30 +90,57 @@ class LinearElastic:
     Parameters
     ----------
     E
-        Young's modulus, force / area: a number > 0 or a UFL expression.
+        Young's modulus, force / area: a number > 0, a UFL expression, or a random number: then the stiffness
+        of the part is random, see ``stiffness`` of :meth:`Scene.substructure`.
     nu
         Poisson's ratio: a number in (-1, 1/2) or a UFL expression.
     plane
-        ``"strain"`` or ``"stress"``, in 2D; 3D parts take ``"strain"`` (the default) only.
+        ``"strain"`` or ``"stress"``, in 2D; 3D parts take ``"strain"`` (the default) only. In an axisymmetric
+        scene it is ``"axisymmetric"`` by itself.
+    alpha
+        Coefficient of thermal expansion, 1 / temperature, that :meth:`Scene.temperature` takes; None: none.
     """
 
     E: Any
     nu: Any
     plane: str = "strain"
+    alpha: Any = None
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
-        for name in ("E", "nu"):
+        if is_uncertain(self.E):
+            if not self.E.mean > 0.0:
+                raise SceneError(
+                    f"LinearElastic: E = {short(self.E)} has the mean {self.E.mean:g}; Young's modulus is "
+                    "positive"
+                )
+        for name in ("nu",) if is_uncertain(self.E) else ("E", "nu"):
             _check_known("LinearElastic", name, getattr(self, name))
             if not is_real(getattr(self, name)) and not isinstance(getattr(self, name), ufl.core.expr.Expr):
                 raise SceneError(
                     f"LinearElastic: {name} = {short(getattr(self, name))} is neither a number nor a UFL "
                     "expression; give one"
                 )
-        if is_real(self.E) and not 0.0 < self.E < np.inf:
-            raise SceneError(f"LinearElastic: E = {self.E!r}; Young's modulus is positive, finite")
+        if self.alpha is not None:
+            _check_known("LinearElastic", "alpha", self.alpha)
+            if not isinstance(self.alpha, ufl.core.expr.Expr):
+                checked_numbers("LinearElastic", "alpha", self.alpha, "give a number, or one per axis")
+                object.__setattr__(self, "alpha", frozen(self.alpha))
+        shown = short(self.E) if isinstance(self.E, int) else repr(self.E)
+        if is_real(self.E) and not 0.0 < self.E <= sys.float_info.max:
+            raise SceneError(f"LinearElastic: E = {shown}; Young's modulus is positive, finite")
         if is_real(self.nu) and not -1.0 < self.nu < 0.5:
             raise SceneError(f"LinearElastic: nu = {self.nu!r}; admissible: -1 < nu < 0.5")
+
+    @property
+    def factor(self) -> Any:
+        """What the stiffness with E at its mean is multiplied with: 1, or random."""
+        return self.E / self.E.mean if is_uncertain(self.E) else 1.0
+
+    @property
+    def nominal(self) -> LinearElastic:
+        """The material with E at its mean."""
+        return replace(self, E=self.E.mean) if is_uncertain(self.E) else self
 
     def check(self, dim: int) -> None:
         """Whether the material fits a part of `dim` dimensions.
@@ -106,8 +150,8 @@ class LinearElastic:
         SceneError
             Plane stress in 3D.
         """
-        if dim == 3 and self.plane == "stress":
-            raise SceneError("LinearElastic: plane='stress' in 3D; it is for 2D parts only")
+        if dim == 3 and self.plane != "strain":
+            raise SceneError(f"LinearElastic: plane={self.plane!r} in 3D; it is for 2D parts only")
 
     def locks(self, dim: int) -> bool:
         """Whether linear elements are too stiff for it: nu > 0.45, lambda > 9 mu, and volume is kept."""
@@ -117,21 +161,43 @@ class LinearElastic:
     def stress(self, u: Any) -> Any:
         """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
         self.check(_dim(u))
+        lmbda, mu2 = self._lame(extract_unique_domain(u))
+        eps = self.strain(u)
+        return lmbda * ufl.tr(eps) * ufl.Identity(eps.ufl_shape[0]) + mu2 * eps
+
+    def strain(self, u: Any) -> Any:
+        """Strain that the stress works on, UFL (d, d), of an axisymmetric part (3, 3)."""
+        return revolved_strain(u) if self.plane == "axisymmetric" else strain(u)
+
+    @property
+    def revolved(self) -> LinearElastic:
+        """The material of an axisymmetric part."""
+        return replace(self, plane="axisymmetric")
+
+    def _lame(self, domain: Any) -> tuple[Any, Any]:
+        """lambda (of plane stress, too) and 2 mu as constants of a mesh."""
         E, nu = (
-            _constant(u, c) if isinstance(c, (int, float, np.number)) else c
+            fem.Constant(domain, np.asarray(c, dtype=np.float64)) if is_real(c) else c
             for c in (self.E, self.nu)
         )
         if self.plane == "stress":
-            lmbda = E * nu / (1 - nu**2)
-        else:
-            lmbda = E * nu / ((1 + nu) * (1 - 2 * nu))
-        eps = strain(u)
-        return lmbda * ufl.tr(eps) * ufl.Identity(_dim(u)) + E / (1 + nu) * eps
+            return E * nu / (1 - nu**2), E / (1 + nu)
+        return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (1 + nu)
+
+    def stress_of(self, eps: Any, mesh: Any) -> Any:
+        """Stress, UFL (d, d), of a strain (3, 3) of a part: what an initial strain takes away."""
+        d = 3 if self.plane == "axisymmetric" else int(mesh.geometry.dim)
+        lmbda, mu2 = self._lame(mesh)
+        # in plane stress the strain across the plane is free
+        trace = eps[0, 0] + eps[1, 1] if self.plane == "stress" else ufl.tr(eps)
+        inside = ufl.as_matrix([[eps[i, j] for j in range(d)] for i in range(d)])
+        return lmbda * trace * ufl.Identity(d) + mu2 * inside
 
     def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
         """The matrix of :func:`matrix_stress`, force / area; None: E or nu is no number."""
         self.check(dim)
-        if not all(isinstance(c, (int, float, np.number)) for c in (self.E, self.nu)):
+        known = all(isinstance(c, (int, float, np.number)) for c in (self.E, self.nu))
+        if not known or self.plane == "axisymmetric":
             return None
         E, nu = float(self.E), float(self.nu)
         lmbda = E * nu / (1 - nu**2) if self.plane == "stress" else E * nu / ((1 + nu) * (1 - 2 * nu))
@@ -142,7 +208,7 @@ class LinearElastic:
 
     def bilinear(self, u: Any, v: Any) -> Any:
         """UFL integrand sigma(u) : eps(v)."""
-        return ufl.inner(self.stress(u), strain(v))
+        return ufl.inner(self.stress(u), self.strain(v))
 
 
 _VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -238,8 +304,8 @@ class OrthotropicElastic:
         SceneError
             Plane stress or too few constants in 3D, axes of another dimension.
         """
-        if dim == 3 and self.plane == "stress":
-            raise SceneError("OrthotropicElastic: plane='stress' in 3D; it is for 2D parts")
+        if dim == 3 and self.plane != "strain":
+            raise SceneError(f"OrthotropicElastic: plane={self.plane!r} in 3D; it is for 2D parts")
         if dim == 3 and not self._is_full():
             raise SceneError("OrthotropicElastic: 3D needs three values each of E, nu and G")
         if self.axes is not None and len(np.asarray(self.axes)) != dim:
@@ -266,34 +332,61 @@ class OrthotropicElastic:
                 f"OrthotropicElastic: nu = {self.nu!r} with E = {self.E!r} is not positive "
                 "definite; |nu_ij| < sqrt(E_i / E_j) is necessary"
             )
-        C = np.linalg.inv(S)
-        if dim == 2 and self.plane == "strain":
-            C = C[np.ix_([0, 1, 5], [0, 1, 5])]
-        return C
+        return np.linalg.inv(S)
 
     def _global_elasticity(self, dim: int) -> npt.NDArray[np.float64]:
+        """Stiffness in global axes: (3, 3) in 2D, otherwise (6, 6)."""
+        C = self._full(dim)
+        return C[np.ix_([0, 1, 5], [0, 1, 5])] if dim == 2 and len(C) == 6 else C
+
+    def _full(self, dim: int) -> npt.NDArray[np.float64]:
+        """Stiffness in global axes: (3, 3) in plane stress, otherwise (6, 6)."""
         C = self._elasticity(dim)
         if self.axes is None:
             return C
         axes = np.eye(3)
         axes[:dim, :dim] = np.asarray(self.axes, dtype=np.float64)
         R = _strain_rotation(axes)
-        if dim == 2:
+        if len(C) == 3:
             R = R[np.ix_([0, 1, 5], [0, 1, 5])]
         out: npt.NDArray[np.float64] = R.T @ C @ R
         return out
 
+    def stress_of(self, eps: Any, mesh: Any) -> Any:
+        """Stress, UFL (d, d), of a strain (3, 3) of a part: what an initial strain takes away."""
+        revolved = self.plane == "axisymmetric"
+        d = 3 if revolved else int(mesh.geometry.dim)
+        C = self._full(2 if revolved else d)
+        pairs = _VOIGT if len(C) == 6 else ((0, 0), (1, 1), (0, 1))
+        voigt = ufl.as_vector([(1 if i == j else 2) * eps[i, j] for i, j in pairs])
+        s = ufl.dot(fem.Constant(mesh, C), voigt)
+        of = {pair: s[k] for k, pair in enumerate(pairs)}
+        return ufl.as_matrix([[of[min(i, j), max(i, j)] for j in range(d)] for i in range(d)])
+
+    @property
+    def revolved(self) -> OrthotropicElastic:
+        """The material of an axisymmetric part: axes r, z, hoop."""
+        return replace(self, plane="axisymmetric")
+
+    def strain(self, u: Any) -> Any:
+        """Strain that the stress works on, UFL (d, d), of an axisymmetric part (3, 3)."""
+        return revolved_strain(u) if self.plane == "axisymmetric" else strain(u)
+
     def stress(self, u: Any) -> Any:
-        """Stress, UFL (d, d), force / area (in-plane components in 2D)."""
+        """Stress, UFL (d, d), force / area (in-plane components in 2D; of an axisymmetric part (3, 3))."""
         dim = _dim(u)
         self.check(dim)
+        if self.plane == "axisymmetric":
+            return self.stress_of(revolved_strain(u), extract_unique_domain(u))
         return matrix_stress(self._global_elasticity(dim), u)
 
-    def elasticity(self, dim: int) -> npt.NDArray[np.float64]:
-        """The matrix of :func:`matrix_stress`, force / area."""
+    def elasticity(self, dim: int) -> npt.NDArray[np.float64] | None:
+        """The matrix of :func:`matrix_stress`, force / area; None: of an axisymmetric part."""
         self.check(dim)
+        if self.plane == "axisymmetric":
+            return None
         return self._global_elasticity(dim)
 
     def bilinear(self, u: Any, v: Any) -> Any:
         """UFL integrand sigma(u) : eps(v)."""
-        return ufl.inner(self.stress(u), strain(v))
+        return ufl.inner(self.stress(u), self.strain(v))

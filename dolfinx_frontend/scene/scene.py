@@ -6,21 +6,51 @@ where it is made.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn, SupportsIndex
 
+import numpy as np
+
 from dolfinx_frontend.common.checks import (
+    check_kind,
     check_known,
+    check_optional_kind,
+    checked_callable,
+    checked_flag,
     checked_name,
     checked_names,
     checked_number,
+    checked_numbers,
     checked_whole,
     checked_word,
+    is_real,
     is_whole,
 )
 from dolfinx_frontend.common.describe import columns, short
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.scene.laws import Displacement, Law, Pressure, Symmetry, Traction
+from dolfinx_frontend.common.frozen import frozen
+from dolfinx_frontend.scene.amplitudes import Varying
+from dolfinx_frontend.scene.bolts import BoltStiffness
+from dolfinx_frontend.scene.laws import (
+    Displacement,
+    Elastic,
+    Elimination,
+    Law,
+    Preload,
+    Pressure,
+    Rigid,
+    Symmetry,
+    Traction,
+)
+from dolfinx_frontend.scene.loads import (
+    MOMENTS,
+    Load,
+    components,
+    is_field,
+    plain_vector,
+    scattered,
+    shaped,
+)
 from dolfinx_frontend.scene.materials import Material
 from dolfinx_frontend.scene.specs import (
     OVERLAPS,
@@ -29,17 +59,34 @@ from dolfinx_frontend.scene.specs import (
     InterfaceSpec,
     Overlap,
     PartLike,
+    Remote,
     Space,
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value
+from dolfinx_frontend.scene.values import Value, is_uncertain
 
 __all__ = ["Scene"]
 
 
+def _components_of(value: Any) -> list[Any] | None:
+    """Components of a vector with random ones, or of an amplitude times one; None: it is no such vector."""
+    if isinstance(value, Varying) and len(value.terms) == 1 and isinstance(value.terms[0][1], (list, tuple)):
+        amplitude, vector = value.terms[0]
+        return None if amplitude is None or not scattered(vector) else [amplitude * each for each in vector]
+    if not isinstance(value, (list, tuple)):
+        return None
+    return list(value) if scattered(value) or any(map(scattered, value)) else None
+
+
 class Scene:
     """Substructures and interfaces.
+
+    Parameters
+    ----------
+    axisymmetric
+        All parts are sections (r, z) = (x, y) of bodies of revolution about x = 0: areas and volumes are
+        those of the full ring, forces are totals, and the only rigid motion is along z.
 
     Examples
     --------
@@ -49,15 +96,20 @@ class Scene:
     >>> scene.symmetry("cover:side")
     """
 
-    def __init__(self) -> None:
+    def __init__(self, axisymmetric: bool = False) -> None:
+        self.axisymmetric = checked_flag("Scene", "axisymmetric", axisymmetric)
         self.substructures: dict[str, SubstructureSpec] = {}
         self.interfaces: dict[str, InterfaceSpec] = {}
+        self.loads: dict[str, Load] = {}
+        self.densities: Any = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         """A scene of its own; parts and laws, which never change, are shared."""
-        other = Scene()
+        other = Scene(self.axisymmetric)
         other.substructures.update(self.substructures)
         other.interfaces.update(self.interfaces)
+        other.loads.update(self.loads)
+        other.densities = self.densities
         return other
 
     def __copy__(self) -> Scene:
@@ -77,6 +129,7 @@ class Scene:
         degree: int = 2,
         body_force: Any = None,
         rank: int | None = None,
+        stiffness: Any = 1.0,
     ) -> None:
         """Add a part.
 
@@ -95,6 +148,10 @@ class Scene:
             Force per volume: d numbers or a UFL vector, or an amplitude times one; None: none.
         rank
             MPI rank that owns the part; None: a share of equal cost.
+        stiffness
+            What its whole stiffness is multiplied with: 1, or a positive random number with the mean 1. Loads
+            that come from the stiffness, as thermal ones, are multiplied as well. The E of
+            :class:`LinearElastic` may be random instead.
 
         Raises
         ------
@@ -109,7 +166,20 @@ class Scene:
         where = f"substructure {checked_name('substructure', name, colon=False)!r}"
         if name in self.substructures:
             raise SceneError(f"{where}: the name is in use; names are unique")
-        spec = SubstructureSpec(name, part, material, degree, body_force, rank)
+        spec = SubstructureSpec(
+            name, part, material, degree, body_force, rank, self.axisymmetric, stiffness
+        )
+        if is_uncertain(stiffness):
+            if abs(stiffness.mean - 1.0) > 1e-9:
+                raise SceneError(
+                    f"{where}: stiffness = {short(stiffness)} has the mean {stiffness.mean:g}: a factor of a "
+                    "part has the mean 1, divide it by its mean and multiply the material"
+                )
+        elif not (is_real(stiffness) and stiffness == 1.0):
+            raise SceneError(
+                f"{where}: stiffness = {short(stiffness)}; give 1 or a random number with the mean 1: what "
+                "is fixed belongs into the material"
+            )
         if not is_whole(degree) or degree not in (1, 2, 3):
             raise SceneError(f"{where}: degree = {short(degree)} is not supported; use 1, 2 or 3")
         if rank is not None:
@@ -182,7 +252,7 @@ class Scene:
             Name in use, unknown part or face, a law for another number of sides.
         """
         where = f"interface {checked_name('interface', name)!r}"
-        if name in self.interfaces:
+        if name in self.interfaces or name in self.loads:
             raise SceneError(f"{where}: the name is in use; names are unique")
         if law is None:
             faces: tuple[str, ...] = (first,)
@@ -239,11 +309,24 @@ class Scene:
         self._one_sided("symmetry", faces, Symmetry(), name)
 
     def pressure(self, faces: str | Sequence[str], p: Value, name: str | None = None) -> None:
-        """Pressure p (force / area) against the faces.  One interface for each face."""
+        """Pressure p (force / area) against the faces.  One interface for each face.
+
+        A random number times an Amplitude makes a load of the part instead: parameter ``"<name>.p"``.
+        """
+        if scattered(p) or self.densities is not None:
+            self._on_faces("pressure", faces, *shaped("pressure", p, "p", 0), name)
+            return
         self._one_sided("pressure", faces, Pressure(p), name)
 
     def traction(self, faces: str | Sequence[str], t: Value, name: str | None = None) -> None:
-        """Force per area t (d global components).  One interface for each face."""
+        """Force per area t (d global components).  One interface for each face.
+
+        Random components, and random numbers times an Amplitude, make a load of the part instead: parameters
+        ``"<name>.x"``, ``y``, ``z``.
+        """
+        if scattered(t) or self.densities is not None:
+            self._on_faces("traction", faces, *components("traction", "t", t), name)
+            return
         self._one_sided("traction", faces, Traction(t), name)
 
     def fix(
@@ -253,13 +336,470 @@ class Scene:
         components: Sequence[int] | int | None = None,
         name: str | None = None,
     ) -> None:
-        """Prescribe the displacement, of all or of some global components (0 is x)."""
+        """Prescribe the displacement, of all or of some global components (0 is x).
+
+        A vector with random components makes one interface per component, ``"<name>.x"`` and so on. A random
+        number may be multiplied by an Amplitude.
+        """
+        vector = _components_of(value)
+        if vector is not None and components is None:
+            for k, each in enumerate(vector):
+                self._one_sided(
+                    f"displacement.{'xyz'[k]}",
+                    faces,
+                    Displacement(each, (k,)),
+                    None if name is None else f"{name}.{'xyz'[k]}",
+                )
+            return
         law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
         self._one_sided("displacement", faces, law, name)
+
+    def rigid(
+        self,
+        faces: str | Sequence[str],
+        point: Sequence[float] | None = None,
+        name: str | None = None,
+        **motions: Value,
+    ) -> None:
+        """Faces that move as one rigid body, of one part or of several (RBE2).
+
+        Their nodes are condensed to the motions of the body: nothing is iterated on, and stiffness is added
+        by the constraint only. Forces on it are those on its faces, :meth:`force`. What a face takes of it is
+        its row in the table of a result.
+
+        Parameters
+        ----------
+        faces
+            ``"substructure:face"``, on one MPI rank.
+        point
+            Of the body, whose displacement x, y, z are; None: the centroid of its nodes.
+        motions
+            Given ones, numbers or an Amplitude times one: displacements ``x``, ``y``, ``z`` (length), small
+            rotations ``rx``, ``ry``, ``rz`` (radians) about global axes; the others are free.
+
+        Raises
+        ------
+        SceneError
+            A face that is rigid already, or unknown motions.
+        """
+        for motion in motions:
+            check_known("motion", motion, ("x", "y", "z", "rx", "ry", "rz"), "rigid")
+        place = None if point is None else plain_vector("rigid", "point", point)
+        self._tied("rigid", faces, name, point=place, **motions)
+
+    def plane(
+        self, faces: str | Sequence[str], tilts: bool = True, n: Value | None = None, name: str | None = None
+    ) -> None:
+        """Plane, parallel faces, of one part or of several, that stay in a plane; in it they move freely.
+
+        Parameters
+        ----------
+        tilts
+            Whether the plane may turn.
+        n
+            Displacement along the normal of the first face, length, if it may not turn; None: free.
+        """
+        checked_flag("plane", "tilts", tilts)
+        if n is not None and tilts:
+            raise SceneError(f"plane: n = {short(n)} with tilts = True; a given n goes with tilts=False")
+        self._tied("plane", faces, name, plane=True, tilts=tilts, n=n)
+
+    def _tied(self, kind: str, faces: str | Sequence[str], name: str | None, **settings: Any) -> None:
+        one = isinstance(faces, str)
+        given = [str(faces)] if one else checked_names(kind, "faces", faces, " 'substructure:face'")
+        if not given:
+            raise SceneError(f"{kind}: no face given; write 'substructure:face'")
+        found = [self._face(face, kind) for face in given]
+        group = name if name is not None else f"{kind}({given[0]})"
+        used = {i.faces[0]: i for i in self.interfaces.values() if i.law.elimination is Elimination.TIED}
+        for face in found:
+            if face in used:
+                raise SceneError(
+                    f"{kind} {group!r}: {face} is rigid already by {used[face].name!r}; a rigid face belongs "
+                    "to one "
+                    "group: name all of its faces there"
+                )
+        if len(set(found)) < len(found):
+            raise SceneError(f"{kind} {group!r}: faces = {given}: name every face once")
+        shared = {key: settings[key] for key in ("plane", "tilts") if key in settings}
+        for k, each in enumerate(given):
+            law = Rigid(group, found[0].substructure, k == 0, **(settings if k == 0 else shared))
+            self.interface(group if len(given) == 1 else f"{group}[{each}]", each, law)
+
+    def fix_point(
+        self,
+        part: str,
+        point: Sequence[float],
+        value: Value = 0.0,
+        components: Sequence[int] | int | None = None,
+        name: str | None = None,
+    ) -> None:
+        """Prescribe the displacement of a node of a part, of all or of some global components (0 is x).
+
+        Random components make one interface each, as in :meth:`fix`.
+
+        Parameters
+        ----------
+        point
+            Where a node is, within 1e-6 of the part's size.
+        """
+        where = f"fix_point of {part!r}"
+        check_known("substructure", part, self.substructures, where)
+        place = plain_vector(where, "point", point)
+        shown = ", ".join(f"{v:.6g}" for v in place)
+        remote = Remote(node=tuple(map(float, place)))
+        vector = _components_of(value)
+        if vector is not None and components is None:
+            for k, each in enumerate(vector):
+                own = f"{name or f'point({part}: {shown})'}.{'xyz'[k]}"
+                self._remote(own, (Face(part, f"({shown})"),), Displacement(each, (k,)), remote)
+            return
+        law = Displacement(value, components)  # type: ignore[arg-type]  # one axis or several
+        self._remote(name or f"point({part}: {shown})", (Face(part, f"({shown})"),), law, remote)
+
+    def _remote(self, name: str, faces: tuple[Face, ...], law: Law, remote: Remote) -> None:
+        where = f"interface {checked_name('interface', name)!r}"
+        if name in self.interfaces or name in self.loads:
+            raise SceneError(f"{where}: the name is in use; names are unique")
+        spec = self.substructures[faces[0].substructure]
+        law.check_dimension(3 if spec.lazy else spec.dim, where)
+        self.interfaces[name] = InterfaceSpec(name, faces, law, None, None, "points", "full", remote)
+
+    def springs(
+        self, face: str, name: str | None = None, point: Sequence[float] | None = None, **stiffness: Value
+    ) -> None:
+        """Springs from the mean rigid motion of a face to the ground (RBE3: the face itself stays as soft as
+        it is).
+
+        Parameters
+        ----------
+        face
+            ``"substructure:face"``.
+        name
+            Each spring is an interface ``"<name>.x"``, whose stiffness is the parameter
+            ``"<name>.x.normal"``; None:
+            ``"springs(face)"``.
+        point
+            Where the springs are; None: the centroid of the face.
+        stiffness
+            ``x``, ``y``, ``z`` (force / length) and ``rx``, ``ry``, ``rz`` (force * length), numbers or
+            random; in
+            2D x, y and rz.
+        """
+        where = f"springs of {face!r}"
+        found = self._face(face, where)
+        place = None if point is None else tuple(map(float, plain_vector(where, "point", point)))
+        if not stiffness:
+            raise SceneError(f"{where}: no stiffness is given; give x=, y=, z=, rx=, ry= or rz=")
+        for key, value in stiffness.items():
+            check_known("spring", key, ("x", "y", "z", "rx", "ry", "rz"), where)
+            force, moment = np.zeros(3), np.zeros(3)
+            (moment if key[0] == "r" else force)["xyz".index(key[-1])] = 1.0
+            remote = Remote(points=(place,), forces=(tuple(force),), moments=(tuple(moment),))
+            self._remote(f"{name or f'springs({face})'}.{key}", (found,), Elastic(normal=value), remote)
+
+    def beam(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        stiffness: BoltStiffness,
+        preload: Preload | None = None,
+    ) -> None:
+        """A straight beam between the centroids of two faces, whose mean motions it joins (RBE3): a bolt
+        that is not meshed, between the faces under its head and its nut.
+
+        Each of its deformations is an interface with one point: ``"<name>.axial"`` (tension > 0),
+        ``".torsion"``,
+        ``".bending1"``, ``".bending2"`` (its ends turn against each other) and ``".shear1"``, ``".shear2"``
+        (they turn together); in 2D axial, bending1 and shear1.
+
+        Parameters
+        ----------
+        stiffness
+            :class:`BoltStiffness`, e.g. ``BoltStiffness.vdi2230(d=12, pitch=1.75, shank=20, thread=10,
+            E=205e3)``.
+        preload
+            How it is tightened; its `stiffness` is the beam's.
+        """
+        where = f"beam {checked_name('beam', name)!r}"
+        check_kind(where, "stiffness", stiffness, BoltStiffness, "give BoltStiffness.vdi2230(...)")
+        check_optional_kind(where, "preload", preload, Preload, "give Preload(force=...)")
+        faces = (self._face(first, where), self._face(second, where))
+        if self.axisymmetric:
+            raise SceneError(
+                f"{where}: a beam in an axisymmetric scene; a single bolt is not axisymmetric: model it in 3D"
+            )
+        if faces[0] == faces[1]:
+            raise SceneError(f"{where}: both ends are {faces[0]}; join two different faces")
+        spec = self.substructures[faces[0].substructure]
+        flat = not spec.lazy and spec.dim == 2
+        axial: Law = Elastic(normal=stiffness.axial)
+        if preload is not None:
+            axial = preload.with_(stiffness=stiffness.axial)
+        laws = {"axial": axial}
+        for k in (1,) if flat else (1, 2):
+            laws[f"bending{k}"] = Elastic(normal=stiffness.bending)
+            laws[f"shear{k}"] = Elastic(normal=12.0 * stiffness.bending)
+        if not flat:
+            laws["torsion"] = Elastic(normal=stiffness.torsion)
+        for way, law in laws.items():
+            self._remote(f"{name}.{way}", faces, law, Remote(points=(None, None), beam=way))
+
+    # --- loads of parts -------------------------------------------------------------------------
+    def _add(
+        self,
+        kind: str,
+        part: str,
+        name: str | None,
+        values: dict[str, Any],
+        shapes: dict[str, Any],
+        face: str = "",
+    ) -> None:
+        where = f"{kind} of {part!r}"
+        check_known("substructure", part, self.substructures, where)
+        base = f"{kind}({part}:{face})" if face else f"{kind}({part})"
+        unique, number = name if name is not None else base, 2
+        while name is None and (unique in self.loads or unique in self.interfaces):
+            unique, number = f"{base}#{number}", number + 1
+        where = f"load {checked_name('load', unique)!r}"
+        if unique in self.loads or unique in self.interfaces:
+            raise SceneError(f"{where}: the name is in use; names are unique")
+        self.loads[unique] = Load(unique, part, kind, values, shapes, face)
+
+    def load(
+        self, part: str, form: Callable[[Any], Any], factor: Value = 1.0, name: str | None = None
+    ) -> None:
+        """Any load of a part: a linear form of the test function.
+
+        Parameters
+        ----------
+        form
+            v -> UFL integrand over the part (force * length / volume), or a whole UFL form with measures of
+            the part's mesh, linear in v.
+        factor
+            A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+        name
+            Under which its parameters are found; None: from kind and part.
+        """
+        checked_callable(f"load of {part!r}", "form", form, "give a function v -> UFL integrand or form")
+        self._add("load", part, name, {"factor": factor}, {"factor": form})
+
+    def body_force(self, part: str, force: Any, name: str | None = None) -> None:
+        """Force per volume of a part.
+
+        Parameters
+        ----------
+        force
+            d components (numbers, random, each times an Amplitude or all of them): parameters
+            ``"<name>.x"``, ``y``, ``z``; or a field, a UFL vector or a callable x (m, d) -> (m, d), or an
+            Amplitude times one: parameter ``"<name>.factor"``.
+        """
+        self._add("body_force", part, name, *components(f"body_force of {part!r}", "force", force))
+
+    def inertia_relief(self, density: Value | Mapping[str, float]) -> None:
+        """Balance all loads by the inertia of the assembly, which nothing holds: it accelerates as a rigid
+        body.
+
+        What remains is in equilibrium by itself. The assembly is held at nodes of its first part, in as many
+        components as it has rigid motions; these supports (``"relief"``) carry nothing, and displacements are
+        relative to them. Pressures and tractions that follow are loads of parts.
+
+        Parameters
+        ----------
+        density
+            Mass per volume of all parts, or part -> density.
+
+        Raises
+        ------
+        SceneError
+            Pressures or tractions come before it, which are interfaces already.
+        """
+        early = [i.name for i in self.interfaces.values() if i.law.elimination is Elimination.LOAD]
+        if early:
+            raise SceneError(
+                f"inertia_relief: {', '.join(map(repr, early))} came before it: call inertia_relief first, "
+                "then the "
+                "loads, which it has to balance"
+            )
+        if isinstance(density, Mapping):
+            for part, each in density.items():
+                checked_number("inertia_relief", f"density of {part!r}", each, above=0.0)
+            self.densities = frozen(density)
+        else:
+            self.densities = checked_number("inertia_relief", "density", density, above=0.0)
+
+    def _on_faces(
+        self,
+        kind: str,
+        faces: str | Sequence[str],
+        values: dict[str, Any],
+        shapes: dict[str, Any],
+        name: str | None,
+    ) -> None:
+        """A load on each of some faces."""
+        one = isinstance(faces, str)
+        given = [str(faces)] if one else checked_names(kind, "faces", faces, " 'substructure:face'")
+        if not given:
+            raise SceneError(f"{kind}: no face given; write 'substructure:face'")
+        for each in given:
+            face = self._face(each, kind)
+            own = name if name is None or len(given) == 1 else f"{name}({each})"
+            self._add(kind, face.substructure, own, values, shapes, face.face)
+
+    def force(
+        self,
+        face: str,
+        force: Any = None,
+        moment: Any = None,
+        point: Sequence[float] | None = None,
+        name: str | None = None,
+    ) -> None:
+        """Total force and moment on a face, at a point that may be remote (RBE3).
+
+        It is spread over the face statically, as the traction a + b x (x - centroid) that has this
+        resultant: no stiffness is added. On a rigid face it is the force on the rigid body.
+
+        Parameters
+        ----------
+        face
+            ``"substructure:face"``.
+        force
+            d components, force: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``,
+            ``z``.
+        moment
+            3 components, in 2D one number, force * length; parameters ``"<name>.mx"``, ``my``, ``mz``.
+        point
+            Where the force acts: d numbers; None: the centroid of the face.
+        """
+        where = f"force on {face!r}"
+        found = self._face(face, where)
+        place = None if point is None else plain_vector(where, "point", point)
+        values: dict[str, Any] = {}
+        shapes: dict[str, Any] = {}
+        if force is not None:
+            values, axes = components(where, "force", force)
+            if "factor" in values:
+                raise SceneError(
+                    f"{where}: force = {short(force)} is a field; a total force is numbers: use traction"
+                )
+            shapes = {key: ("force", axis, place) for key, axis in axes.items()}
+        if moment is not None:
+            numbers = [v for _, v in moment.terms] if isinstance(moment, Varying) else [moment]
+            if any(isinstance(v, (list, tuple, np.ndarray)) for v in numbers):
+                own, axes = components(where, "moment", moment, MOMENTS)
+            else:
+                own, axes = {"mz": moment}, {"mz": 2}
+            values |= own
+            shapes |= {key: ("moment", axis, place) for key, axis in axes.items()}
+        if not values:
+            raise SceneError(f"{where}: neither a force nor a moment is given; give one")
+        self._add("force", found.substructure, name, values, shapes, found.face)
+
+    def bearing(self, face: str, force: Any, factor: Value = 1.0, name: str | None = None) -> None:
+        """Force of a pin in a hole: a pressure with the cosine of the angle to it, where the pin presses.
+
+        Parameters
+        ----------
+        face
+            The wall of the hole.
+        force
+            d numbers: the total force that the pin exerts. What the mesh makes of its transverse resultant is
+            taken out, so that the total is exact.
+        factor
+            A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+        """
+        where = f"bearing on {face!r}"
+        found = self._face(face, where)
+        vector = plain_vector(where, "force", force)
+        if not np.any(vector):
+            raise SceneError(f"{where}: force = {short(force)} has no direction; give one that is not 0")
+        self._add("bearing", found.substructure, name, {"factor": factor}, {"factor": vector}, found.face)
+
+    def point_force(self, part: str, point: Sequence[float], force: Any, name: str | None = None) -> None:
+        """Force at a point of a part, inside or on its surface: the displacement there grows as the mesh is
+        refined (a concentrated force has infinite stress).
+
+        Parameters
+        ----------
+        force
+            d components: numbers, random, or times an Amplitude; parameters ``"<name>.x"``, ``y``, ``z``.
+        """
+        where = f"point_force on {part!r}"
+        place = plain_vector(where, "point", point)
+        values, axes = components(where, "force", force)
+        self._add("point_force", part, name, values, {key: (axis, place) for key, axis in axes.items()})
+
+    def initial_strain(self, part: str, strain: Any, factor: Value = 1.0, name: str | None = None) -> None:
+        """Initial strain of a part: its stress is that of the strain less this one.
+
+        Parameters
+        ----------
+        strain
+            Symmetric, global axes, (d, d) or (3, 3): numbers, or a UFL matrix.
+        factor
+            A number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+        """
+        where = f"initial_strain of {part!r}"
+        if not is_field(strain):
+            matrix = checked_numbers(where, "strain", strain, "give a symmetric matrix", dimensions=2)
+            if matrix.shape not in ((2, 2), (3, 3)) or not (matrix == matrix.T).all():
+                raise SceneError(
+                    f"{where}: strain = {short(strain)}; give a symmetric matrix (d, d) or (3, 3)"
+                )
+        self._add("initial_strain", part, name, {"factor": factor}, {"factor": strain})
+
+    def temperature(
+        self, part: str, dT: Any, alpha: Any = None, factor: Value = 1.0, name: str | None = None
+    ) -> None:
+        """Change of temperature of a part, which expands freely by alpha dT.
+
+        The stress that results recover has the thermal part taken out.
+
+        Parameters
+        ----------
+        dT
+            A number (also random, or an Amplitude times one): parameter ``"<name>.dT"``. Or a field: a
+            dolfinx
+            Function or UFL expression on the part's mesh, or a callable x (m, d) -> (m,), also times an
+            Amplitude.
+        alpha
+            Coefficient of expansion, 1 / temperature: a number, d numbers or 3 along the global axes, or a
+            UFL expression; None: the material's ``alpha``.
+        factor
+            Multiplies a field: a number, random, or an Amplitude times one; parameter ``"<name>.factor"``.
+
+        Raises
+        ------
+        SceneError
+            No coefficient of expansion.
+        """
+        where = f"temperature of {part!r}"
+        check_known("substructure", part, self.substructures, where)
+        if alpha is None:
+            alpha = getattr(self.substructures[part].material, "alpha", None)
+        if alpha is None:
+            raise SceneError(
+                f"{where}: dT = {short(dT)} without a coefficient of expansion: give alpha=, or a material "
+                "that has one, LinearElastic(E, nu, alpha=12e-6)"
+            )
+        if not is_field(alpha):
+            checked_numbers(where, "alpha", alpha, "give a number, or one per axis")
+            alpha = frozen(alpha)
+        values, shapes = shaped(where, dT, "dT", 1.0)
+        if not (is_real(factor) and factor == 1.0):
+            if set(values) != {"factor"} or not is_real(values["factor"]):
+                raise SceneError(
+                    f"{where}: factor = {short(factor)} multiplies a field; dT = {short(dT)} is a number or "
+                    "changes in time: multiply it instead"
+                )
+            values["factor"] = factor
+        self._add("temperature", part, name, values, {k: (v, alpha) for k, v in shapes.items()})
 
     def __repr__(self) -> str:
         lines = [
             f"Scene: {len(self.substructures)} substructures, {len(self.interfaces)} interfaces"
+            + (f", {len(self.loads)} loads of parts" if self.loads else "")
         ]
         parts = []
         for s in self.substructures.values():
@@ -269,4 +809,9 @@ class Scene:
             )
             parts.append((s.name, cells, f"{kind}, degree {s.degree}, {material}"))
         joints = [(i.name, " | ".join(map(str, i.faces)), i.law.title) for i in self.interfaces.values()]
-        return "\n".join(lines + [f"  {line}" for line in columns(parts, "<><") + columns(joints, "<<<")])
+        loads = [
+            (n, each.part, ", ".join(f"{k} = {short(v)}" for k, v in each.values.items()))
+            for n, each in self.loads.items()
+        ]
+        tables = columns(parts, "<><") + columns(joints, "<<<") + columns(loads, "<<<")
+        return "\n".join(lines + [f"  {line}" for line in tables])

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, cast, get_args
 
+import numpy as np
 from dolfinx import mesh as dmesh
 
 from dolfinx_frontend.common.checks import check_known, checked_numbers, is_real
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.describe import short
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
-from dolfinx_frontend.scene.values import Parameter, is_plain
+from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
 
 __all__ = [
     "CELLS",
@@ -25,6 +26,7 @@ __all__ = [
     "InterfaceSpec",
     "Overlap",
     "PartLike",
+    "Remote",
     "Space",
     "SubstructureSpec",
     "check_face",
@@ -59,6 +61,20 @@ class PartLike(Protocol):
 
 
 @dataclass(frozen=True)
+class Revolved:
+    """A part whose mesh is the section (r, z) of a body of revolution about r = 0; what is not here is its
+    part's."""
+
+    part: PartLike
+    around: bool = True
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "part":
+            raise AttributeError(name)
+        return getattr(self.part, name)
+
+
+@dataclass(frozen=True)
 class SubstructureSpec:
     """A part with its material; see :meth:`Scene.substructure`."""
 
@@ -68,6 +84,8 @@ class SubstructureSpec:
     degree: int
     body_force: Any
     rank: int | None = None
+    axisymmetric: bool = False
+    stiffness: Any = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "body_force", frozen(self.body_force))
@@ -119,6 +137,33 @@ class SubstructureSpec:
             )
         if spec.part.mesh.comm.size != 1:
             raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
+        factor = getattr(spec.material, "factor", 1.0)
+        if is_uncertain(factor):
+            if is_uncertain(spec.stiffness):
+                raise SceneError(
+                    f"{where}: E and stiffness = {short(spec.stiffness)} are both random: give one, their "
+                    "product as an expression"
+                )
+            spec = replace(spec, material=getattr(spec.material, "nominal", spec.material), stiffness=factor)
+        plane = getattr(spec.material, "plane", "")
+        if spec.axisymmetric and not isinstance(spec.source, Revolved):
+            if spec.dim != 2:
+                raise SceneError(
+                    f"{where}: {spec.dim} dimensions in an axisymmetric scene; mesh its section (r, z)"
+                )
+            lowest = float(np.asarray(spec.part.mesh.geometry.x)[:, 0].min())
+            size = float(np.ptp(np.asarray(spec.part.mesh.geometry.x), axis=0).max())
+            if lowest < -1e-9 * size:
+                raise SceneError(
+                    f"{where}: its section has radii down to {lowest:.4g}; x is the radius: mesh one half, x "
+                    ">= 0"
+                )
+            if plane == "stress":
+                raise SceneError(f"{where}: plane = 'stress' in an axisymmetric scene; leave plane out")
+            material = getattr(spec.material, "revolved", spec.material)
+            spec = replace(spec, material=material, source=Revolved(spec.part))
+        elif plane == "axisymmetric" and not spec.axisymmetric:
+            raise SceneError(f"{where}: plane = 'axisymmetric' is for Scene(axisymmetric=True)")
         check = getattr(spec.material, "check", None)
         if check is not None:
             try:
@@ -127,18 +172,17 @@ class SubstructureSpec:
                 raise SceneError(f"{where}: {err}") from None
         locks = getattr(spec.material, "locks", None)
         if spec.degree == 1 and locks is not None and locks(spec.dim):
-            warnings.warn(
+            warn(
                 f"{where}: nu = {getattr(spec.material, 'nu', None):g} with degree=1: linear elements lock "
                 "near nu = 1/2 (too stiff by any factor unless the stress is uniform); give degree=2",
                 SceneWarning,
-                stacklevel=3,
             )
         varies = isinstance(spec.body_force, Varying)
         for force in [v for _, v in spec.body_force.terms] if varies else [spec.body_force]:
             if isinstance(force, Parameter) and not is_plain(force):
                 raise SceneError(
-                    f"{where}: body_force = {force!r} is random; a part has no random values: give "
-                    "numbers, or a random pressure, traction or stiffness of a law"
+                    f"{where}: body_force = {force!r} is random: give it by scene.body_force(part, force), "
+                    "which takes random components"
                 )
             if force is None or hasattr(force, "ufl_shape") or (is_real(force) and force == 0):
                 continue
@@ -160,6 +204,31 @@ class Face:
 
 
 @dataclass(frozen=True)
+class Remote:
+    """What an interface with one point joins in place of the points of its faces.
+
+    Attributes
+    ----------
+    node
+        A point of the part at which there is a node; None: the mean rigid motion of each face.
+    points
+        By side: the point (d,) of which the displacement is taken; None: the centroid of the face.
+    forces, moments
+        By side: the displacement of the interface is force . displacement + moment . rotation (d and 3
+        numbers, in 2D one).
+    beam
+        Of a beam between two faces: which of its deformations; forces and moments follow from their
+        centroids.
+    """
+
+    node: tuple[float, ...] | None = None
+    points: tuple[tuple[float, ...] | None, ...] = ()
+    forces: tuple[tuple[float, ...], ...] = ()
+    moments: tuple[tuple[float, ...], ...] = ()
+    beam: str = ""
+
+
+@dataclass(frozen=True)
 class InterfaceSpec:
     """One or two faces with a law; see :meth:`Scene.interface`."""
 
@@ -170,6 +239,7 @@ class InterfaceSpec:
     max_distance: float | None
     space: Space = "auto"
     overlap: Overlap = "full"
+    remote: Remote | None = None
 
 
 def check_face(spec: SubstructureSpec, face: Face, where: str) -> None:

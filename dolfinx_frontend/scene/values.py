@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import is_real
+from dolfinx_frontend.common.checks import is_real, refuse_masked, told_call
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Combination, Varying
 
-__all__ = ["Parameter", "Value", "evaluate", "is_plain", "is_zero", "number"]
+__all__ = ["Parameter", "Value", "evaluate", "is_plain", "is_uncertain", "is_zero", "number"]
 
 
 @runtime_checkable
@@ -41,6 +41,11 @@ def is_plain(value: object) -> bool:
     if isinstance(value, (int, float, np.number, np.ndarray)):
         return True
     return isinstance(value, (list, tuple)) and all(is_plain(v) for v in value)
+
+
+def is_uncertain(value: object) -> bool:
+    """Whether a value is a random number, or an expression of some."""
+    return not is_plain(value) and isinstance(value, Parameter) and hasattr(value, "leaves")
 
 
 def number(value: object) -> float | None:
@@ -106,7 +111,7 @@ def evaluate(
     origin = "gave"
     if not is_plain(value):
         if callable(value):
-            value = value(points)
+            value = told_call(what, value, points)
             origin = "returned"
         elif isinstance(value, Parameter):
             value = value.mean
@@ -148,6 +153,7 @@ def evaluate(
 
 def _as_array(value: Any, what: str) -> Array:
     """A value as finite numbers of any shape."""
+    refuse_masked(what, value)
     try:
         given = np.asarray(value)
         # a complex number would lose a part, a text may be read as a number, None as NaN

@@ -56,6 +56,12 @@ def _reaching(random: RandomLaws, name: str) -> tuple[int, ...]:
     for (other, _), source in random.sources.items():
         if any(side.substructure in parts for side in problem.interfaces[other].sides):
             germs.update(random.space.columns(source))
+    for part, source in random.parts.items():
+        if part in parts:
+            germs.update(random.space.columns(source))
+    for term, found in random.loads.items():
+        if problem.loads[term.load].load.part in parts:
+            germs.update(g for source in found for g in random.space.columns(source))
     return tuple(sorted(germs))
 
 
@@ -75,7 +81,7 @@ def _counts(
     if isinstance(wanted, Mapping):
         for source_name, count in wanted.items():
             check_known("random parameter", source_name, space.names, "Chaos: quadrature")
-        for source in random.sources.values():
+        for source in random.every:
             for germ in space.columns(source) if source.name in wanted else ():
                 given[germ] = int(wanted[source.name])
     elif wanted is not None:

@@ -11,6 +11,7 @@ from typing import cast
 from latin_core import Iteration, State
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.checks import check_kind
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.kernel.solver import Solver
@@ -107,9 +108,10 @@ def start_states(start: Result | State | None) -> list[State]:
 
 def check_start(states: Sequence[State], solver: Solver, columns: int) -> None:
     """Refuse start states of another plan: of other rows or columns."""
-    for state in states:
-        if state.data.shape != (solver.rows, columns):
-            raise SceneError(
-                f"solve: start has a state of shape {state.data.shape}, this plan has ({solver.rows}, "
-                f"{columns}): active interface points and columns; give a result of the same plan"
-            )
+    with agreement(solver.problem.comm):
+        for state in states:
+            if state.data.shape != (solver.rows, columns):
+                raise SceneError(
+                    f"solve: start has a state of shape {state.data.shape}, this plan has ({solver.rows}, "
+                    f"{columns}): active interface points and columns; give a result of the same plan"
+                )

@@ -30,6 +30,7 @@ from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.answer import SAMPLES
 from dolfinx_frontend.results.chaos import amplitudes_of
+from dolfinx_frontend.results.runs import NOT_KEPT
 from dolfinx_frontend.results.surfaces import law_contact, surface_of
 from dolfinx_frontend.results.writing import interface_tree
 from dolfinx_frontend.solvers import galerkin, sweep
@@ -41,7 +42,6 @@ PETSc: Any = _PETSc  # its stubs know no members
 
 FORMAT = "latin-problem"
 VERSION = 1
-POINTS_ONLY = "latin_run keeps no states of the points of a sweep: export the problem at one of them"
 
 _Values = dict[str, dict[str, Array]]
 
@@ -145,7 +145,7 @@ def export(
         plan, axes, swept = sweep.planned(problem, grid, method, plan, settings)
         more["sweep"] = _sweep_tree(axes, swept)
         more["face"] = {
-            "about": {"kind": "sweep", "statistics": "grid", "no_displacements": POINTS_ONLY},
+            "about": {"kind": "sweep", "statistics": "grid", "no_displacements": NOT_KEPT},
             "axes": {", ".join(key): each for key, each in axes.items()},
         }
     else:
@@ -153,12 +153,21 @@ def export(
         kind = "deterministic" if plan.times is None else "history"
         more["face"] = {"about": {"kind": kind, "statistics": "value"}}
     _check_laws(problem, plan)
+    if plan.scaled:
+        raise SceneError(
+            f"export: the stiffness of {', '.join(map(repr, plan.scaled))} varies, which latin_run does not "
+            "take: solve it here"
+        )
+    if chaos is not None:
+        amplitudes = amplitudes_of(plan, wanted.random, wanted.basis)
+    else:
+        amplitudes = plan.amplitudes
     described = bridge.describe(problem, plan)
     base = {name: fields.parameters for name, fields in described.fields.items()}
     tree = more | {
         "options": _options_tree(plan.options),
         "laws": _laws_tree(steps or plan.steps, modes, _merged(base, values), columns),
-        "amplitudes": amplitudes_of(plan, modes),
+        "amplitudes": amplitudes,
     }
     tree["face"] = _face(problem, plan, more["face"])
     _write(target, described, tree)

@@ -16,7 +16,6 @@ such an answer is compared with deterministic solves at check points before it i
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
@@ -27,9 +26,10 @@ import numpy.typing as npt
 from latin_core import Iteration, Laws, Options, State, stochastic
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_word
-from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.common.errors import SceneError, warn
 from dolfinx_frontend.kernel import bridge
 from dolfinx_frontend.kernel.columns import Collocation, ColumnGroup
 from dolfinx_frontend.kernel.solver import Solver
@@ -52,6 +52,7 @@ from dolfinx_frontend.solvers.collocation import collocation
 from dolfinx_frontend.solvers.deterministic import check_start, start_states
 from dolfinx_frontend.solvers.sampling import sample_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
@@ -138,9 +139,21 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
     return matrices
 
 
+def stiffness_of_parts(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[str, Galerkin]:
+    """Galerkin matrices of the random factors of the stiffness of parts, by part."""
+    found = {}
+    for part, source in random.parts.items():
+        coefficients, indices = random.space.expansion(source, basis)
+        matrix = stochastic.galerkin_matrix(basis, coefficients[0], indices)
+        transform = stochastic.galerkin_transform(matrix)
+        forward = np.asfortranarray(transform.forward)
+        found[part] = Galerkin("", part, source, [forward], np.array([transform.values]))
+    return found
+
+
 def _limit(source: Source, basis: stochastic.ChaosBasis, space: RandomSpace) -> str:
     """What the coefficient of variation would have to be, where that is known."""
-    if isinstance(source, DiscretisedField) or not source.affine:
+    if isinstance(source, DiscretisedField | Expression) or not source.affine:
         return ""
     column = space.germ_names.index(source.name)
     order = int(basis.indices.table[:, column].max(initial=0))
@@ -157,26 +170,37 @@ def _guard(
     basis: stochastic.ChaosBasis,
     matrices: dict[tuple[str, str], Galerkin],
     indefinite: Literal["refuse", "prove"],
+    parts: Mapping[str, Galerkin],
 ) -> tuple[str, ...]:
     """Refuse indefinite stiffnesses before anything is iterated on; the overrides that were proven."""
     bad = []
-    for matrix in matrices.values():
+    for matrix in [*matrices.values(), *parts.values()]:
         source = matrix.source
-        mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
-        where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
+        if matrix.interface:
+            mean = source.mean * random.area_factor(matrix.interface, matrix.parameter)
+            where = f"interface {matrix.interface!r}, {matrix.parameter} stiffness {source.name!r}"
+        else:
+            mean = source.mean
+            where = f"substructure {matrix.parameter!r}, factor {source.name!r} of its stiffness"
         limit = _limit(source, basis, random.space)
+        if isinstance(source, Expression) and not source.affine:
+            least, at = random.space.least(source, basis)
+            if least <= 0.0:
+                raise IndefiniteError(
+                    f"{where}: it is {least:.4g} at {at}: a stiffness is > 0; give an expression that "
+                    "is positive wherever its parameters can be"
+                )
         if matrix.smallest <= 0.0:
             bad.append(
                 f"{where}: its Galerkin matrix is indefinite, smallest eigenvalue "
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}"
             )
         elif matrix.smallest < NEAR * mean:
-            warnings.warn(
+            warn(
                 f"{where}: its Galerkin matrix is nearly indefinite, smallest eigenvalue "
                 f"{matrix.smallest:.4g} for a mean of {mean:.4g}{limit}; higher orders make it worse: "
                 "LogNormal, Gamma and TruncatedNormal stay positive at every order",
                 NearlyIndefiniteWarning,
-                stacklevel=6,
             )
     if not bad:
         return ()
@@ -184,6 +208,8 @@ def _guard(
         "use a positive law (LogNormal, Gamma, TruncatedNormal with a positive lower bound), a smaller "
         "coefficient of variation or a lower order"
     )
+    if any(part.smallest <= 0.0 for part in parts.values()):
+        raise IndefiniteError("\n".join(bad) + f"\n{remedy}")
     if indefinite == "refuse":
         raise IndefiniteError(
             "\n".join(bad) + f"\n{remedy}; or pass indefinite='prove' to go on if the structure as a "
@@ -250,6 +276,17 @@ def _linear_parameters(
         coefficients = random.space.coefficients(source, basis)
         if len(coefficients) > 1:
             coefficients = np.repeat(coefficients, len(unit) // len(coefficients), axis=0)
+        amplitude = random.amplitude(name, parameter)
+        in_time = constant if amplitude is None else plan.column_factors(amplitude)
+        # the mean is there already where all is told at every time
+        if amplitude is not None:
+            values[kernel] = values[kernel] + np.kron(
+                unit * np.hstack([np.zeros((len(coefficients), 1)), coefficients[:, 1:]]), in_time
+            )
+            coefficients = coefficients.copy()
+            away = coefficients[:, 0] - source.mean
+            values[kernel][:, :steps] += np.kron((unit * away[:, None]), in_time)
+            continue
         values[kernel] = np.kron(unit * coefficients, constant)
     return values
 
@@ -304,12 +341,15 @@ class Changes:
         Interface -> kernel parameter -> its values.
     columns
         Interface -> groups of components in other columns, as the kernel takes them.
+    stiffness
+        Part -> factors of its stiffness, and the matrix that leads to their columns.
     """
 
     steps: int
     modes: int
     parameters: dict[str, dict[str, Array]]
     columns: dict[str, list[dict[str, Any]]]
+    stiffness: dict[str, tuple[Array, Array]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -319,6 +359,7 @@ class Changes:
         matrices: dict[tuple[str, str], Galerkin],
         collocations: Mapping[str, Collocation],
         plan: Plan,
+        parts: Mapping[str, Galerkin],
     ) -> Changes:
         """Those of the active interfaces on this rank; `collocations` of the nonlinear ones."""
         steps = plan.amplitudes.shape[1]
@@ -334,12 +375,17 @@ class Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        return cls(steps, len(basis), parameters, columns)
+        stiffness = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
+        return cls(steps, len(basis), parameters, columns, stiffness)
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
         return laws.with_(
-            steps=self.steps, modes=self.modes, parameters=self.parameters, columns=self.columns
+            steps=self.steps,
+            modes=self.modes,
+            parameters=self.parameters,
+            columns=self.columns,
+            stiffness=self.stiffness or None,
         )
 
 
@@ -396,9 +442,9 @@ def planned(
     check_optional_kind("chaos", "options", options, Options, "give Options(rtol=...)")
     chaos = chaos if isinstance(chaos, Chaos) else Chaos(order=chaos)
     random = RandomLaws.of(problem)
-    if not random.sources:
+    if not random.every:
         raise SceneError(
-            "chaos: nothing is random: give a law a random parameter, or solve without chaos"
+            "chaos: nothing is random: give a law or a load a random parameter, or solve without chaos"
         )
     options = options or (Options.plain() if method == "latin" else Options())
     rows = sum(2 * problem.dim * problem.interfaces[n].num_points for n in random.interfaces)
@@ -416,9 +462,11 @@ def planned(
             random,
             len(basis),
             times=times,
+            loads=random.loads,
+            scaled=random.parts,
         )
     else:
-        check_keeps("chaos", plan, random.interfaces)
+        check_keeps("chaos", plan, random.interfaces, random.loads, random.parts)
     return Planned(random, chaos, basis, plan)
 
 
@@ -451,8 +499,9 @@ def prepared(problem: Problem, wanted: Planned, indefinite: Literal["refuse", "p
     collocations = {name: collocation(random, basis, chaos, name, steps) for name in curved}
     plan = _with_collocations(plan, random, collocations, chaos)
     matrices = galerkin(random, basis)
-    proven = _guard(problem, random, basis, matrices, indefinite)
-    changes = Changes.of(random, basis, matrices, collocations, plan)
+    parts = stiffness_of_parts(random, basis)
+    proven = _guard(problem, random, basis, matrices, indefinite, parts)
+    changes = Changes.of(random, basis, matrices, collocations, plan, parts)
     return Prepared(plan, collocations, proven, changes)
 
 
@@ -524,7 +573,7 @@ def _run(
     solver = solver or Solver(problem, plan)
     laws = changes.applied(solver.laws)
     built = perf_counter()
-    amplitudes = amplitudes_of(plan, len(basis))
+    amplitudes = amplitudes_of(plan, random, basis)
     check_start(start, solver, amplitudes.shape[1])
     summary, state = solver.run(laws, plan.options, amplitudes, start, callback, progress)
     seconds = {"setup": built - began, "solve": perf_counter() - built}
@@ -562,6 +611,8 @@ def _checked(result: ChaosResult) -> ChaosResult:
     they differ.
     """
     count, tolerance = result.chaos.check_points, result.chaos.tolerance
+    if not result.collocations and result.converged:
+        return result.with_notes(misfits=_misfits(result))
     if not result.collocations or count == 0 or not result.converged:
         return result
     problem = result.problem
@@ -583,6 +634,25 @@ def _checked(result: ChaosResult) -> ChaosResult:
     return result
 
 
+def _misfits(result: ChaosResult) -> dict[str, float] | None:
+    """Misfits of all interfaces with something random, and of random numbers of loads.
+
+    None: one of the interfaces was eliminated, or has patterns, or has no law at some points (a stiffness
+    below 0); or the stiffness of a part is random, or a random value changes in time.
+    """
+    problem, names = result.problem, result.random.interfaces
+    if names and (result.plan.history == "patterns" or not set(names) <= set(result.plan.active)):
+        return None
+    if result.random.parts or any(result.random.amplitude(*key) is not None for key in result.random.sources):
+        return None  # not measured
+    if not result.random.make_laws(result.points_of_misfit):
+        return None
+    with agreement(problem.comm):
+        own = {name: result.misfit(name) for name in names if problem.speaks_for(name)}
+    of_loads = {f"{term.load}.{term.parameter}": result.misfit_of(term) for term in result.random.loads}
+    return problem.gather(own) | of_loads
+
+
 def _warn_of_truncation(result: ChaosResult) -> None:
     tolerance = result.chaos.tolerance
     solves = sum(len(part.germs) for part in result.checked)
@@ -590,7 +660,7 @@ def _warn_of_truncation(result: ChaosResult) -> None:
     lost = sum(int((part.points.status != "converged").sum()) for part in result.checked)
     if lost:
         bad.append(f"{lost} check solves did not converge")
-    warnings.warn(
+    warn(
         f"the chaos of order {result.chaos.order} is not proven converged to {percent(tolerance)} by "
         f"{solves} deterministic solves:\n  "
         + "\n  ".join(bad)
@@ -598,7 +668,6 @@ def _warn_of_truncation(result: ChaosResult) -> None:
         "sample on the same solver: result.quasi_monte_carlo(1024) or result.monte_carlo(1000), without "
         "chaos quasi_monte_carlo(problem, 1024); Chaos(tolerance=...) sets the limit",
         TruncationWarning,
-        stacklevel=6,
     )
 
 
@@ -626,6 +695,8 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         random,
         len(basis),
         times=old.times,
+        loads=random.loads,
+        scaled=random.parts,
     )
     steps = result.steps
     states = []

@@ -29,7 +29,7 @@ from latin_core import State
 from dolfinx_frontend.assembly.held import held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import free_motions
 from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Flags
@@ -414,7 +414,7 @@ def corrected(solver: Solver) -> Corrected:
         found = _corrected(solver)
     if comm is None:
         return found
-    every = [each for each in comm.allgather(found.accuracy) if each.places]
+    every = [each for each in exchanged(comm, found.accuracy) if each.places]
     values = np.hstack([each.values for each in every])
     places = tuple(place for each in every for place in each.places)
     return replace(found, accuracy=replace(every[0], values=values, places=places))

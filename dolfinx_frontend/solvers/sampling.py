@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_known,
@@ -43,6 +44,7 @@ from dolfinx_frontend.plan.plan import (
 )
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.sweep import checkpoint_path, warn_unconverged
@@ -85,16 +87,23 @@ def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]
     for name, parameter in random.sources:
         each = random.sampled(name, parameter, germs)
         pattern, columns = each.pattern, 1
-        if plan.history == "patterns" and parameter in random.problem.interfaces[name].law.loading:
+        amplitude = random.amplitude(name, parameter)
+        if amplitude is not None and plan.times is not None:
+            in_time = plan.column_factors(amplitude)[:, None]
+            pattern = np.asarray(np.kron(in_time, pattern), dtype=np.float64)
+            columns = len(in_time)
+        elif plan.history == "patterns" and parameter in random.problem.interfaces[name].law.loading:
             # a random value does not change in time: it belongs to the constant load pattern
             constant = np.array([[float(a is None)] for a in plan.patterns])
             pattern, columns = np.kron(constant, pattern), len(constant)
         parameters.append(
             SweptParameter(name, each.name, np.asfortranarray(pattern), each.values, columns)
         )
-    return parameters
+    parameters += stiffness_factors({part: random.factors(part, germs) for part in random.parts})
+    return [*parameters, *swept_loads(plan, {term: random.load_values(term, germs) for term in random.loads})]
 
 
+@together("sample")
 def sample(
     problem: Problem,
     germs: npt.ArrayLike,
@@ -114,15 +123,30 @@ def sample(
     estimator: Estimator = not_measured,
 ) -> SampleResult:
     """As :func:`dolfinx_frontend.sample`, which has the parameters."""
+    settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
     check_problem("sampling", problem, plan)
-    check_settings("sampling", plan, method, active=active, direction=direction, options=options, times=times)
+    check_settings("sampling", plan, method, **settings)
+    check_running("sampling", callback, progress, keep_states=keep_states)
+    checkpoint_path("sampling", problem, checkpoint)
     random = RandomLaws.of(problem)
-    if not random.sources:
-        raise SceneError("sampling: nothing is random: give a law a random parameter")
+    if not random.every:
+        raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
+    _checked_rule(random, germs, weights, kind)
+    problem.check_alike("sampling", laws=True, method=method, plan=plan is None, **settings)
     if plan is None:
-        plan = make_plan(problem, method, active, random.interfaces, direction, options, times=times)
+        plan = make_plan(
+            problem,
+            method,
+            active,
+            random.interfaces,
+            direction,
+            options,
+            times=times,
+            loads=random.loads,
+            scaled=random.parts,
+        )
     else:
-        check_keeps("sampling", plan, random.interfaces)
+        check_keeps("sampling", plan, random.interfaces, random.loads, random.parts)
     began = perf_counter()
     solver = Solver(problem, plan)
     return sample_on(
@@ -141,6 +165,7 @@ def sample(
     )
 
 
+@together("sample")
 def sample_chaos(
     result: ChaosResult,
     germs: npt.ArrayLike,
@@ -180,6 +205,7 @@ def sample_chaos(
     )
 
 
+@together("sample")
 def sample_on(
     solver: Solver,
     random: RandomLaws,
@@ -208,8 +234,11 @@ def sample_on(
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
     points, of_rule = _checked_rule(random, germs, weights, kind)
-    problem.check_alike("sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol)
-    parameters = _swept(random, plan, points)
+    problem.check_alike(
+        "sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol, states=keep_states
+    )
+    with agreement(problem.comm):
+        parameters = _swept(random, plan, points)
     file = checkpoint_path("sampling", problem, checkpoint)
     header = None if file is None else _header(problem, plan, parameters)
     iterations = 0

@@ -28,7 +28,6 @@ count unless it is an interface of the scene.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -37,13 +36,13 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from dolfinx_frontend.assembly.held import held
+from dolfinx_frontend.assembly.held import axis_resistances, held
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
-from dolfinx_frontend.assembly.ranks import agreement
+from dolfinx_frontend.assembly.ranks import agreement, exchanged
 from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motions, quoted
 from dolfinx_frontend.common.arrays import Array, Flags
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.results.result import Result
 
 __all__ = ["check_support"]
@@ -157,7 +156,7 @@ def _decide(problem: Problem, work: Callable[[], T]) -> T:
 
 def _free(problem: Problem, resistances: Mapping[str, Resistance]) -> FreeMotions:
     parts = {name: (part.centre, part.length) for name, part in problem.parts.items()}
-    motions = free_motions(parts, list(resistances.values()))
+    motions = free_motions(parts, [*resistances.values(), *axis_resistances(problem.parts)])
     if not len(motions):
         return motions
     groups, r, q = motions.basis.shape
@@ -179,7 +178,7 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
             shares[name, k] = share.reshape(interface.num_points, interface.dim, -1)
     if problem.distribution is not None:
         cuts = {key: share for key, share in shares.items() if key[0] in problem.cuts}
-        for found in problem.distribution.comm.allgather(cuts):
+        for found in exchanged(problem.distribution.comm, cuts):
             shares.update(found)
     return {
         name: sum(
@@ -193,10 +192,16 @@ def _relative(problem: Problem, names: list[str], motions: FreeMotions) -> dict[
 
 def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[Array, float]:
     """Work (q,) of the loads in the motions, and the sum of their sizes."""
-    nodal = {name: s.load.reshape(-1, s.dim).copy() for name, s in problem.substructures.items()}
+    nodal = {name: problem.load_on(name).reshape(-1, s.dim) for name, s in problem.substructures.items()}
     for name, interface in problem.own.interfaces.items():
         load = interface.law.load(interface, time)
         if load is None:
+            continue
+        if interface.wrench is not None:
+            for k, (side, sign) in enumerate(zip(interface.sides, (1.0, -1.0), strict=False)):
+                if side.substructure in nodal:
+                    row = interface.local_trace(k)[0].toarray().ravel()
+                    nodal[side.substructure] += sign * (load[0, 0] * row).reshape(-1, interface.dim)
             continue
         vectors = np.einsum("pij,pi->pj", interface.frames, load * interface.weights[:, None])
         for side, sign in zip(interface.sides, (1.0, -1.0), strict=False):
@@ -209,7 +214,9 @@ def _loads(problem: Problem, motions: FreeMotions, time: float | None) -> tuple[
         at = motions.at(name, problem.substructures[name].dof_coordinates[loaded])
         work += np.einsum("nd,ndq->q", f[loaded], at)
     if problem.distribution is not None:
-        work, size = (problem.distribution.comm.allreduce(each) for each in (work, size))
+        every = exchanged(problem.distribution.comm, (work, size))
+        work = np.sum([each for each, _ in every], axis=0)
+        size = sum(each for _, each in every)
     return work, size
 
 
@@ -376,12 +383,11 @@ def _check_slip(
         return False
     who, how = _names(motions, motion)
     events = "; ".join(_events(bounded, motion)) or "no interface holds it"
-    warnings.warn(
+    warn(
         f"{who} has lost its support{when}: with the normal forces that the iteration has reached, "
         f"friction does not balance the loads, which move it by {how}: {events}; "
         f"raise preload or friction, or {_MEND}",
         SceneWarning,
-        stacklevel=7,
     )
     return True
 
@@ -406,11 +412,10 @@ def _check_undetermined(
     how = "; ".join(dict.fromkeys(", ".join(words) for _, words in moving[:4]))
     open_ones = [name for name, each in reached.items() if not each.closed]
     where = f": {quoted(open_ones)} is open everywhere" if open_ones else ""
-    warnings.warn(
+    warn(
         f"{who} has lost its support{when}{where}; no load acts on it, so that its place in the answer is "
         f"one of many ({how}); hold it if that is not meant",
         SceneWarning,
-        stacklevel=7,
     )
     return True
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from latin_core import Iteration, Options, Summary, SweptParameter, snake_order
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
     check_kind,
@@ -24,6 +25,7 @@ from dolfinx_frontend.common.checks import (
     checked_numbers,
     checked_path,
     checked_reals,
+    told_call,
 )
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -34,8 +36,10 @@ from dolfinx_frontend.kernel.running import Interrupt, check_running, report_poi
 from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings, make_plan
 from dolfinx_frontend.results.accuracy import accuracy_of_run, ended
+from dolfinx_frontend.results.acting import stiffness_factors, swept_loads
 from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
+from dolfinx_frontend.scene.loads import LoadTerm
 
 __all__ = ["checkpoint_path", "planned", "sweep", "warn_unconverged"]
 
@@ -43,11 +47,16 @@ Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
 
 
+_GRID = "give {'interface.parameter': values}"
+
+
 def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
-    check_kind("sweep", "grid", grid, Mapping, "give {'interface.parameter': values}")
+    check_kind("sweep", "grid", grid, Mapping, _GRID)
     axes = {}
     for key, values in grid.items():
         names = (key,) if isinstance(key, str) else tuple(checked_names("sweep", "axis", key))
+        if not names:
+            raise SceneError("sweep: axis = (): give one name at least, e.g. 'interface.parameter'")
         where, wanted = f"sweep over {', '.join(names)}", "give a list of finite numbers"
         data = checked_numbers(where, "values", values, wanted, dimensions=1)
         if not data.size:
@@ -63,7 +72,8 @@ def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tup
     targets: dict[str, tuple[str, str]] = {}
     for name in (name for key in axes for name in key):
         interface, _, parameter = name.rpartition(".")
-        check_known("parameter", name, problem.law_parameters, "sweep")
+        known = [*problem.law_parameters, *problem.load_parameters, *problem.part_parameters]
+        check_known("parameter", name, known, "sweep")
         if name in targets:
             raise SceneError(f"sweep: {name!r} is on two axes")
         targets[name] = (interface, parameter)
@@ -77,23 +87,77 @@ def _swept(
     targets: Mapping[str, tuple[str, str]],
 ) -> list[SweptParameter]:
     """The swept values at all points of the grid."""
-    missing = [name for name, (interface, _) in targets.items() if interface not in plan.active]
+    of_loads = {name for name, (load, _) in targets.items() if load in problem.loads}
+    of_parts = set(_of_parts(problem, targets))
+    others = of_loads | of_parts
+    of_laws = {name: interface for name, (interface, _) in targets.items() if name not in others}
+    missing = [name for name, interface in of_laws.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
     mesh = np.meshgrid(*axes.values(), indexing="ij")
-    parameters = []
+    loads: dict[LoadTerm, Array] = {}
+    parameters: list[SweptParameter] = []
+    of_stiffness: dict[str, Array] = {}
     for key, values in zip(axes, mesh, strict=True):
         for name in key:
             interface, parameter = targets[name]
+            if name in of_parts:
+                nominal = problem.part_parameters[name]
+                if not values.min() > 0.0:
+                    raise SceneError(
+                        f"sweep: {name!r} takes the value {values.min():g}: a stiffness is "
+                        "positive; leave it out"
+                    )
+                if interface in of_stiffness:
+                    raise SceneError(
+                        f"sweep: {name!r}: the stiffness of {interface!r} is on two axes; give one"
+                    )
+                of_stiffness[interface] = values.ravel() / nominal
+                continue
+            if name in of_loads:
+                loads[_swept_term(problem, interface, parameter)] = values.ravel()
+                continue
             where = problem.interfaces[interface]
             kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
             if parameter in where.law.not_negative and values.min() < 0.0:
                 raise SceneError(f"sweep: {name!r} takes the value {values.min():g}: it must be >= 0")
+            if any(p.interface == interface and p.parameter == kernel_name for p in parameters):
+                raise SceneError(
+                    f"sweep: {name!r} and another swept value of {interface!r} set the same number of its "
+                    "law "
+                    f"({kernel_name}): sweep one of them, or the result of both"
+                )
             pattern, columns = _through_time(problem, plan, interface, parameter, pattern)
             parameters.append(SweptParameter(interface, kernel_name, pattern, factors, columns))
-    return parameters
+    absent = [f"{t.load}.{t.parameter}" for t in loads if t not in plan.loads]
+    if absent:
+        raise SceneError(f"sweep: the plan has no column for {', '.join(absent)}: leave the plan out")
+    absent = [part for part in of_stiffness if part not in plan.scaled]
+    if absent:
+        raise SceneError(
+            f"sweep: the plan has no factor for the stiffness of {', '.join(absent)}: leave the plan out"
+        )
+    return [*parameters, *stiffness_factors(of_stiffness), *swept_loads(plan, loads)]
 
 
+def _of_parts(problem: Problem, targets: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """Swept stiffnesses -> their parts."""
+    known = problem.part_parameters.keys() - problem.load_parameters.keys()
+    return {name: part for name, (part, _) in targets.items() if name in known}
+
+
+def _swept_term(problem: Problem, load: str, parameter: str) -> LoadTerm:
+    """A number of a load that is swept: it keeps its amplitude."""
+    terms = problem.loads[load].load.terms(parameter)
+    if len(terms) > 1:
+        raise SceneError(
+            f"sweep: {load}.{parameter} is a sum of values that change in time; sweep a single "
+            "amplitude * value"
+        )
+    return LoadTerm(load, parameter, terms[0].amplitude)
+
+
+@together("sweep")
 def sweep(
     problem: Problem,
     grid: Mapping[Key, Sequence[float]],
@@ -115,7 +179,8 @@ def sweep(
 
     The grid is walked so that neighbours in the order differ in one parameter by one step; each
     point starts from the combination of the nearest solved interface states that leaves the
-    smallest residual.
+    smallest residual. Where all laws are linear there is nothing to iterate on: on one rank, the point in the
+    middle comes first and all others are solved together, by conjugate gradients on the condensed interfaces.
 
     Parameters
     ----------
@@ -138,8 +203,8 @@ def sweep(
     keep_fields
         Keep force and jump of the active interfaces at every point: N x T x rows numbers each.
     outputs
-        Name -> function of the interface fields of a point; only what it returns (a number or an array) is
-        kept, where all fields would be too many.
+        Name -> function of the interface fields of a point (a :class:`Block` of one sample) that returns
+        (1,) or (1, ...), the sample in front; only that is kept, where all fields would be too many.
 
     Raises
     ------
@@ -154,6 +219,9 @@ def sweep(
     _check_request(problem, plan, method, grid, outputs, settings)
     check_running("sweep", callback, progress, keep_states=keep_states, keep_fields=keep_fields)
     file = checkpoint_path("sweep", problem, checkpoint)
+    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
+    kept = {"keep_states": keep_states, "keep_fields": keep_fields}
+    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **kept, **settings)
     plan, axes, parameters = planned(problem, grid, method, plan, settings)
 
     began = perf_counter()
@@ -204,9 +272,19 @@ def planned(
     axes = _axes(grid)
     targets = _targets(problem, axes)
     if plan is None:
-        swept = {interface for interface, _ in targets.values()}
-        plan = make_plan(problem, method, vary=swept, **settings)
-    return plan, axes, _swept(problem, plan, axes, targets)
+        parts = _of_parts(problem, targets)
+        if parts:
+            problem.on_one_rank("a sweep over the stiffness of a part")
+        swept = {
+            interface
+            for name, (interface, _) in targets.items()
+            if interface not in problem.loads and name not in parts
+        }
+        loads = [_swept_term(problem, *each) for each in targets.values() if each[0] in problem.loads]
+        plan = make_plan(problem, method, vary=swept, loads=loads, scaled=parts.values(), **settings)
+    with agreement(problem.comm):
+        parameters = _swept(problem, plan, axes, targets)
+    return plan, axes, parameters
 
 
 def _bar(problem: Problem, order: Sequence[int], progress: bool) -> Bar:
@@ -218,7 +296,7 @@ def checkpoint_path(where: str, problem: Problem, checkpoint: str | Path | None)
     if checkpoint is None:
         return None
     problem.on_one_rank("a checkpoint")
-    return checked_path(where, checkpoint, "checkpoint")
+    return checked_path(where, checkpoint, "checkpoint", new=True)
 
 
 def _check_request(
@@ -230,13 +308,12 @@ def _check_request(
     settings: Mapping[str, Any],
 ) -> None:
     check_problem("sweep", problem, plan)
+    check_kind("sweep", "grid", grid, Mapping, _GRID)  # before grids of ranks are compared
     check_settings("sweep", plan, method, **settings)
     check_optional_kind("sweep", "outputs", outputs, Mapping, "give {name: function of the fields}")
     for name, function in outputs.items() if isinstance(outputs, Mapping) else ():
         checked_name("sweep: outputs", name, colon=False)
         checked_callable("sweep", f"outputs[{name!r}]", function, "give a function of the fields")
-    told = {"outputs": None if outputs is None else tuple(outputs), "plan": plan is None}
-    problem.check_alike("sweep", laws=True, grid=grid, method=method, **told, **settings)
 
 
 def _header(
@@ -267,19 +344,25 @@ def _reading(
             fields = problem.gather({n: each for n, each in fields.items() if problem.speaks_for(n)})
         # what a function does to its arrays is no business of the sweep's, nor of the next function's
         shown = {n: (read_only(force), read_only(jump)) for n, (force, jump) in fields.items()}
-        found = function(point_block(problem, plan, shown))
-        values = np.asarray(found) if isinstance(found, np.ndarray) else None
-        if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
-            values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return numbers")
-        if values.ndim == 0 or len(values) != 1:
-            raise SceneError(
-                f"outputs: a function returned shape {values.shape} for 1 sample; return one number or array "
-                "a sample, with the samples in front"
-            )
-        first: Array = values[0]
-        return first
+        with agreement(problem.comm):
+            return _read_point(point_block(problem, plan, shown), name, function)
 
     return read
+
+
+def _read_point(fields: Block, name: str, function: Callable[[Block], npt.ArrayLike]) -> Array:
+    """What a user's function reads at a point."""
+    found = told_call(f"sweep: outputs[{name!r}]", function, fields)
+    values = found if type(found) is np.ndarray else None
+    if values is None or values.dtype.kind not in "biuf":  # flags are numbers here, too
+        values = checked_reals("sweep: outputs", f"{name}(fields)", found, "return real numbers")
+    if values.ndim == 0 or len(values) != 1:
+        raise SceneError(
+            f"sweep: outputs[{name!r}]: the function returned shape {values.shape} for 1 "
+            "sample; return one number or array a sample, with the samples in front"
+        )
+    first: Array = values[0]
+    return first
 
 
 def _through_time(

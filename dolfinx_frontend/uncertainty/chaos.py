@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from latin_core.stochastic import IndexSet
 
-from dolfinx_frontend.common.checks import check_known, checked_number, checked_whole, is_whole
+from dolfinx_frontend.common.checks import check_known, checked_number, checked_whole, is_list, is_whole
 from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
@@ -75,7 +75,7 @@ class Chaos:
         self._check_points()
         if self.weights is not None:
             named = isinstance(self.weights, Mapping)
-            if not named and not isinstance(self.weights, (Sequence, np.ndarray)):
+            if not named and not isinstance(self.weights, Sequence) and not is_list(self.weights):
                 raise SceneError(f"Chaos: weights = {self.weights!r}: give one per germ, or by name")
             values = self.weights.values() if isinstance(self.weights, Mapping) else self.weights
             for value in values:

@@ -17,7 +17,14 @@ from scipy import linalg, optimize, special
 from scipy.sparse import linalg as sparse_linalg
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_number, checked_numbers, checked_whole
+from dolfinx_frontend.common.checks import (
+    check_known,
+    checked_number,
+    checked_numbers,
+    checked_whole,
+    is_list,
+    told_call,
+)
 from dolfinx_frontend.common.describe import record
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.uncertainty.checks import deviation, named
@@ -57,6 +64,10 @@ def _correlation(where: str, covariance: Any, nu: float | None) -> tuple[Correla
         return (lambda r: np.exp(-0.5 * r * r)), False
     assert nu is not None
     return _matern(checked_number(where, "nu", nu, above=0.0)), nu < 1.0
+
+
+class NoModesError(SceneError):
+    """A covariance of which nothing is left at the points of a field."""
 
 
 class _Modes(NamedTuple):
@@ -132,6 +143,12 @@ def karhunen_loeve(
         values, vectors = values[::-1].copy(), vectors[:, ::-1]
     else:
         values, vectors = _lanczos(rows, m, total, variance_captured, wanted if modes else None)
+    if not np.all(np.isfinite(values)) or not values[0] > 0.0:
+        raise NoModesError(
+            f"there are no modes at its {m} points: its covariance gives no positive finite numbers "
+            "there, or its correlation length is far below their distances; choose a larger length or a "
+            "finer mesh"
+        )
     usable = int(np.count_nonzero(values > 1e-14 * values[0]))
     if modes is None:
         reached = np.cumsum(values[:usable]) / total
@@ -254,11 +271,12 @@ class RandomField:
         lowest = 0.0 if self.distribution == "lognormal" else -math.inf
         mean = checked_number(where, "mean", self.mean, above=lowest)
         deviation(where, mean, self.cov, self.std)
-        lengths = self.length if isinstance(self.length, (list, tuple, np.ndarray)) else [self.length]
+        lengths = self.length if is_list(self.length) else [self.length]
         for value in lengths:
             checked_number(where, "length", value, above=0.0)
         if not np.isscalar(self.length):
-            object.__setattr__(self, "length", tuple(np.asarray(self.length).tolist()))
+            given = np.asarray(self.length, dtype=np.float64)
+            object.__setattr__(self, "length", tuple(map(float, given)) if given.ndim else float(given))
         _correlation(where, self.covariance, self.nu)
         if self.variance_captured is None and self.modes is None:
             object.__setattr__(self, "variance_captured", 0.95)
@@ -305,14 +323,17 @@ class RandomField:
         cell_dimension = max(1, x.shape[1] - 1)
         typical = math.exp(float(np.log(lengths).mean()))
         scale = typical**cell_dimension
-        eigenvalues, functions, captured = karhunen_loeve(
-            x / lengths,
-            w / scale,
-            correlation,
-            variance_captured=self.variance_captured,
-            modes=self.modes,
-            kink=kink,
-        )
+        try:
+            eigenvalues, functions, captured = karhunen_loeve(
+                x / lengths,
+                w / scale,
+                lambda r: told_call(f"{where}: covariance", correlation, r),
+                variance_captured=self.variance_captured,
+                modes=self.modes,
+                kink=kink,
+            )
+        except NoModesError as error:
+            raise SceneError(f"{where}: {error}") from error
         if self.variance_captured is not None and captured < self.variance_captured * (1.0 - 1e-9):
             raise SceneError(
                 f"{where}: {len(x)} points resolve only {100.0 * captured:.4g} % of its variance, "

@@ -46,6 +46,7 @@ from dolfinx_frontend.uncertainty.distributions import (
     moments_determine,
     panels,
 )
+from dolfinx_frontend.uncertainty.expressions import Operand
 
 __all__ = [
     "Beta",
@@ -66,7 +67,7 @@ def _mesh_of_normal() -> tuple[Array, Array]:
     return z, np.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * 64.0)
 
 
-class RandomParameter:
+class RandomParameter(Operand):
     """One random number of a scene; made by the functions of this module, never changed.
 
     Two parameters with the same name and the same definition are the same random variable.

@@ -38,6 +38,9 @@ from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
 
 __all__ = ["Density", "Estimate", "Histogram", "Kind", "Quantity", "SobolEstimate", "sobol_of"]
 
+MOST_BINS = 10**6
+"""Bins of a histogram."""
+
 Kind = Literal["random", "qmc", "quadrature", "value", "grid"]
 """Independent samples, Sobol points, points of a rule; one value that is not random, those of a sweep."""
 
@@ -208,21 +211,25 @@ class Quantity:
         Raises
         ------
         SceneError
-            A rule with negative weights gives a negative variance: it is too coarse.
+            One sample; a rule with negative weights gives a negative variance: it is too coarse.
         """
         _check_level(level)
         self._no_grid("variance")
         if self.kind == "value":  # nothing is random
             return Estimate(0.0, 0.0, 0.0, level)
         n = len(self)
-        if self.weights is not None or n < 2:
+        if n < 2:
+            raise SceneError(
+                f"quantity {self.name!r}: one sample has no variance and no standard deviation; take more"
+            )
+        if self.weights is not None:
             variance = self._moment(2)
             if variance < 0.0:
                 raise SceneError(
                     f"quantity {self.name!r}: the variance by quadrature is {variance:.3g}: the "
                     "rule is too coarse for this quantity; raise its level"
                 )
-            return Estimate(variance if n > 1 else math.nan, math.nan, math.nan, level)
+            return Estimate(variance, math.nan, math.nan, level)
         variance = float(np.var(self.values, ddof=1))
         z = float(stats.norm.isf(0.5 * (1.0 - level)))
         if n < 5 or n <= z:
@@ -359,7 +366,7 @@ class Quantity:
             if len(bins) < 2 or np.any(np.diff(bins) <= 0.0):
                 raise SceneError(f"{where}: bins = {short(bins)}: give increasing edges (bins + 1,)")
         else:
-            bins = checked_whole(where, "bins", bins, 1)
+            bins = checked_whole(where, "bins", bins, 1, MOST_BINS)
         pdf, edges = np.histogram(values, bins=bins, density=True)
         return Histogram(edges, pdf)
 
@@ -370,8 +377,9 @@ class Quantity:
                 yield "value", Estimate(float(value), math.nan, math.nan, math.nan)
             return
         yield "mean", self.mean()
-        yield "std", self.std()
-        yield "skewness", self.skewness()
+        if len(self) > 1:
+            yield "std", self.std()
+            yield "skewness", self.skewness()
         if self.weights is None:
             for percent in (1, 5, 50, 95, 99):
                 yield f"{percent} %", self.quantile(percent / 100.0)

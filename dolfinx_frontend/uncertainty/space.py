@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,16 +16,25 @@ from scipy import linalg, special
 from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole
+from dolfinx_frontend.common.checks import check_known, checked_numbers, checked_seed, checked_whole, is_list
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.uncertainty.checks import common_length
 from dolfinx_frontend.uncertainty.chaos import Chaos
 from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
+from dolfinx_frontend.uncertainty.expressions import Expression
 from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 
 __all__ = ["Expansion", "RandomSpace", "Sobol"]
+
+
+_MOST_POINTS = 4_000_000
+"""Points of such a rule at most."""
+
+_MORE_POINTS = 12
+"""Gauss points of a germ beyond the degree on which a function of other parameters is projected."""
 
 
 class Expansion(NamedTuple):
@@ -70,7 +80,7 @@ class _Block:
     mixing: Array  # (members, germs) lower triangular: normal scores = mixing @ germs
 
 
-Source: TypeAlias = RandomParameter | DiscretisedField
+Source: TypeAlias = RandomParameter | DiscretisedField | Expression
 
 
 def _machine_memory() -> float:
@@ -105,19 +115,23 @@ class RandomSpace:
     """
 
     def __init__(self, sources: Iterable[Source]) -> None:
-        seen: dict[str, Source] = {}
-        for source in sources:
-            if not isinstance(source, (RandomParameter, DiscretisedField)):
+        seen: dict[str, RandomParameter | DiscretisedField] = {}
+        given = list(sources)
+        alone: list[RandomParameter | DiscretisedField] = [
+            each for s in given for each in (s.leaves.values() if isinstance(s, Expression) else (s,))
+        ]
+        for single in alone:
+            if not isinstance(single, (RandomParameter, DiscretisedField)):
                 raise SceneError(
-                    f"{source!r} of type {type(source).__name__} is not a random parameter; a "
+                    f"{single!r} of type {type(single).__name__} is not a random parameter; a "
                     "RandomField must be put on its points first"
                 )
-            other = seen.setdefault(source.name, source)
-            same = other is source or other == source
+            other = seen.setdefault(single.name, single)
+            same = other is single or other == single
             if not same:
                 raise SceneError(
-                    f"random parameter {source.name!r} has two definitions: {other!r} and "
-                    f"{source!r}; give them different names, or use one object in both places"
+                    f"random parameter {single.name!r} has two definitions: {other!r} and "
+                    f"{single!r}; give them different names, or use one object in both places"
                 )
         self._sources = seen
         self.names = tuple(seen)
@@ -258,7 +272,52 @@ class RandomSpace:
     # -- coefficients --------------------------------------------------------------------------
     def columns(self, source: Source) -> tuple[int, ...]:
         """Numbers of the germs that a parameter or field shares in."""
+        if isinstance(source, Expression):
+            return tuple(sorted({c for each in source.leaves.values() for c in self.columns(each)}))
         return self._find(source)[0].columns
+
+    def _expression_coefficients(self, source: Expression, table: npt.NDArray[np.int32]) -> Array:
+        """Projection of a function of other parameters, by a tensor rule on its germs."""
+        columns = list(self.columns(source))
+        others = np.setdiff1d(np.arange(self.dimension), columns)
+        inside = ~np.any(table[:, others] > 0, axis=1)
+        own = table[np.ix_(inside, columns)]
+        highest = own.max(axis=0, initial=0)
+        points, weights = self._rule_of(source, highest)
+        psi = np.ones((len(points), len(own)))
+        for k, c in enumerate(columns):
+            one = self.germs[c].evaluate(np.ascontiguousarray(points[:, c]), int(highest[k]))
+            psi *= one[:, own[:, k]]
+        result = np.zeros((1, len(table)))
+        result[0, inside] = psi.T @ (weights * self.values(source, points))
+        return result
+
+    def _rule_of(self, source: Expression, highest: npt.NDArray[np.int32]) -> tuple[Array, Array]:
+        """Points (N, L) and weights (N,) on which an expression is projected on modes up to some degrees."""
+        columns = list(self.columns(source))
+        germs = [self.germs[c] for c in columns]
+        counts = [
+            min(int(h) + _MORE_POINTS, g.capacity if g.capacity is not None else 2**30)
+            for h, g in zip(highest, germs, strict=True)
+        ]
+        if math.prod(counts) > _MOST_POINTS:
+            raise SceneError(
+                f"expression {source.name!r} depends on {len(germs)} germs: projecting it takes "
+                f"{math.prod(counts):.3g} points, more than {_MOST_POINTS:g}; lower the order, or sample"
+            )
+        rule = core.tensor_gauss(germs, counts, 0.0)
+        points = np.zeros((len(rule.points), self.dimension))
+        points[:, columns] = rule.points
+        return points, np.asarray(rule.weights)
+
+    def least(self, source: Expression, basis: ChaosBasis) -> tuple[float, str]:
+        """Smallest value of an expression where its chaos is made from it, and the parameters there."""
+        highest = 2 * basis.indices.table[:, list(self.columns(source))].max(axis=0, initial=0)
+        points = self._rule_of(source, highest)[0]
+        values = self.values(source, points)
+        worst = points[int(np.argmin(values))][None]
+        at = (f"{key} = {float(self.values(leaf, worst)[0]):.6g}" for key, leaf in source.leaves.items())
+        return float(values.min()), ", ".join(at)
 
     def _find(self, source: Source) -> tuple[_Block, int]:
         """Block of a source, and its place among the members."""
@@ -272,6 +331,8 @@ class RandomSpace:
 
     def coefficients_at(self, source: Source, table: npt.NDArray[np.int32]) -> Array:
         """Chaos coefficients of a parameter or field on multi-indices (n, L): (rows, n)."""
+        if isinstance(source, Expression):
+            return self._expression_coefficients(source, table)
         block, position = self._find(source)
         columns = list(block.columns)
         others = np.ones(self.dimension, dtype=bool)
@@ -313,8 +374,7 @@ class RandomSpace:
         SceneError
             There are more modes than memory.
         """
-        block, _ = self._find(source)
-        columns = list(block.columns)
+        columns = list(self.columns(source))
         table = basis.indices.table[:, columns]
         highest = 2 * table.max(axis=0, initial=0)
         order = 2 * int(table.sum(axis=1).max(initial=0))
@@ -322,7 +382,7 @@ class RandomSpace:
             highest, order = np.minimum(highest, 1), min(order, 1)
         caps = np.zeros(self.dimension, dtype=int)
         caps[columns] = highest
-        rows = len(block.field.points) if block.field is not None else 1
+        rows = len(source.points) if isinstance(source, DiscretisedField) else 1
         try:
             indices = MultiIndexSet(
                 "total",
@@ -362,12 +422,22 @@ class RandomSpace:
     def values(self, source: Source, points: npt.ArrayLike) -> Array:
         """A parameter (N,) or field (m, N) at points (N, L) of the germs; not by its chaos."""
         xi = self.checked_points(points, "values")
+        if isinstance(source, Expression):
+            return source.check({key: self.values(each, xi) for key, each in source.leaves.items()})
         block, position = self._find(source)
         own = xi[:, list(block.columns)]
-        if block.field is not None:
-            return block.field.value(own)
-        parameter = block.members[position]
-        return parameter.value(own @ block.mixing[position])
+        with np.errstate(over="ignore", invalid="ignore"):
+            if block.field is not None:
+                found: Array = block.field.value(own)
+            else:
+                found = block.members[position].value(own @ block.mixing[position])
+        if not np.all(np.isfinite(found)):
+            bad = np.flatnonzero(~np.isfinite(found).all(axis=0) if found.ndim > 1 else ~np.isfinite(found))
+            raise SceneError(
+                f"{source!r} has no finite value at the germs {short(xi[bad[0]].tolist())}: germs are of "
+                "order 1 (standard normal, or within [-1, 1])"
+            )
+        return found
 
     def germ_points(self, values: Mapping[str, npt.ArrayLike]) -> Array:
         """Points (N, L) of the germs for given values of parameters, (N,) or one for all points.
@@ -451,7 +521,7 @@ class RandomSpace:
 
     def tensor_gauss(self, counts: int | Sequence[int], memory_limit: float = 0.0) -> Rule:
         """Tensor Gauss rule with this many points in each germ."""
-        if isinstance(counts, (list, tuple, np.ndarray)):
+        if is_list(counts):
             wanted = [checked_whole("tensor quadrature", "points", c, 1) for c in counts]
         else:
             wanted = [checked_whole("tensor quadrature", "points", counts, 1)] * self.dimension

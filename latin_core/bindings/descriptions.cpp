@@ -30,6 +30,8 @@ prolongation
     Z (n, unknowns of the body), scipy.sparse or petsc4py; None: the identity.
 offset
     u0 (n, loads), length; None: zero.
+of_stiffness
+    The part of `load` that comes from the stiffness and changes with it (initial strains), (n, loads); None: none.
 )doc";
 
 constexpr const char* spring_doc =
@@ -150,17 +152,20 @@ InterfaceDescription make_interface(const std::string& name, py::handle law, py:
 void bind_descriptions(py::module_& m) {
   py::class_<Member>(m, "Member", member_doc)
       .def(py::init([](const std::string& name, py::handle stiffness, py::handle load,
-                       py::handle prolongation, py::handle offset) {
+                       py::handle prolongation, py::handle offset, py::handle of_stiffness) {
              const std::string who = "substructure '" + name + "': ";
              return Member{
-                 name, to_petsc_view(stiffness, name),
+                 name,
+                 to_petsc_view(stiffness, name),
                  prolongation.is_none() ? latin::SparseRows()
                                         : to_sparse(prolongation, who + "prolongation"),
                  to_finite_matrix(load, who + "load"),
-                 offset.is_none() ? latin::Matrix() : to_finite_matrix(offset, who + "offset")};
+                 offset.is_none() ? latin::Matrix() : to_finite_matrix(offset, who + "offset"),
+                 of_stiffness.is_none() ? latin::Matrix()
+                                        : to_finite_matrix(of_stiffness, who + "of_stiffness")};
            }),
            py::kw_only(), "name"_a, "stiffness"_a, "load"_a, "prolongation"_a = py::none(),
-           "offset"_a = py::none())
+           "offset"_a = py::none(), "of_stiffness"_a = py::none())
       .def("__repr__", [](const Member& m) {
         return "Member(" + m.name + ", " + std::to_string(m.load.rows()) + " unknowns, " +
                std::to_string(m.load.cols()) + " loads)";

@@ -3,8 +3,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <span>
 #include <vector>
 
+#include "latin/common/error.hpp"
+#include "latin/mortar/blocks.hpp"
 #include "latin/mortar/face.hpp"
 #include "latin/mortar/overlap.hpp"
 
@@ -24,6 +27,14 @@ py::array_t<T> array(std::vector<T> values, const std::vector<Index>& shape) {
   return py::array_t<T>(shape, held->data(), owner);
 }
 
+template <class T>
+using Dense = py::array_t<T, py::array::c_style | py::array::forcecast>;
+
+template <class T>
+std::span<const T> span(const Dense<T>& values) {
+  return {values.data(), static_cast<std::size_t>(values.size())};
+}
+
 py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index shapes2) {
   const auto pairs = static_cast<Index>(o.first.size());
   py::dict out;
@@ -32,7 +43,8 @@ py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index sha
   out["mean"] = array(std::move(o.mean), {n1, chi});
   out["mass"] = array(std::move(o.mass), {n1, chi, chi});
   out["own"] = array(std::move(o.own), {n1, chi, shapes1});
-  out["own_normal"] = array(std::move(o.own_normal), {n1, chi, shapes1, 3});
+  const bool plane = o.own_normal.empty();
+  out["own_normal"] = array(std::move(o.own_normal), {plane ? 0 : n1, chi, shapes1, 3});
   out["gap"] = array(std::move(o.gap), {n1, chi});
   out["place"] = array(std::move(o.place), {n1, chi, 3});
   out["normal"] = array(std::move(o.normal), {n1, chi, 3});
@@ -41,7 +53,7 @@ py::dict arrays(mortar::Overlap o, Index n1, Index chi, Index shapes1, Index sha
   out["second"] = array(std::move(o.second), {pairs});
   out["area"] = array(std::move(o.area), {pairs});
   out["other"] = array(std::move(o.other), {pairs, chi, shapes2});
-  out["other_normal"] = array(std::move(o.other_normal), {pairs, chi, shapes2, 3});
+  out["other_normal"] = array(std::move(o.other_normal), {plane ? 0 : pairs, chi, shapes2, 3});
   out["distance"] = array(std::move(o.distance), {pairs});
   out["farthest"] = o.farthest;
   return out;
@@ -63,21 +75,38 @@ void bind_mortar(py::module_& m) {
            py::kw_only(), "shape"_a, "parts"_a, "nodes"_a, "variants"_a, "orientation"_a,
            "map_degree"_a, "map"_a, "shape_degree"_a, "shapes"_a);
   s.def(
+      "sum_of",
+      [](const Dense<double>& values, const Dense<Index>& rows, const Dense<Index>& columns,
+         Index row_count, Index column_count) {
+        if (values.ndim() != 3) {
+          throw latin::InputError("blocks: values (count, height, width) are wanted");
+        }
+        const mortar::Blocks blocks{values.shape(1), values.shape(2), span(values), span(rows),
+                                    span(columns)};
+        mortar::CompressedRows sum = mortar::sum_of(blocks, row_count, column_count);
+        const auto entries = static_cast<Index>(sum.values.size());
+        return py::make_tuple(array(std::move(sum.starts), {row_count + 1}),
+                              array(std::move(sum.columns), {entries}),
+                              array(std::move(sum.values), {entries}));
+      },
+      "values"_a, "rows"_a, "columns"_a, "row_count"_a, "column_count"_a);
+  s.def(
       "integrate",
       [](const mortar::Face& first, const mortar::Face& second, int degree,
          latin::Matrix multipliers, latin::Matrix points, latin::Vector weights,
-         latin::Vector near_first, latin::Vector near_second, double opposed) {
+         latin::Vector near_first, latin::Vector near_second, double opposed, int threads,
+         bool around) {
         const Index chi = multipliers.rows();
         const mortar::Functions functions{degree, {std::move(multipliers)}};
-        const mortar::Rule rule{std::move(points), std::move(weights)};
+        const mortar::Rule rule{std::move(points), std::move(weights), around};
         const mortar::Nearness near{std::move(near_first), std::move(near_second), opposed};
         mortar::Overlap found;
         {
           const py::gil_scoped_release release;
-          found = mortar::integrate(first, second, functions, rule, near);
+          found = mortar::integrate(first, second, functions, rule, near, threads);
         }
         return arrays(std::move(found), first.facets(), chi, first.functions(), second.functions());
       },
       "first"_a, "second"_a, py::kw_only(), "degree"_a, "multipliers"_a, "points"_a, "weights"_a,
-      "near_first"_a, "near_second"_a, "opposed"_a);
+      "near_first"_a, "near_second"_a, "opposed"_a, "threads"_a = 1, "around"_a = false);
 }

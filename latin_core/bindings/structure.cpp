@@ -78,6 +78,10 @@ columns
     run become columns in which the law is deterministic, and back.
 extra_loads
     substructure -> forces (n, loads) that are added to its load patterns.
+stiffness
+    substructure -> (values, forward): factors > 0 of its stiffness, for as many blocks of columns of the same
+    length, and None or the orthogonal matrix (values, values) that leads from the columns of a run to those of
+    the factors. Loads that come from the stiffness are multiplied, too. Those that are not named keep theirs.
 modes
     Chaos modes (columns) that a solution has at every time step: errors are then estimated of the mean and of
     the fluctuation of each step. 1: every column is a solution of its own.
@@ -218,7 +222,7 @@ py::dict cost_of(const Body& body) {
 
 /// Changes of laws as Python gives them; None: as it is.
 Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameters,
-             py::handle columns, py::handle extra_loads) {
+             py::handle columns, py::handle extra_loads, py::handle stiffness) {
   const Structure& structure = laws.structure();
   std::vector<std::pair<std::string, std::vector<LawColumns>>> groups;
   if (!columns.is_none()) {
@@ -236,6 +240,21 @@ Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameter
       loads.emplace(name, to_matrix(load, "extra_loads['" + name + "']", any, structure.loads()));
     }
   }
+  std::map<std::string, latin::substructure::StiffnessFactors> factors;
+  if (!stiffness.is_none()) {
+    for (const auto& [name, given] : to_entries(stiffness, "stiffness")) {
+      const std::string where = "stiffness['" + name + "']";
+      const std::vector<py::object> both = to_items(given, where);
+      if (both.size() != 2) {
+        throw latin::InputError(where + ": give (values, forward)");
+      }
+      auto& own = factors[name];
+      own.values = to_matrix(both[0], where + ": values").reshaped();
+      if (!both[1].is_none()) {
+        own.forward = to_matrix(both[1], where + ": forward");
+      }
+    }
+  }
   const Index count = steps.is_none() ? laws.steps() : to_index(steps, "steps");
   const Index solutions = modes.is_none() ? laws.modes() : to_index(modes, "modes");
   const bool keeps_loads = extra_loads.is_none();
@@ -249,6 +268,7 @@ Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameter
   for (auto& [name, group] : groups) {
     laws = laws.with_columns(name, std::move(group));
   }
+  laws = laws.with_stiffness(factors);
   return keeps_loads ? laws : laws.with_extra_loads(loads);
 }
 
@@ -525,11 +545,11 @@ void bind_facts(StructureClass& cls) {
       .def(
           "laws",
           [](const std::shared_ptr<Structure>& self, py::handle steps, py::handle parameters,
-             py::handle columns, py::handle extra_loads, py::handle modes) {
-            return changed(Laws(self), steps, modes, parameters, columns, extra_loads);
+             py::handle columns, py::handle extra_loads, py::handle modes, py::handle stiffness) {
+            return changed(Laws(self), steps, modes, parameters, columns, extra_loads, stiffness);
           },
           "steps"_a = 1, "parameters"_a = py::none(), "columns"_a = py::none(),
-          "extra_loads"_a = py::none(), "modes"_a = 1, make_laws_doc);
+          "extra_loads"_a = py::none(), "modes"_a = 1, "stiffness"_a = py::none(), make_laws_doc);
 }
 
 void bind_calls(StructureClass& cls) {
@@ -613,11 +633,12 @@ void bind_laws_value(py::module_& m) {
       .def(
           "with_",
           [](const Laws& laws, py::handle steps, py::handle parameters, py::handle columns,
-             py::handle extra_loads, py::handle modes) {
-            return changed(laws, steps, modes, parameters, columns, extra_loads);
+             py::handle extra_loads, py::handle modes, py::handle stiffness) {
+            return changed(laws, steps, modes, parameters, columns, extra_loads, stiffness);
           },
           py::kw_only(), "steps"_a = py::none(), "parameters"_a = py::none(),
-          "columns"_a = py::none(), "extra_loads"_a = py::none(), "modes"_a = py::none(), with_doc);
+          "columns"_a = py::none(), "extra_loads"_a = py::none(), "modes"_a = py::none(),
+          "stiffness"_a = py::none(), with_doc);
 }
 
 }  // namespace

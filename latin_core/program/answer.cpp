@@ -143,6 +143,16 @@ std::vector<Gathered::Field> interface_fields(const substructure::Laws& laws, co
   return found;
 }
 
+/// Displacements of the parts of this rank.
+std::vector<Gathered::Field> part_fields(const substructure::Laws& laws, const State& state,
+                                         const Matrix& amplitudes) {
+  std::vector<Gathered::Field> found;
+  for (const auto& [name, values] : substructure::displacements(laws, state.data, amplitudes)) {
+    found.push_back(whole(name + "\ndisplacement", values));
+  }
+  return found;
+}
+
 constexpr std::array by_severity{Status::converged, Status::inexact,  Status::max_iterations,
                                  Status::stagnated, Status::diverged, Status::interrupted};
 
@@ -156,6 +166,8 @@ struct Points {
   std::vector<Index> iterations;
   std::vector<double> error;
   std::vector<Gathered::Field> fields;  ///< of interfaces, (points, columns, rows)
+  std::vector<Gathered::Field>
+      parts;  ///< of parts, if they are wanted, (points, columns, unknowns)
   Outcome outcome;
 
   explicit Points(const SweepRequest& request)
@@ -164,7 +176,8 @@ struct Points {
         error(static_cast<std::size_t>(request.points), std::numeric_limits<double>::quiet_NaN()),
         outcome{to_string(Status::converged), 0, 0.0, request.points} {}
 
-  void add(Index point, const Summary& summary, const std::vector<Gathered::Field>& found) {
+  void add(Index point, const Summary& summary, const std::vector<Gathered::Field>& of_interfaces,
+           const std::vector<Gathered::Field>& of_parts) {
     const auto p = static_cast<std::size_t>(point);
     status[p] = to_string(summary.status);
     iterations[p] = summary.iterations;
@@ -178,17 +191,24 @@ struct Points {
     }
     outcome.iterations += summary.iterations;
     outcome.error = error[p] > outcome.error || std::isnan(error[p]) ? error[p] : outcome.error;
-    if (fields.empty()) {
+    keep(p, of_interfaces, fields);
+    keep(p, of_parts, parts);
+  }
+
+ private:
+  void keep(std::size_t p, const std::vector<Gathered::Field>& found,
+            std::vector<Gathered::Field>& into) const {
+    if (into.empty()) {
       for (const Gathered::Field& each : found) {
-        fields.push_back({each.name, {outcome.points, each.shape[1], each.shape[0]}, {}});
-        fields.back().values.assign(each.values.size() * status.size(),
-                                    std::numeric_limits<double>::quiet_NaN());
+        into.push_back({each.name, {outcome.points, each.shape[1], each.shape[0]}, {}});
+        into.back().values.assign(each.values.size() * status.size(),
+                                  std::numeric_limits<double>::quiet_NaN());
       }
     }
     for (std::size_t i = 0; i < found.size(); ++i) {
       const auto rows = static_cast<std::size_t>(found[i].shape[0]);
       const auto columns = static_cast<std::size_t>(found[i].shape[1]);
-      double* const to = fields[i].values.data() + p * rows * columns;
+      double* const to = into[i].values.data() + p * rows * columns;
       for (std::size_t row = 0; row < rows; ++row) {
         for (std::size_t column = 0; column < columns; ++column) {
           to[column * rows + row] = found[i].values[row * columns + column];
@@ -211,11 +231,7 @@ Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
   Gathered interfaces(communicator);
   interfaces.add(interface_fields(laws, state));
   Gathered parts(communicator);
-  std::vector<Gathered::Field> displacements;
-  for (const auto& [name, values] : substructure::displacements(laws, state.data, amplitudes)) {
-    displacements.push_back(whole(name + "\ndisplacement", values));
-  }
-  parts.add(displacements);
+  parts.add(part_fields(laws, state, amplitudes));
   Gathered errors(communicator);
   errors.add({whole("errors", summary.errors)});
 
@@ -246,20 +262,26 @@ Outcome solve_once(const Folder& folder, const std::filesystem::path& target) {
 }
 
 Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
-                    const std::filesystem::path& target) {
+                    const std::filesystem::path& target, bool displacements) {
   const substructure::Laws laws = folder.laws();
   const Matrix amplitudes = folder.amplitudes();
   const iteration::Options options = folder.options();
   Points points(request);
   iteration::sweep(laws, options, amplitudes, request.parameters, request.order, {}, {}, {},
-                   [&points](Index point, const substructure::Laws& of_point,
-                             const Summary& summary, const State& state) {
-                     points.add(point, summary, interface_fields(of_point, state));
+                   [&](Index point, const substructure::Laws& of_point, const Summary& summary,
+                       const State& state) {
+                     std::vector<Gathered::Field> of_parts;
+                     if (displacements) {
+                       of_parts = part_fields(of_point, state, amplitudes);
+                     }
+                     points.add(point, summary, interface_fields(of_point, state), of_parts);
                    });
 
   const Communicator& communicator = folder.communicator();
   Gathered interfaces(communicator);
   interfaces.add(points.fields);
+  Gathered parts(communicator);
+  parts.add(points.parts);
   communicator.together([&] {
     if (communicator.rank() != 0) {
       return;
@@ -280,6 +302,7 @@ Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
       writer.texts("run/axes", "names", names);
     }
     answer.fields("run/interfaces", interfaces.fields());
+    answer.fields("run/parts", parts.fields());
     writer.finish();
   });
   return points.outcome;

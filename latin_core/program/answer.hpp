@@ -24,7 +24,8 @@ struct Outcome {
 Outcome solve_once(const Folder& folder, const std::filesystem::path& target);
 
 /// Solve for many parameter sets; forces and jumps at every point are kept. Collective.
+/// @param displacements whether those of all parts are kept, too: a solution with the factors for every point
 Outcome solve_sweep(const Folder& folder, const SweepRequest& request,
-                    const std::filesystem::path& target);
+                    const std::filesystem::path& target, bool displacements);
 
 }  // namespace latin::program

@@ -21,11 +21,13 @@ namespace {
 
 constexpr const char* usage =
     R"(usage: [mpirun -n RANKS] latin_run FOLDER [--output FILE] [--sweep INTERFACE.PARAMETER=VALUE,VALUE,...] ...
+                                    [--displacements]
 
 Solves the problem that problem.export(FOLDER) wrote, as it was exported: once, a history, a chaos, or a sweep.
 
   --output FILE   where the answer is written, which the frontend reads (load); FOLDER/result.h5 by default
   --sweep AXIS    instead: a grid of values of kernel parameters of interface laws, one option for each axis
+  --displacements of a sweep: write the displacements at all points, too
 
 Exit code 0: converged; 2: the answer is written, but did not converge; 1: an error, which is named.
 )";
@@ -34,6 +36,7 @@ struct Request {
   std::filesystem::path folder;
   std::filesystem::path output;
   std::vector<std::string> axes;
+  bool displacements = false;
 };
 
 /// @return nothing if help is wanted  @throws InputError
@@ -54,6 +57,8 @@ std::optional<Request> request_of(const std::vector<std::string>& arguments) {
       } else {
         request.axes.push_back(arguments[i]);
       }
+    } else if (each == "--displacements") {
+      request.displacements = true;
     } else if (each.rfind("--", 0) == 0) {
       throw latin::InputError("there is no option " + each + ": latin_run --help lists them");
     } else if (!request.folder.empty()) {
@@ -91,7 +96,7 @@ int run(const std::vector<std::string>& arguments, const latin::Communicator& co
               : latin::program::solve_sweep(
                     folder,
                     request->axes.empty() ? folder.sweep() : latin::program::grid(request->axes),
-                    request->output);
+                    request->output, request->displacements);
   if (communicator.rank() == 0) {
     const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - began;
     const std::string points =

@@ -26,7 +26,9 @@ ONE = Options(max_iterations=1)
 RADIUS = 1.5
 
 
-def rings(cell: str, order: int, counts: tuple[int, int], space: Space, depth: float = 0.0) -> Problem:
+def rings(
+    cell: str, order: int, counts: tuple[int, int], space: Space, depth: float = 0.0, law: Contact = Contact()
+) -> Problem:
     """A quarter of a ring in another one whose bore is too small by a depth."""
     d = DIMENSION[cell]
 
@@ -40,7 +42,7 @@ def rings(cell: str, order: int, counts: tuple[int, int], space: Space, depth: f
         part = block(cell, [1, count, 2][:d], low, high, bend, order)
         scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
         scene.symmetry([f"{name}:{face}" for face in ("y0", "y1", "z0", "z1")[: 2 * d - 2]])
-    scene.interface("fit", "pin:x1", "hub:x0", Contact(), space=space)
+    scene.interface("fit", "pin:x1", "hub:x0", law, space=space)
     scene.pressure("pin:x0", 0.01)
     return assemble(scene)
 
@@ -53,7 +55,11 @@ def rings(cell: str, order: int, counts: tuple[int, int], space: Space, depth: f
 def test_chords_that_cross_are_no_interpenetration(
     cell: str, order: int, counts: tuple[int, int], space: Space
 ) -> None:
-    problem = rings(cell, order, counts, space)
+    if order == 1:  # a fit is stated, since straight cells cannot tell it
+        message = r"'fit': the distance of the faces as meshed, .* of straight facets"
+        with pytest.raises(SceneError, match=message):
+            rings(cell, order, counts, space)
+    problem = rings(cell, order, counts, space, law=Contact(gap=0.0 if order == 1 else None))
     fit = problem.interfaces["fit"]
     # the deepest chord: R (1 - cos(pi / 4 n)) below the arc, and facets of tetrahedra are cut askew
     sagitta = RADIUS * (1.0 - np.cos(np.pi / 4 / min(counts)))
@@ -121,6 +127,26 @@ def shrunk(order: int, n: int, depth: float, law: Contact) -> Problem:
     return assemble(scene)
 
 
+@pytest.mark.parametrize("part", [1.0, 100.0])
+def test_gaps_below_the_sag_are_refused(part: float) -> None:
+    """Straight cells whose facets are h^2 / 8 R beside the arc cannot tell smaller gaps, of either sign."""
+    n = 6
+    sagitta = 1.5 * (np.pi / (8 * n)) ** 2 / 2
+    for sign in (-1.0, 1.0):
+        depth = sign * 0.3 * sagitta / part
+        message = (
+            r"not more than the distance of straight facets .*, up to 0\.\d+: .* gap=0\.0 .*"
+            r"geometry\.from_gmsh\(model, order=2\)"
+        )
+        with pytest.raises(SceneError, match=message):
+            shrunk(1, n, depth, Contact())
+        if sign < 0.0:  # curved cells tell it
+            joint = shrunk(2, 2 * n, depth, Contact()).interfaces["fit"]
+            assert np.abs(joint.gap + depth).max() < 0.02 * sagitta / part + 1e-6
+    # a gap that is larger somewhere is one
+    shrunk(1, n, -3.0 * sagitta, Contact())
+
+
 def test_interference_below_the_sag_is_refused() -> None:
     """Straight cells, h^2 / 8 R beside the arc, cannot tell a smaller interference; curved ones can."""
     depth = 1e-3
@@ -131,7 +157,7 @@ def test_interference_below_the_sag_is_refused() -> None:
     exact = depth / (u(1.5, 2.0, 1.0, 0.0) - u(1.0, 1.5, 0.0, 1.0))
     errors = []
     for n in (3, 6):
-        with pytest.raises(SceneError, match=r"inside each other by up to 0\.00.* beside the round faces"):
+        with pytest.raises(SceneError, match=r"up to 0\.00.* beside the round faces.*from_gmsh\(model"):
             shrunk(1, n, depth, Contact(interference=True))
         problem = shrunk(2, n, depth, Contact(interference=True))
         joint = problem.interfaces["fit"]

@@ -280,3 +280,52 @@ def test_cross_point_of_four_parts(cell, degree):
         i = problem.interfaces[name]
         force = np.einsum("pij,pi->pj", i.frames, result.force(name))
         assert np.abs(force - i.sides[0].normal @ stress).max() < 1e-7 * np.abs(stress).max()
+
+
+@pytest.mark.parametrize("overlap", ["full", "partial"])
+@pytest.mark.parametrize("cell", CELLS)
+def test_faces_that_meet_in_an_edge_or_a_corner_are_refused(cell, overlap):
+    """Faces of one plane that continue each other, and faces around a corner, have no area in common."""
+    d = DIMENSION[cell]
+    beside, ends = np.zeros(d), np.ones(d)
+    beside[:2], ends[:2] = 1.0, 2.0  # on the diagonal: a line, or a point in 2D
+    parts = block(cell, [2] * d), block(cell, [3] * d, beside, ends)
+    V = tuple(space(part, 1) for part in parts)
+    for faces in (("x1", "x0"), ("x1", "y0"), ("y1", "x0")):
+        labels = (("a", faces[0]), ("b", faces[1]))
+        with pytest.raises(SceneError, match="'joint': the facets do not face each other: no facet of a:"):
+            make_interface("joint", Contact(), parts, labels, V, overlap=overlap)
+
+
+def test_round_parts_that_touch_in_a_line_or_a_point():
+    """A cylinder and a ball on a plane: contact there and gaps beside it, found from the distance."""
+    for cell in ("triangle", "hexahedron"):
+        d = DIMENSION[cell]
+        scene = Scene()
+
+        def arch(x):
+            out = x.copy()
+            rise = 1.0 - np.sqrt(1.0 - 0.25 * (x[:, : d - 1] ** 2).sum(axis=1))
+            out[:, -1] = x[:, -1] + (2.0 - x[:, -1]) * rise
+            return out
+
+        low, high = -0.5 * np.ones(d), 0.5 * np.ones(d)
+        low[-1], high[-1] = 1.0, 2.0
+        round_part = block(cell, [10] * (d - 1) + [2], low, high, arch, 2)
+        low[-1], high[-1] = 0.0, 1.0
+        ground = block(cell, [6] * (d - 1) + [2], low, high)
+        scene.substructure("ball", round_part, LinearElastic(1.0, 0.3), degree=2)
+        scene.substructure("ground", ground, LinearElastic(1.0, 0.3), degree=2)
+        axis = "xyz"[d - 1]
+        scene.interface("contact", f"ball:{axis}0", f"ground:{axis}1", Contact(), overlap="partial")
+        scene.fix(f"ground:{axis}0")
+        scene.symmetry([f"ball:{a}0" for a in "xyz"[: d - 1]])
+        scene.fix(f"ball:{axis}1", value=-0.002, components=d - 1)
+        problem = assemble(scene)
+        i = problem.interfaces["contact"]
+        result = solve(problem, options=TIGHT.with_(rtol=1e-7, max_iterations=1000))
+        assert result.converged
+        pressure = -result.force("contact")[:, 0]
+        r = np.linalg.norm(i.points[:, : d - 1], axis=1)
+        assert np.all(pressure >= -1e-9) and r[pressure > 1e-6].max() < 0.3
+        assert r[np.argmax(pressure)] < 0.1

@@ -75,11 +75,13 @@ def convergence(quick: bool) -> list[dict[str, Any]]:
 def uneven(quick: bool) -> list[dict[str, Any]]:
     """Contact pressure p(theta) of two rings that slide on each other."""
     rows = []
-    for space in ("facets", "mortar"):
+    cases = [("facets", "triangle"), ("mortar", "triangle"), ("mortar", "quadrilateral")]
+    for space, cell in cases:
         for n in (4, 8) if quick else (4, 8, 16, 32):
-            in_l2, largest, unknowns, result = nonmatching.uneven_rings(space, n)
+            in_l2, largest, unknowns, result = nonmatching.uneven_rings(space, n, cell)
             rows.append(
                 {
+                    "cell": cell,
                     "space": space,
                     "unknowns": unknowns,
                     "l2": in_l2,
@@ -182,6 +184,7 @@ def report(record: dict[str, Any], markdown: bool) -> None:
     _show("Patch test: largest errors", header, rows, markdown)
     rows = [
         [
+            r["cell"],
             r["space"],
             r["unknowns"],
             f"{r['l2']:.1e}",
@@ -190,7 +193,7 @@ def report(record: dict[str, Any], markdown: bool) -> None:
         ]
         for r in record["uneven"]
     ]
-    header = ["space", "unknowns", "in L2", "largest", "iterations"]
+    header = ["cell", "space", "unknowns", "in L2", "largest", "iterations"]
     _show("Pressure of rings that slide: errors relative to its mean", header, rows, markdown)
     rows = [
         [r["degree"], r["space"], *(f"{e:.1e}" for e in r["energy"]), f"{r['rate']:.1f}"]

@@ -6,12 +6,14 @@ import functools
 import math
 import types
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dolfinx_frontend import SceneError
+from dolfinx_frontend.common import codes
 from dolfinx_frontend.common.codes import code_digest
 
 NAMES = """
@@ -145,3 +147,32 @@ def test_what_cannot_be_told_apart_is_refused() -> None:
     lock = __import__("threading").Lock()
     with pytest.raises(SceneError, match=r"output 'q', its variable 'lock': a lock cannot be told apart"):
         code_digest(lambda x: (lock, x), "output 'q'")
+
+
+def test_attributes_of_a_function_tell_it_apart() -> None:
+    def scaled(x: float) -> float:
+        return x * scaled.factor  # type: ignore[attr-defined, no-any-return]
+
+    scaled.factor = 2.0  # type: ignore[attr-defined]
+    before = code_digest(scaled, "f")
+    assert code_digest(scaled, "f") == before
+    scaled.factor = 3.0  # type: ignore[attr-defined]
+    assert code_digest(scaled, "f") != before
+
+
+def test_a_module_that_a_function_imports_itself_counts_by_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def late() -> float:
+        import late_settings  # type: ignore[import-not-found]
+
+        return late_settings.factor  # type: ignore[no-any-return]
+
+    def digest_of(text: str) -> str:
+        (tmp_path / "late_settings.py").write_text(text)
+        codes._file_digest.cache_clear()
+        return codes.code_digest(late, "f")
+
+    assert digest_of("factor = 2.0\n") == digest_of("factor = 2.0\n") != digest_of("factor = 3.0\n")

@@ -35,7 +35,9 @@ Sizes sizes(double strain) {
   sizes.strain(0, 0) = strain;
   return sizes;
 }
-Whole whole(double strain) { return {sizes(strain), {{}, Vector::Ones(1), {0}, Vector::Zero(1)}}; }
+Whole whole(double strain) {
+  return {sizes(strain), {{}, Vector::Ones(1), Vector::Zero(1), {0}, Vector::Zero(1)}};
+}
 
 /// Sizes are |s|^2 of the data alone.
 Gauge gauge() {
@@ -165,7 +167,8 @@ TEST(ErrorEstimate, TheDistanceOfTheStagesRaisesTheLargestErrorOnly) {
                   {}};
   const ErrorEstimate estimate(two, 2, 1, 1);
   Measured measured;
-  measured.whole = {Sizes::zero(1, 2), {{}, Vector::Ones(2), {0, 0}, Vector::Zero(1)}};
+  measured.whole = {Sizes::zero(1, 2),
+                    {{}, Vector::Ones(2), Vector::Zero(2), {0, 0}, Vector::Zero(1)}};
   measured.whole.sizes.strain.setConstant(4.0);
   const State step{(Matrix(2, 1) << 0.1, 0.3).finished(), Matrix::Zero(2, 1)};
   EXPECT_TRUE(estimate.by_step(step, 0.0, measured).isApprox(Matrix{{0.05, 0.15}}, 1e-14));

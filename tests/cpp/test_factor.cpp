@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/Dense>
 #include <Eigen/Sparse>
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <thread>
 #include <vector>
@@ -16,7 +18,7 @@ using latin::Matrix;
 using latin::algebra::FactorBackend;
 
 /// Lower triangle of a stiffness-like matrix: n^3 nodes of three coupled components, 27 neighbours each.
-latin::SparseColumns block_grid(int n) {
+latin::SparseRows block_grid(int n) {
   std::vector<Eigen::Triplet<double>> entries;
   const auto node = [n](int x, int y, int z) { return (z * n + y) * n + x; };
   for (int at = 0; at < n * n * n; ++at) {
@@ -40,14 +42,14 @@ latin::SparseColumns block_grid(int n) {
       }
     }
   }
-  latin::SparseColumns matrix(3 * n * n * n, 3 * n * n * n);
+  latin::SparseRows matrix(3 * n * n * n, 3 * n * n * n);
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
 }
 
 /// Stiffness of a bar of n nodes that nothing holds.
-latin::SparseColumns floating_bar(Index n, double stiffness) {
-  latin::SparseColumns lower(n, n);
+latin::SparseRows floating_bar(Index n, double stiffness) {
+  latin::SparseRows lower(n, n);
   for (Index i = 0; i < n; ++i) {
     lower.coeffRef(i, i) = (i == 0 || i + 1 == n ? 1.0 : 2.0) * stiffness;
     if (i + 1 < n) {
@@ -70,7 +72,7 @@ std::vector<FactorBackend> backends() {
 // the larger grid is ordered by nested dissection, the smaller one by minimum degree
 TEST(Factor, SolvesAndCondensesInEitherOrder) {
   for (const int n : {4, 17}) {
-    const latin::SparseColumns matrix = block_grid(n);
+    const latin::SparseRows matrix = block_grid(n);
     const latin::Index trailing = 3 * n;
     const auto factor = latin::algebra::factorise(matrix, trailing,
                                                   latin::algebra::FactorBackend::automatic, "grid");
@@ -111,7 +113,7 @@ TEST(Factor, RefusesAMotionThatNothingHolds) {
 }
 
 TEST(Factor, TakesWhatIsHeldSoftly) {
-  latin::SparseColumns bar = floating_bar(40, 1.0);
+  latin::SparseRows bar = floating_bar(40, 1.0);
   bar.coeffRef(0, 0) += 1e-9;
   Matrix force = Matrix::Zero(40, 1);
   force(39, 0) = 1.0;
@@ -122,7 +124,7 @@ TEST(Factor, TakesWhatIsHeldSoftly) {
 }
 
 TEST(Factor, SeveralThreadsMaySolve) {
-  const latin::SparseColumns matrix = block_grid(5);
+  const latin::SparseRows matrix = block_grid(5);
   for (const FactorBackend backend : backends()) {
     const auto factor = latin::algebra::factorise(matrix, 0, backend, "grid");
     const Matrix x = Matrix::Random(matrix.rows(), 3);
@@ -140,5 +142,55 @@ TEST(Factor, SeveralThreadsMaySolve) {
       thread.join();
     }
     EXPECT_LT(*std::max_element(worst.begin(), worst.end()), 1e-12 * x.norm());
+  }
+}
+
+// two bars that hang on each other by springs that are far softer, or stiffer, than they are: against sums of long double
+TEST(Factor, IsAsExactAsItsConditionLets) {
+  using Longer = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+  constexpr Index n = 30;
+  for (const double spring : {1e-6, 1e-3, 1.0, 1e4, 1e8}) {
+    for (const double ratio : {1.0, 1e8}) {
+      Matrix dense = Matrix::Zero(2 * n, 2 * n);
+      const Matrix bar = Matrix(floating_bar(n, 1.0));
+      const auto add = [&dense](Index i, Index j, double k) {
+        dense(i, i) += k;
+        dense(j, j) += k;
+        dense(std::max(i, j), std::min(i, j)) -= k;
+      };
+      dense.topLeftCorner(n, n) = bar;
+      dense.bottomRightCorner(n, n) = ratio * bar;
+      add(0, n, spring);
+      add(n - 1, n + 3, 0.3 * spring);
+      dense(0, 0) += 1.0;
+      const latin::SparseRows lower = dense.sparseView();
+      const Longer whole = Matrix(dense.selfadjointView<Eigen::Lower>()).cast<long double>();
+      const Matrix b = Matrix::Random(2 * n, 3);
+      const Longer exact = Eigen::LLT<Longer>(whole).solve(b.cast<long double>());
+      for (const FactorBackend backend : backends()) {
+        const auto factor = latin::algebra::factorise(lower, 5, backend, "bars");
+        const Matrix x = factor->solve(b);
+        const Longer left = whole * x.cast<long double>() - b.cast<long double>();
+        const Longer sums = whole.cwiseAbs() * x.cast<long double>().cwiseAbs();
+        // of a Cholesky factor with few numbers in a row: each is a sum of rounded products
+        EXPECT_LT(static_cast<double>(left.cwiseAbs().cwiseQuotient(sums).maxCoeff()), 1e-15 * n)
+            << spring << " " << ratio << " " << factor->backend();
+        // errors in energy are those of the forces, times the root of the condition of the scaled matrix
+        const Longer wrong = x.cast<long double>() - exact;
+        const auto energy = [&whole](const Longer& u) {
+          return static_cast<double>((u.transpose() * whole * u).trace());
+        };
+        EXPECT_LT(std::sqrt(energy(wrong) / energy(exact)), 1e-15 * n / factor->least_pivot());
+        if (factor->condenses()) {
+          const Matrix l = factor->trailing_factor().triangularView<Eigen::Lower>();
+          const Longer inverse = Eigen::LLT<Longer>(whole)
+                                     .solve(Longer::Identity(2 * n, 2 * n))
+                                     .bottomRightCorner(5, 5);
+          const Longer unit = (l * l.transpose()).cast<long double>() * inverse;
+          EXPECT_TRUE(unit.isIdentity(1e-15L * n / static_cast<long double>(factor->least_pivot())))
+              << spring << " " << ratio;
+        }
+      }
+    }
   }
 }

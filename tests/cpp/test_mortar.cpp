@@ -5,6 +5,7 @@
 #include <random>
 
 #include "latin/common/error.hpp"
+#include "latin/mortar/blocks.hpp"
 #include "latin/mortar/box_tree.hpp"
 #include "latin/mortar/face.hpp"
 #include "latin/mortar/overlap.hpp"
@@ -296,6 +297,49 @@ TEST(Mortar, CurvedIntervalsConverge) {
     }
     before = largest;
   }
+}
+
+TEST(Mortar, TheNumberOfThreadsDoesNotMatter) {
+  const Face lower = sheet(7, 0.0, true);
+  const Face upper = sheet(5, 0.0, false);
+  const Nearness reach = near(lower, upper, 0.2);
+  const Overlap one = integrate(lower, upper, on_triangles(), on_middles(), reach, 1);
+  for (const int threads : {2, 3, 200}) {
+    const Overlap o = integrate(lower, upper, on_triangles(), on_middles(), reach, threads);
+    EXPECT_EQ(o.first, one.first);
+    EXPECT_EQ(o.second, one.second);
+    EXPECT_EQ(o.mass, one.mass);
+    EXPECT_EQ(o.other, one.other);
+    EXPECT_EQ(o.covered, one.covered);
+  }
+}
+
+TEST(Mortar, NormalsOfPlaneFacesAreLeftOut) {
+  const Face lower = sheet(2, 0.0, true);
+  const Face upper = sheet(3, 0.0, false);
+  const Overlap o = integrate(lower, upper, on_triangles(), on_middles(), near(lower, upper, 0.2));
+  EXPECT_TRUE(o.own_normal.empty());
+  EXPECT_TRUE(o.other_normal.empty());
+}
+
+TEST(Mortar, SumOfBlocks) {
+  // two blocks (2, 3) that overlap in the entry (1, 2), and one entry that cancels but for rounding
+  const std::vector<double> values = {1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, -4.0, 0.5, 0.25};
+  const std::vector<Index> rows = {0, 1, 1, 3};
+  const std::vector<Index> columns = {0, 1, 2, 2, 4, 0};
+  const CompressedRows sum = sum_of({2, 3, values, rows, columns}, 4, 5);
+  EXPECT_EQ(sum.starts, (std::vector<Index>{0, 3, 7, 7, 10}));
+  EXPECT_EQ(sum.columns, (std::vector<Index>{0, 1, 2, 0, 1, 2, 4, 0, 2, 4}));
+  EXPECT_EQ(sum.values,
+            (std::vector<double>{1.0, 2.0, 3.0, 13.0, 5.0, 13.0, 8.0, 0.25, -4.0, 0.5}));
+
+  const std::vector<double> cancel = {1.0, 3.0, -1.0 + 1e-16, 2.0};
+  const std::vector<Index> one_row = {0, 0};
+  const std::vector<Index> twice = {0, 1, 0, 1};
+  const CompressedRows rest = sum_of({1, 2, cancel, one_row, twice}, 1, 2);
+  EXPECT_EQ(rest.columns, (std::vector<Index>{1}));
+  EXPECT_THROW(static_cast<void>(sum_of({2, 3, values, rows, columns}, 3, 5)), InputError);
+  EXPECT_THROW(static_cast<void>(sum_of({2, 3, values, rows, one_row}, 4, 5)), InputError);
 }
 
 TEST(Mortar, WrongInputIsRefused) {

@@ -22,8 +22,8 @@ Sizes strains(const Matrix& strain) {
 }
 
 Yardstick of(const ColumnGroups& groups, Index bodies, double reach = 0.0) {
-  return {groups, Vector::Ones(bodies), std::vector<Index>(static_cast<std::size_t>(bodies), 0),
-          Vector::Constant(1, reach)};
+  return {groups, Vector::Ones(bodies), Vector::Ones(bodies),
+          std::vector<Index>(static_cast<std::size_t>(bodies), 0), Vector::Constant(1, reach)};
 }
 
 void expect(const Matrix& found, const Matrix& expected) {
@@ -90,7 +90,7 @@ TEST(Yardstick, EveryStepIsMeasuredByItselfUnlessItIsQuiet) {
 TEST(Yardstick, WhatDoublePrecisionLeavesOfALargeStepIsNoErrorOfAQuietOne) {
   const Sizes whole = strains((Matrix(2, 1) << 0.0, 1.0).finished());
   const Yardstick yardstick = of({2, 1}, 1);
-  expect(yardstick.relative(strains((Matrix(2, 1) << 0.9e-28, 0.0).finished()), whole),
+  expect(yardstick.relative(strains((Matrix(2, 1) << 4.0e-30, 0.0).finished()), whole),
          Matrix::Zero(2, 1));
   expect(yardstick.relative(strains((Matrix(2, 1) << 4e-28, 0.0).finished()), whole),
          (Matrix(2, 1) << 2e-5, 0.0).finished());
@@ -116,7 +116,8 @@ TEST(Yardstick, AFluctuationIsMeasuredApartFromItsMean) {
 
 TEST(Yardstick, ABodyThatDoesNotMoveIsMeasuredWithThoseThatDo) {
   const Sizes whole = sizes(Matrix{{1.0, 0.0}}, Matrix{{4.0, 0.0}});
-  Yardstick yardstick{{}, (Vector(2) << 1.0, 0.25).finished(), {0, 0}, Vector::Zero(1)};
+  Yardstick yardstick{
+      {}, (Vector(2) << 1.0, 0.25).finished(), Vector::Ones(2), {0, 0}, Vector::Zero(1)};
   // mean squares of displacement: 4 and 0
   EXPECT_DOUBLE_EQ(yardstick.share_of_reach(whole)(0), 4.0);
   yardstick.reach(0) = 4.0;
@@ -137,15 +138,25 @@ TEST(Yardstick, ABodyThatIsHeldAllAroundHasNoSizeOfItsOwn) {
 TEST(Yardstick, RoundingDoesNotPassBetweenIslands) {
   const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
   const Sizes error = sizes(Matrix{{0.0, 1e-34}}, Matrix{{0.0, 1e-34}});
-  Yardstick yardstick{{}, Vector::Ones(2), {0, 1}, Vector::Zero(2)};
+  Yardstick yardstick{{}, Vector::Ones(2), Vector::Ones(2), {0, 1}, Vector::Zero(2)};
   yardstick.reach = yardstick.share_of_reach(whole);
   expect(yardstick.relative(error, whole), Matrix{{0.0, 1e-2}});
+}
+
+TEST(Yardstick, AScatterIsStrainWhateverTheMeanDoes) {
+  // a scatter of 1e-5 in a body whose mean is all but a rigid motion between large forces
+  Sizes whole =
+      sizes((Matrix(2, 1) << 1e-10, 1e-20).finished(), (Matrix(2, 1) << 1.0, 1e-20).finished());
+  whole.work = (Matrix(2, 1) << 1.0, 1e-20).finished();
+  whole.pressed = (Matrix(2, 1) << 1.0, 1e-20).finished();
+  const Sizes error = sizes((Matrix(2, 1) << 0.0, 1e-22).finished(), Matrix::Zero(2, 1));
+  expect(of({1, 5}, 1, 1.0).relative(error, whole), (Matrix(2, 1) << 0.0, 0.1).finished());
 }
 
 TEST(Yardstick, RoundingOfOtherBodiesDoesNotStrainABody) {
   // a body that is hardly touched, beside one that moves by 1
   const Sizes whole = sizes(Matrix{{1.0, 1e-30}}, Matrix{{1.0, 1e-30}});
-  const Sizes error = sizes(Matrix{{0.0, 0.9e-28}}, Matrix{{0.0, 0.9e-28}});
+  const Sizes error = sizes(Matrix{{0.0, 4.0e-30}}, Matrix{{0.0, 4.0e-30}});
   expect(of({}, 2, 1.0).relative(error, whole), Matrix{{0.0, 0.0}});
 }
 

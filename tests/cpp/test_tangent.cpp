@@ -52,6 +52,19 @@ TEST_P(TangentOfChains, AFewStepsSolveThemToRounding) {
 INSTANTIATE_TEST_SUITE_P(Sizes, TangentOfChains,
                          testing::Combine(testing::Values(2, 10), testing::Values(1e-2, 1.0, 1e2)));
 
+/// Their tangents are theirs but for 1e-3, and the wall is 1e3 times stiffer: one step finds what they give way.
+TEST(Tangent, StiffSpringsKeepTheirStiffness) {
+  for (const double stiffness : {1e5, 1e6, 1e7}) {
+    const chain::Scene scene{.parts = 4, .stiffness = stiffness};
+    const Laws laws = scene.build();
+    chain::Evaluated at(laws, Matrix::Ones(1, 1));
+    step(at);
+    const double given_way = 3.0 * scene.force / stiffness;
+    EXPECT_NEAR(chain::end_displacement(laws, at.state), scene.exact(), 5e-3 * given_way)
+        << stiffness;
+  }
+}
+
 TEST(Tangent, KnowsWhatItsStepDoesToTheTraces) {
   const Laws laws = chain::Scene{.parts = 4}.build();
   chain::Evaluated at(laws, Matrix::Ones(1, 3), Matrix::Random(7, 3));

@@ -609,6 +609,8 @@ def all_cases() -> Iterator[Case]:
     for nu in (-0.999999, 0.0, 0.49, 0.4999, 0.499999):
         # under uniform stress linear elements do not lock, but the scene does not know
         how = {"expected": ("SceneWarning",), "words": "linear elements lock"} if nu > 0.45 else {}
+        if np.finfo(float).eps / (1.0 + nu) > 1e-10:  # the moduli differ by more than the tolerance bears
+            how = {"expected": ("answer", "inexact"), "note": "rounding may leave more than the tolerance"}
         yield from _twice(row, f"{nu:g}", poisson, nu, **how)
     yield Case(row, "0.5", lambda: poisson(0.5, None), refused, "nu < 0.5")
     row = "bending, nearly incompressible (mesh: 2 x 20)"

@@ -312,7 +312,11 @@ def test_any_gap(gap: float, press: float) -> None:
 @examples(40)
 @given(share=st.floats(0.0, 3.0), stiff=st.booleans())
 def test_any_bolt(share: float, stiff: bool) -> None:
-    result, error, bound = cases.bolted(share, stiff)
+    try:
+        result, error, bound = cases.bolted(share, stiff)
+    except SceneError as refusal:
+        assert "range of numbers" in str(refusal) and 0.0 < share < 1e-125
+        return
     # at share 0 on a rigid joint the answer is right, but its estimate does not know (stagnated)
     assert result.status in ("converged", "inexact", "stagnated")
     assert error <= bound, (result, error, bound)

@@ -351,7 +351,8 @@ def test_facets_of_three_cells(tmp_path: Path) -> None:
 
 def block(height: float, origin: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Scene:
     scene = Scene()
-    part = geometry.box((1.0, 1.0, height), (1, 1, 1), origin=origin)
+    part = geometry.box((1.0, 1.0, height), (1, 1, 1))
+    part.mesh.geometry.x[:] += origin  # what box() would refuse
     scene.substructure("film", part, LinearElastic(1.0, 0.3), degree=1)
     scene.fix("film:z0")
     return scene

@@ -255,6 +255,24 @@ def test_from_gmsh(recombine: bool, cell: str, order: int) -> None:
     assert np.allclose(*heights, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_from_gmsh_curves_cells_along_the_model(dim: int) -> None:
+    """Straight cells of a disc or a cylinder lack h^2, curved ones h^4 of its area."""
+    areas = []
+    for order in (None, 2, 1):
+        with geometry.gmsh_session("round", {"Mesh.MeshSizeMax": 0.5}) as g:
+            occ = g.model.occ
+            tag = occ.addDisk(0, 0, 0, 1, 1) if dim == 2 else occ.addCylinder(0, 0, 0, 0, 0, 1, 1)
+            g.model.occ.synchronize()
+            g.model.addPhysicalGroup(dim, [tag], name="disc")
+            g.model.mesh.generate(dim)
+            part = geometry.from_gmsh(g.model, order=order).parts["disc"]
+        assert part.order == (order or 1)
+        areas.append(part.volume() / np.pi)
+    assert areas[0] == areas[2] < 0.995
+    assert abs(areas[1] - 1.0) < 1e-3
+
+
 def test_gmsh_hexahedra_of_second_order() -> None:
     """Node order of the cells with most nodes, through a volume that depends on all of them."""
     with geometry.gmsh_session() as g:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import dolfinx_frontend as lt
+from tests.verification.scenes import demo
 
 h5py = pytest.importorskip("h5py")
 PROGRAM = shutil.which("latin_run")
@@ -144,6 +145,34 @@ def test_sweep_of_the_command_line(elastic: lt.Problem, tmp_path: Path) -> None:
     same(reference, found, parts=False)
 
 
+def test_displacements_of_a_sweep(elastic: lt.Problem, tmp_path: Path) -> None:
+    grid = {"joint/0.normal": [1.0, 2.0, 4.0], "joint/1.normal": [0.5, 1.5]}
+    elastic.export(tmp_path, grid=grid)
+    assert "--displacements" in str(solved(tmp_path).without_displacements)
+    reference = lt.sweep(elastic, grid, progress=False, keep_states=True)
+    reference.save(tmp_path / "kept.h5")
+    kept, found = lt.load(tmp_path / "kept.h5"), solved(tmp_path, "--displacements")
+    same(reference, found, parts=False)
+    for one, other in zip(kept.blocks(), found.blocks(), strict=True):
+        for part in elastic.substructures:
+            here, there = one.displacement(part, None), other.displacement(part, None)
+            assert here.shape == there.shape and here.shape[0] == 6
+            assert np.abs(here - there).max() <= 1e-13 * np.abs(here).max()
+
+
+def test_displacements_of_a_sweep_in_time(tmp_path: Path) -> None:
+    problem = lt.assemble(blocks(force=lt.Amplitude([0.0, 1.0, 2.0], [0.0, 1.0, 4.0]) * 0.2))
+    grid, times = {"joint/0.normal": [1.0, 2.0, 4.0]}, [0.5, 1.0, 2.0]
+    problem.export(tmp_path, grid=grid, times=times)
+    reference = lt.sweep(problem, grid, times=times, progress=False, keep_states=True)
+    found = solved(tmp_path, "--displacements")
+    (one,), (other,) = list(reference.blocks()), list(found.blocks())
+    for part in problem.substructures:
+        here, there = one.displacement(part, None), other.displacement(part, None)
+        assert here.shape == there.shape
+        assert np.abs(here - there).max() <= 1e-13 * np.abs(here).max()
+
+
 def random_scene(law: Any) -> lt.Problem:
     return lt.assemble(blocks(law))
 
@@ -225,6 +254,89 @@ def test_foreign_files(elastic: lt.Problem, tmp_path: Path) -> None:
     assert "no latin-problem file" in refused(run(tmp_path / "folder"))
     with pytest.raises(lt.ResultFileError):
         lt.load(tmp_path / "folder" / "matrices" / "0000.petsc")
+
+
+DAMAGES: dict[str, Callable[[Path], object]] = {
+    "no folder": shutil.rmtree,
+    "an empty folder": lambda f: [shutil.rmtree(f / "matrices"), (f / "problem.h5").unlink()],
+    "no description": lambda f: (f / "problem.h5").unlink(),
+    "an empty description": lambda f: (f / "problem.h5").write_bytes(b""),
+    "half a description": lambda f: halve(f / "problem.h5"),
+    "a text as description": lambda f: (f / "problem.h5").write_text("a problem"),
+    "a seal without content": lambda f: (f / "problem.h5").write_bytes((f / "problem.h5").read_bytes()[:512]),
+    "content without a seal": lambda f: (f / "problem.h5").write_bytes((f / "problem.h5").read_bytes()[512:]),
+    "a folder as description": lambda f: as_folder(f / "problem.h5"),
+    "the seal of another content": lambda f: (f / "problem.h5").write_bytes(
+        (f / "problem.h5").read_bytes()[:-1] + b"!"
+    ),
+    "a result as description": lambda f: (f / "problem.h5").write_bytes(
+        b"latin-run" + (f / "problem.h5").read_bytes()[9:]
+    ),
+    "a newer version": lambda f: rewrite(f, lambda file: file.attrs.__setitem__("version", 99)),
+    "no matrices": lambda f: shutil.rmtree(f / "matrices"),
+    "a matrix less": lambda f: matrix(f).unlink(),
+    "half a matrix": lambda f: halve(matrix(f)),
+    "an empty matrix": lambda f: matrix(f).write_bytes(b""),
+    "a longer matrix": lambda f: matrix(f).write_bytes(matrix(f).read_bytes() + b"more"),
+    "a text as matrix": lambda f: matrix(f).write_text("a matrix"),
+    "a folder as matrix": lambda f: as_folder(matrix(f)),
+    "another number in a matrix": lambda f: matrix(f).write_bytes(matrix(f).read_bytes()[:-8] + bytes(8)),
+    "matrices that are exchanged": lambda f: swap(*sorted((f / "matrices").iterdir())[:2]),
+    "no bodies": lambda f: rewrite(f, lambda file: file.__delitem__("bodies")),
+    "no options": lambda f: rewrite(f, lambda file: file.__delitem__("options")),
+    "a matrix outside": lambda f: rewrite(f, outside),
+}
+
+
+def matrix(folder: Path) -> Path:
+    return min((folder / "matrices").iterdir())
+
+
+def as_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def halve(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def swap(one: Path, other: Path) -> None:
+    kept = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(kept)
+
+
+def rewrite(folder: Path, change: Callable[[Any], object]) -> None:
+    with h5py.File(folder / "problem.h5", "r+") as file:
+        change(file)
+    seal(folder / "problem.h5")
+
+
+def outside(file: Any) -> None:
+    files = file["matrices/files"][()]
+    files[0] = "../../secret"
+    file["matrices/files"][...] = files
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_each_damage_is_one_error(
+    elastic: lt.Problem, tmp_path: Path, damage: Callable[[Path], object]
+) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    damage(folder)
+    done = run(folder)
+    assert "folder" in refused(done) and done.stderr.count("\n") == 1
+    assert not (folder / "result.h5").exists()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("damage", ["half a matrix", "half a description", "no options"])
+def test_all_ranks_say_one_error(elastic: lt.Problem, tmp_path: Path, damage: str) -> None:
+    folder = elastic.export(tmp_path / "folder", "accelerated")
+    DAMAGES[damage](folder)
+    done = run(folder, ranks=2)
+    assert done.returncode and done.stderr.count("latin_run:") == 1
 
 
 def flip(path: Path, dice: random.Random) -> None:
@@ -343,3 +455,54 @@ def test_contradictory_folders(elastic: lt.Problem, tmp_path: Path, kind: str) -
         if done.returncode == 1:
             assert "latin_run: " in done.stderr and done.stderr.count("\n") == 1, (what, done.stderr)
         shutil.rmtree(folder)
+
+
+# --- the vessel, on one rank and on two --------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def vessel() -> Any:
+    return demo("bolted_vessel")
+
+
+RANKS = [1, pytest.param(2, marks=pytest.mark.mpi)]
+TIGHT = lt.Options(rtol=1e-11)
+TOLERANCE = 1e-9
+"""Between ranks: what runs of 1e-11, whose steps differ, leave of forces that are a tenth of the largest."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", RANKS)
+def test_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
+    problem = lt.assemble(vessel.build_scene("coarse")[1])
+    problem.export(tmp_path, "accelerated", options=TIGHT)
+    reference = lt.solve(problem, "accelerated", options=TIGHT)
+    same(reference, solved(tmp_path, ranks=ranks), TOLERANCE if ranks > 1 else 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", RANKS)
+def test_sweep_of_the_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
+    problem = lt.assemble(vessel.build_scene("coarse")[1])
+    grid = vessel.stiffnesses(vessel.XI_SCREW, vessel.XI_JOINT)
+    problem.export(tmp_path, grid=grid, options=TIGHT)
+    reference = lt.sweep(problem, grid, options=TIGHT, progress=False, keep_states=True)
+    found = solved(tmp_path, "--displacements", ranks=ranks)
+    assert reference.shape == found.shape == (13, 7)
+    same(reference, found, TOLERANCE if ranks > 1 else 0.0, parts=False)
+    last = reference.point(12, 6)
+    for part in problem.substructures:
+        here, there = last.unknowns(part), found.unknowns(part)
+        assert np.abs(here - there).max() <= TOLERANCE * np.abs(here).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", RANKS)
+def test_chaos_of_the_vessel(vessel: Any, tmp_path: Path, ranks: int) -> None:
+    problem = lt.assemble(vessel.random_scene(vessel.build_scene("coarse")[0]))
+    problem.export(tmp_path, chaos=3, options=TIGHT)
+    reference, found = lt.solve(problem, chaos=3, options=TIGHT), solved(tmp_path, ranks=ranks)
+    same(reference, found, TOLERANCE if ranks > 1 else 0.0)
+    for part in problem.substructures:
+        here, there = reference.deviation(part), found.deviation(part)
+        assert np.abs(here - there).max() <= TOLERANCE * np.abs(here).max()

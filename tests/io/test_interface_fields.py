@@ -376,6 +376,38 @@ def test_every_facet_has_its_own_colour(d: int, space: str, tmp_path: Path, monk
     assert seen[0].colours[drawn] == pytest.approx(wanted[owner])
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_mortar_fields_are_drawn_without_steps(d: int, tmp_path: Path, monkeypatch: Any) -> None:
+    """A pressure that grows with x is coloured point by point, by x, and states have three colours."""
+    scene = blocks(Contact(gap=0.0, stiffness=lambda x: 10.0 + x[:, 0]), "mortar", nu=0.0, d=d)
+    scene.fix(f"top:{'zy'[3 - d]}1", -1.0, components=d - 1, name="press")
+    result = solve(assemble(scene))
+    numbers, found = facets.corner_fields(result, "joint")
+    i = result.problem.interfaces["joint"]
+    assert found["pressure"].shape == (len(numbers), 2 if d == 2 else found["pressure"].shape[1])
+    nodal = i.vertices.nodal @ -result.force("joint")[:, 0]
+    assert found["pressure"] == pytest.approx(nodal[i.vertices.corners])
+    seen: list[Any] = []
+    monkeypatch.setattr(interface_figures, "draw_solid", lambda *given: seen.append(given[2]))
+    monkeypatch.setattr(interface_figures, "save", lambda figure, path: seen.append(figure))
+    figures.interface_figure(result, "joint", tmp_path / "a.png", scale=0.0)
+    if d == 2:
+        lines = seen[0].axes[0].collections[-1]
+        x, colours = np.mean(lines.get_segments(), axis=1)[:, 0], lines.get_colors()[:, :3]
+        assert len(x) == 4 * len(numbers)
+    else:
+        drawn = np.flatnonzero(np.ptp(seen[0].colours, axis=1) > 0.1)  # the others are grey
+        x, colours = seen[0].points[drawn, 0], seen[0].colours[drawn]
+    order = np.argsort(x)
+    green = colours[order, 1]  # rises all along viridis
+    assert np.corrcoef(x[order], green)[0, 1] > 0.97
+    assert len(np.unique(np.round(green, 6))) > len(np.unique(np.round(i.points[:, 0], 6)))
+    seen.clear()
+    figures.interface_figure(result, "joint", tmp_path / "b.png", quantity="state", scale=0.0)
+    figure = seen[-1]
+    assert [t.get_text() for t in figure.axes[-1].get_yticklabels()] == ["open", "closed", "slips"]
+
+
 @pytest.mark.parametrize("renderer", ["vtk", "matplotlib"])
 def test_picture_of_the_pressure(history: Any, renderer: str, tmp_path: Path) -> None:
     """The colours of the lowest and of the highest facet, and no others at these places, are in it."""

@@ -1,6 +1,6 @@
 """Program of test_mpi.py: calls and arguments that differ between two ranks, and ranks without parts.
 
-``mpirun -n N python mpi_agree.py differ|idle|check``; prints a line a rank.
+``mpirun -n N python mpi_agree.py differ|refused|idle|check``; prints a line a rank.
 """
 
 from __future__ import annotations
@@ -25,10 +25,16 @@ from dolfinx_frontend import (
     SceneError,
     UserLaw,
     assemble,
+    discretisation_error,
     geometry,
+    io,
+    make_plan,
     monte_carlo,
+    sample,
     solve,
+    sparse_quadrature,
     sweep,
+    tensor_quadrature,
 )
 
 
@@ -78,7 +84,7 @@ def differ() -> None:
     raises(lambda: result.table(f"j{1 + RANK}"), "readings: interfaces differs")
     raises(lambda: result.table(samples=4 + RANK), "readings: samples differs")
     raises(lambda: result.bolts() if RANK else result.table(), "rank 0 calls table, rank 1 calls bolts")
-    raises(lambda: result.truncation("j1", points=RANK - 1), "truncation: points differs")
+    raises(lambda: result.truncation("j1", points=RANK + 1), "truncation: points differs")
     raises(lambda: result.gathered(f"j{1 + RANK}"), "asks for interface 'j1'", "for interface 'j2'")
     raises(lambda: result.errors() if RANK else solve(problem), "rank 0 calls solve, rank 1 calls errors")
     raises(lambda: result.truncation("bed1"), "interface 'bed1' was eliminated")
@@ -95,6 +101,87 @@ def differ() -> None:
     assert chain(stiff, comm=own).comm == mine.comm, "one duplicate of a communicator"
     own.Free()
     assert mine.comm == MPI.COMM_NULL, "freed with the user's"
+
+
+def refused() -> None:
+    """What one rank alone is refused, all are, whatever they were about to do; the next call works."""
+    problem = chain(Elastic(normal=LogNormal("k", 100.0, cov=0.2), tangential=50.0), count=4)
+    result, run = solve(problem, chaos=2), solve(problem)
+    bad, grid = RANK == 1, {"j1.tangential": [10.0, 20.0]}
+
+    def one(value: Any, good: Any = None) -> Any:
+        return value if bad else good
+
+    raises(lambda: sweep(problem, grid, outputs=one(5)), "outputs = 5")
+    raises(lambda: sweep(problem, one(7, grid)), "grid = 7")
+    raises(lambda: sweep(problem, grid, callback=one(3)), "callback = 3")
+    raises(lambda: sweep(problem, grid, checkpoint=one("c.sqlite")), "checkpoint works on one rank only")
+    outputs = {"q": lambda f: [1 / (1 - RANK)]}
+    raises(lambda: sweep(problem, grid, outputs=outputs), "'q'", "ZeroDivisionError")
+    raises(lambda: solve(problem, meshes=one(5, True)), "meshes = 5")
+    raises(lambda: solve(problem, progress=one(5, True)), "progress = 5")
+    raises(lambda: solve(problem, start=one(5)), "start = 5")
+    raises(lambda: solve(problem, plan=one(5)), "plan = 5")
+    raises(lambda: monte_carlo(problem, one(-4, 4)), "-4")
+    raises(lambda: monte_carlo(problem, 4, keep_states=one(5, False)), "keep_states = 5")
+    raises(lambda: sample(problem, one([[1.0, 2.0, 3.0]], [[0.5]])), "points of shape (1, 3)")
+    raises(lambda: tensor_quadrature(problem, one(0, 2)), "points = 0")
+    raises(lambda: sparse_quadrature(problem, one("x", 1)), "level = 'x'")
+    raises(lambda: result.monte_carlo(one(-4, 4)), "-4")
+    raises(lambda: result.monte_carlo(2, rtol=one(-1.0)), "rtol = -1")
+    raises(lambda: result.truncation("j1", points=one(-1, 2)), "points = -1")
+    raises(lambda: run.errors(one(5)), "5")
+    raises(lambda: run.tightened(one(-1.0, 1e-6)), "rtol = -1")
+    raises(lambda: discretisation_error(run, step=one(9, -1)), "9")
+    raises(lambda: make_plan(problem, one("magic", "auto")), "'magic'")
+    raises(lambda: assemble(row(lambda _: Contact(), [1.0], (0.0, 0.0)), progress=one(5), comm=WORLD), "5")
+    raises(lambda: io.write(run, one(5, "never")), "folder = 5")
+    raises(lambda: io.write(run, f"never{RANK}"), "folder differs", "never1")
+    raises(lambda: io.write(result, "never", modes=one((1,), ())), "modes differs")
+    raises(lambda: io.write_fields(run, "never.vtm", step=one(4, -1)), "4")
+    raises(lambda: io.write_interfaces(run, "never.vtm", interfaces=one("j9")), "interfaces differs", "'j9'")
+    assert solve(problem).converged and run.tightened(1e-7).converged
+
+    # a callback that fails on one rank ends all; the other is told, and the next call works
+    def only_here(iteration: Any) -> None:
+        if bad:
+            raise RuntimeError("only here")
+
+    for call in (solve, lambda p, **k: sweep(p, grid, **k), lambda p, **k: monte_carlo(p, 2, **k)):
+        try:
+            call(problem, callback=only_here)
+        except RuntimeError as error:
+            assert "only here" in str(error) and ("rank 1" in str(error) or bad), error
+        else:
+            raise AssertionError(call)
+        assert solve(problem).converged
+    # a quantity is read where its interface is; elsewhere it is refused, and nobody waits
+    told = ""
+    try:
+        run.quantity(lambda fields: fields.force("j3").max(axis=(1, 2)))
+    except SceneError as error:
+        told = str(error)
+    assert ("is on rank 1" in told) == (not bad), told
+    loose = Options(rtol=one(1e-4, 1e-5))
+    raises(lambda: solve(problem, options=loose), "options differs", "rtol = 0.0001 on rank 1")
+
+    elsewhere = next(n for n in problem.parts if n not in problem.substructures)
+    for read in (run.displacement, run.stress, run.std):
+        try:
+            read(elsewhere)
+        except SceneError as error:
+            assert f"is on rank {1 - RANK}, this is rank {RANK}" in str(error), error
+        else:
+            raise AssertionError(elsewhere)
+
+    own = WORLD.Dup()
+    mine = chain(Contact(), comm=own)
+    own.Free()
+    raises(lambda: chain(Contact(), comm=own), "comm")
+    try:
+        solve(mine)
+    except SceneError as error:
+        assert "has been freed" in str(error), error
 
 
 def idle() -> None:
@@ -156,5 +243,5 @@ def checked() -> None:
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     faulthandler.dump_traceback_later(100, exit=True)
-    {"differ": differ, "idle": idle, "check": checked}[sys.argv[1]]()
+    {"differ": differ, "refused": refused, "idle": idle, "check": checked}[sys.argv[1]]()
     print(f"agreed on rank {RANK}", flush=True)

@@ -595,6 +595,8 @@ def test_interfaces() -> None:
         (lambda: build(side(0, 0, trace=petsc(np.ones((2, NODES))))), "wall"),
         (lambda: build(side(0, 0), frames=[[np.nan]]), "frames: finite"),
         (lambda: build(side(0, 0), frames=np.ones((1, 0))), "wall"),
+        (lambda: build(side(0, 0), frames=[[0.0]]), "no unit vectors"),
+        (lambda: build(side(0, 0), frames=[[2.0]]), "no unit vectors"),
         (lambda: build(side(0, 0), weights=[]), "weights"),
         (lambda: build(side(0, 0), weights=[1.0, 1.0]), "1 frame rows for 2 points"),
         (lambda: build(side(0, 0), basis=np.ones((3, 1))), "a coarse basis of 3 rows"),

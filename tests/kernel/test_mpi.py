@@ -94,6 +94,12 @@ def test_calls_and_arguments_that_differ_between_ranks_are_raised_on_all() -> No
     assert run.stdout.count("agreed on rank") == 2
 
 
+def test_what_one_rank_is_refused_is_raised_on_all() -> None:
+    run = launch(2, "mpi_agree.py", "refused")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("agreed on rank") == 2
+
+
 def test_ranks_without_parts_are_quiet() -> None:
     run = launch(3, "mpi_agree.py", "idle")
     assert run.returncode == 0, run.stderr
@@ -105,3 +111,9 @@ def test_estimates_are_checked_over_ranks() -> None:
     run = launch(2, "mpi_agree.py", "check")
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("agreed on rank") == 2
+
+
+def test_parts_that_meet_on_several_ranks_have_the_traces_of_one() -> None:
+    run = launch(2, "mpi_meet.py")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("as on one") == 2

@@ -17,7 +17,9 @@ import dolfinx_frontend
 import latin_core
 from dolfinx_frontend import (
     Amplitude,
+    AtPoint,
     Beta,
+    BoltStiffness,
     Chaos,
     Contact,
     Correlated,
@@ -114,6 +116,7 @@ def randoms() -> list[Any]:
         Correlated([a, Normal("i", mean=1.0, std=0.1)], [[1.0, 0.5], [0.5, 1.0]]),
         RandomField("j", mean=1.0, cov=0.1, length=1.0),
         Chaos(order=2),
+        2 * a + b,
     ]
 
 
@@ -168,6 +171,7 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *randoms(),
         *(scene, part.part, problem, part, interface, interface.sides[0], plan, plan.cost, result, history),
         *(LinearElastic(1.0, 0.3), Direction(), Options(), Direction(given={"layer": MANY[1:]})),
+        *(AtPoint(problem, "left", (0.5, 0.5, 0.5)[: problem.dim]), BoltStiffness(1.0, 2.0, 3.0)),
         *(Resultant("layer"), Cut("left", normal=(1, 0, 0)), step_assembly(tmp_path_factory.mktemp("step"))),
         chaos.errors("layer"),
         OrthotropicElastic(E=(10.0, 2.0, 1.0), nu=(0.3, 0.2, 0.1), G=(1.0, 0.7, 0.5)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,9 @@ from dolfinx_frontend import (
     SceneError,
     Uniform,
     assemble,
+    discretisation_error,
     geometry,
+    io,
     load,
     monte_carlo,
     solve,
@@ -503,6 +506,25 @@ def test_deterministic_files_of_version_1_are_read() -> None:
         found.displacement("right")
 
 
+def test_files_of_version_2_are_read(tmp_path: Path) -> None:
+    """Two bars end to end with a gap of 0.002, pushed by 0.01; made before points had several facets."""
+    found = load(OLD / "contact_2.h5")
+    joint = found.interfaces["joint"]
+    pressure = E * (0.01 - 0.002) / 40.0
+    np.testing.assert_allclose(found.force("joint")[:, 0], -pressure, rtol=1e-6)
+    assert found.converged and joint.carrier == 0
+    assert found.table().value("pressure_mean", "joint") == pytest.approx(pressure, rel=1e-6)
+    # each point has its facet, with all of its area
+    areas = joint.areas.toarray()
+    assert areas.shape == (2, 2) and areas.sum() == pytest.approx(5.0)
+    assert sorted(areas.max(axis=1)) == pytest.approx(sorted(joint.weights))
+    facets, fields = io.facet_fields(found, "joint")
+    assert len(facets) == 2 and fields["pressure"] == pytest.approx(pressure)
+    assert io.write(found, tmp_path / "fields")
+    with h5py.File(OLD / "contact_2.h5") as file:
+        assert file.attrs["version"] == 2
+
+
 def test_random_files_of_version_1_are_read() -> None:
     found = load(OLD / "chaos_1.h5")
     assert found.kind == "chaos" and found.chaos is not None
@@ -515,3 +537,26 @@ def test_random_files_of_version_1_are_read() -> None:
     area = found.interfaces["joint"].weights
     total = found.quantity(lambda f: f.force("joint")[..., 0] @ area)
     assert len(total) == 4 and total.mean().value == pytest.approx(-4.0373, rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-150, 1e160, 1e290])
+def test_forces_whose_squares_are_no_numbers(size: float) -> None:
+    """Tables have no squares to overflow; what has some says so."""
+    scene = Scene()
+    for name, x0 in (("left", 0.0), ("right", 1.0)):
+        part = geometry.box((1.0, 1.0), (2, 2), origin=(x0, 0.0))
+        scene.substructure(name, part, LinearElastic(E=100.0, nu=0.3), degree=2)
+    scene.fix("left:x0", name="wall")
+    scene.interface("joint", "left:x1", "right:x0", Elastic(normal=50.0, tangential=20.0))
+    scene.traction("right:x1", (3.0 * size, 4.0 * size))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = solve(assemble(scene))
+        table = result.table()
+        for name in ("wall", "joint"):
+            assert abs(table.value("shear", name) - 4.0 * size) < 1e-9 * size
+        assert abs(table.value("shear_max", "joint") / size) < 50.0
+        if size > 1.0:
+            with pytest.raises(SceneError, match="the energies of the result leave the range of numbers"):
+                discretisation_error(result)
+            assert result.errors().discretisation is None

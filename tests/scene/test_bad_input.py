@@ -153,7 +153,7 @@ def test_material_constants():
     message(lambda: LinearElastic(1.0, 0.5), "nu = 0.5", "-1 < nu < 0.5")
     message(lambda: LinearElastic(1.0, 0.3, "straining"), "'stress'")
     E = LogNormal("E", 1.0, cov=0.1)
-    message(lambda: LinearElastic(E, 0.3), "LinearElastic: E = LogNormal('E'", "neither random")
+    message(lambda: LinearElastic(1.0, E), "LinearElastic: nu = LogNormal('E'", "only the E of LinearElastic")
     message(lambda: LinearElastic(1.0, Amplitude([0, 1], [0, 0.3]) * 1.0), "nu =", "in time")
     message(lambda: OrthotropicElastic((1, E, 1), (0, 0, 0), (1, 1, 1)), "E = LogNormal('E'")
     message(lambda: Scene().substructure("a", UNIT, STEEL, body_force=E), "'a'", "is random")

@@ -214,7 +214,7 @@ def test_grids(problem: lf.Problem) -> None:
     for returned in ([None], "abc", ["1.0"], [1j], np.array([1j]), np.array(["a"]), [[1.0], None], None):
         refused(
             lambda returned=returned: lf.sweep(problem, grid, outputs={"mine": lambda _: returned}),
-            "sweep: outputs: mine(fields) = ", "return numbers"
+            "sweep: outputs: mine(fields) = ", "return real numbers"
         )
     found = lf.sweep(problem, grid, outputs={"mine": lambda _: np.array([True])}, **QUIET)
     assert np.array_equal(found.output("mine"), np.ones(len(grid["layer.normal"])))

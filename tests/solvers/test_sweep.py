@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import shutil
 import sqlite3
 from contextlib import closing
@@ -23,7 +25,7 @@ from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.results.sweep import SweepResult
 from dolfinx_frontend.solvers.sweep import sweep
 from dolfinx_frontend.solving import solve
-from latin_core import CheckpointError, Options, snake_order
+from latin_core import CheckpointError, InputError, Options, snake_order
 
 pytestmark = pytest.mark.sanitize
 
@@ -92,10 +94,32 @@ def test_points_equal_monolithic_solves(problem, whole):
     assert set(whole.seconds) == {"setup", "first", "rest"}
 
 
-def test_order_is_the_snake(whole):
-    assert whole.points.order == snake_order([4, 3])
-    steps = np.abs(np.diff(np.array(np.unravel_index(whole.points.order, (4, 3))), axis=1)).sum(0)
+def test_order_is_the_snake(problem):
+    one_by_one = sweep(problem, GRID, options=TIGHT.with_(together=1), progress=False)
+    assert one_by_one.points.order == snake_order([4, 3])
+    steps = np.abs(np.diff(np.array(np.unravel_index(one_by_one.points.order, (4, 3))), axis=1)).sum(0)
     assert (steps == 1).all()
+    check(problem, one_by_one)
+
+
+def test_linear_laws_are_solved_from_the_middle(whole):
+    assert sorted(whole.points.order) == list(range(12))
+    assert whole.points.order[0] in (4, 7)  # the two in the middle of the grid
+
+
+@pytest.mark.parametrize("values", [np.geomspace(1e-3, 1e8, 6), [0.0, 1e-3, 1e3, 1e6]])
+def test_linear_laws_from_loose_to_rigid(problem, values):
+    grid = {("layer.normal", "layer.tangential"): values, "bolt.jump": [-0.01, 0.0]}
+    result = sweep(problem, grid, options=Options(rtol=1e-9), progress=False)
+    for i, value in enumerate(values):
+        for j, jump in enumerate(grid["bolt.jump"]):
+            changed = {"layer.normal": value, "layer.tangential": value, "bolt.jump": jump}
+            if not result.converged[i, j]:
+                continue  # a loose part has no answer; what is said to be one is right
+            exact = Monolithic(problem).solve(values=changed)  # which loses digits with the contrast
+            force = result.force("bolt")[i, j]
+            assert np.abs(force - exact.forces["bolt"]).max() < 1e-6 * np.abs(exact.forces["bolt"]).max()
+    assert result.converged[1:].all()
 
 
 def test_later_points_profit_from_earlier_ones(problem):
@@ -390,3 +414,77 @@ def test_outputs_cannot_change_the_sweep(problem):
 
     surface = sweep(problem, {"layer.normal": [10.0, 20.0]}, outputs={"spoil": spoil}, progress=False)
     assert np.abs(surface.force("layer")).min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (lambda: np.ones(1), "cannot be called with one argument .*; give a function of the fields"),
+        (lambda fields, other: np.ones(1), "cannot be called with one argument .*'other'"),
+        (lambda *, fields: np.ones(1), "cannot be called with one argument"),
+        (lambda fields: 1.0, r"returned shape \(\) for 1 sample; return one number or array a sample"),
+        (lambda fields: np.ones(2), r"returned shape \(2,\) for 1 sample"),
+        (lambda fields: None, "= None: return real numbers"),
+        (lambda fields: np.array([1j]), "return real numbers"),
+        (lambda fields: 1 / 0, "the function raised ZeroDivisionError"),
+    ],
+)
+def test_outputs_that_do_not_fit_are_named(problem, function, said):
+    with pytest.raises(SceneError, match=f"(?s)sweep: outputs.*total.*{said}"):
+        sweep(problem, {"layer.normal": [10.0]}, outputs={"total": function}, progress=False)
+
+
+def test_outputs_have_one_shape(problem):
+    lengths = iter((1, 2))
+
+    def growing(fields):
+        return np.ones((1, next(lengths)))
+
+    with pytest.raises(InputError, match=r"outputs: 'total' has shape .2,. at point .*return one shape"):
+        sweep(problem, {"layer.normal": [10.0, 20.0]}, outputs={"total": growing}, progress=False)
+
+
+def test_callbacks_are_called_with_an_iteration(problem):
+    for wrong in (lambda: None, lambda one, other: None):
+        with pytest.raises(SceneError, match="callback = .* with one argument .*of an Iteration"):
+            sweep(problem, {"layer.normal": [10.0]}, callback=wrong, progress=False)
+
+
+def edited(path, number, change):
+    """A point of a checkpoint changed, its checksum made anew."""
+    with closing(sqlite3.connect(path)) as file, file:
+        (blob,) = file.execute("select arrays from point where number = ?", (number,)).fetchone()
+        with np.load(io.BytesIO(blob[32:])) as stored:
+            arrays = dict(stored)
+        change(arrays)
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        body = buffer.getvalue()
+        seal = hashlib.sha256(b"%d:" % number + body).digest()
+        file.execute("update point set arrays = ? where number = ?", (seal + body, number))
+
+
+@pytest.mark.parametrize("name", ["iterations", "status", "worst", "force:layer", "data", "output:total"])
+@pytest.mark.parametrize("how", ["removed", "renamed", "another kind", "another shape"])
+def test_edited_points_are_refused(problem, tmp_path, name, how):
+    """A seal that is right does not tell that all is there."""
+    path = tmp_path / "points"
+    run = {"options": TIGHT, "progress": False, "checkpoint": path}
+    run |= {"outputs": {"total": lambda fields: fields.force("layer").sum(axis=(1, 2))}}
+    grid = {"layer.normal": [10.0, 20.0]}
+    sweep(problem, grid, **run)
+
+    def change(arrays):
+        before = arrays.pop(name)
+        if how == "renamed":
+            arrays[f"{name}_"] = before
+        elif how == "another kind":
+            arrays[name] = np.asarray(3.0 if name == "status" else "x")
+        elif how == "another shape":
+            arrays[name] = np.stack([before, before])
+
+    edited(path, 1, change)
+    left = path.read_bytes()
+    with pytest.raises(CheckpointError, match=f"points was edited: point 1: '{name}' .*move it away"):
+        sweep(problem, grid, **run)
+    assert path.read_bytes() == left

@@ -103,7 +103,10 @@ def test_small_samples_admit_what_they_do_not_know():
     assert few.quantile(0.99).high == math.inf
     assert few.quantile(0.01).low == -math.inf
     lone = sampled([2.0])
-    assert math.isnan(lone.mean().low) and math.isnan(lone.std().value)
+    assert math.isnan(lone.mean().low) and "std" not in repr(lone)
+    for read in (lone.std, lone.variance):  # a number that is none would go on in silence
+        with pytest.raises(SceneError, match="one sample has no variance"):
+            read()
     assert sampled([1.0, 2.0, 4.0]).std().high == math.inf
     assert "inf" in repr(few)
 

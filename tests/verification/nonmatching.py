@@ -282,11 +282,11 @@ def uneven_pressure() -> tuple[float, float, float]:
     return between, 0.5 * between, 0.5 * between * float(bore)
 
 
-def uneven_rings(space: Space, n: int) -> tuple[float, float, int, Result]:
+def uneven_rings(space: Space, n: int, cell: str = "triangle") -> tuple[float, float, int, Result]:
     """Errors of the contact pressure p(theta) in L2 and the largest one, relative to its mean, and unknowns.
 
-    Two rings under an uneven pressure in the bore, without friction; quadratic triangles, 3 n and 2 n along
-    the quarter.
+    Two rings under an uneven pressure in the bore, without friction; quadratic cells, 3 n and 2 n along the
+    quarter and n, or of quadrilaterals n / 4, through the thickness.
     """
 
     def bend(x: Array) -> Array:
@@ -297,7 +297,8 @@ def uneven_rings(space: Space, n: int) -> tuple[float, float, int, Result]:
     scene = Scene()
     for name, ends, along in (("a", (INNER, MIDDLE), 3), ("b", (MIDDLE, OUTER), 2)):
         low, high = np.array([ends[0], 0.0]), np.array([ends[1], 1.0])
-        part = block("triangle", [n, along * n], low, high, bend, 2)
+        through = n if cell == "triangle" else n // 4
+        part = block(cell, [through, along * n], low, high, bend, 2)
         scene.substructure(name, part, LinearElastic(E, NU), degree=2)
         scene.symmetry([f"{name}:y0", f"{name}:y1"])
     scene.interface("joint", "a:x1", "b:x0", Contact(gap=0.0), space=space)

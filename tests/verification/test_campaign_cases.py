@@ -98,3 +98,14 @@ def test_the_scenes_that_the_first_campaign_failed_at(
     # rounding above the tolerance is no failure
     bad = [f"{name}: {outcome}" for name, outcome, _ in table if outcome not in ("right", "rounding")]
     assert not bad, bad
+
+
+@pytest.mark.parametrize("file", sorted((CASES / "later").glob("*.txt")), ids=lambda file: str(file.stem))
+def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
+    """Their estimates were 3 to 5 times too small."""
+    seat = pool.Seat(limit=60.0)
+    try:
+        outcome, what = drawn(file, seat)
+    finally:
+        seat.close()
+    assert outcome == "right", what

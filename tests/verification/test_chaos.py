@@ -16,6 +16,7 @@ from dolfinx_frontend.formats.chaos_file import load_chaos
 from dolfinx_frontend.plan.plan import Direction
 from dolfinx_frontend.reference.energy import energy_error
 from dolfinx_frontend.reference.galerkin import ssfem
+from dolfinx_frontend.scene.amplitudes import Amplitude
 from dolfinx_frontend.scene.laws import Elastic, Perfect
 from dolfinx_frontend.scene.materials import LinearElastic
 from dolfinx_frontend.scene.scene import Scene
@@ -374,3 +375,38 @@ def test_a_sampling_checkpoint_is_resumed_and_belongs_to_its_problem(
     assert not again.points.order and np.array_equal(first.force("layer"), again.force("layer"))
     with pytest.raises(CheckpointError, match="another run"):
         monte_carlo(problem(0.3), 6, **settings)  # the same germs, other stiffnesses
+
+
+# --- solved for at once ----------------------------------------------------------------------------
+@pytest.mark.parametrize("times", [None, [0.3, 0.5, 1.0]], ids=["once", "in time"])
+@pytest.mark.parametrize("field", [False, True], ids=["variables", "field"])
+def test_at_once_as_iterated(times: list[float] | None, field: bool) -> None:
+    """Conjugate gradients on the condensed interfaces, and the two stages in turn (``newton=0``)."""
+    block = {"cell": "hexahedron"}
+    scene = Scene()
+    for k in range(3):
+        part = geometry.box((1.0, 1.0, 1.0), (2, 2, 2), origin=(float(k), 0.0, 0.0), **block)
+        scene.substructure(f"p{k}", part, LinearElastic(E=100.0, nu=0.3), degree=1)
+    soft = LogNormal("soft", mean=50.0, cov=0.4)
+    varying = RandomField("stiff", mean=50.0, cov=0.4, length=0.7, modes=3, distribution="lognormal")
+    stiff = varying if field else soft
+    scene.interface("one", "p0:x1", "p1:x0", Elastic(normal=stiff, tangential=20.0))
+    jump = Normal("jump", 0.01, cov=0.5)
+    scene.interface("two", "p1:x1", "p2:x0", Elastic(normal=400.0, tangential=300.0, jump=jump))
+    scene.fix("p0:x0")
+    load: Any = (1.0, 0.5, 0.0)
+    scene.traction("p2:x1", load if times is None else Amplitude([0.0, 1.0], [0.0, 1.0]) * np.array(load))
+    problem = assemble(scene)
+    settings: dict[str, Any] = {"chaos": Chaos(2, check_points=0), "active": ["one", "two"]}
+    if times is not None:
+        settings["times"] = times
+    iterated = solve(problem, options=Options(rtol=1e-10, newton=0), **settings)
+    points = iterated.space.sample(5, 1)
+    for rtol in (1e-3, 1e-6, 1e-9):
+        found = solve(problem, options=Options(rtol=rtol), **settings)
+        assert found.converged and len(found.summary.history) == 2
+        assert found.error <= rtol
+        # the error is that of the energy: forces are a few times less exact
+        for name in ("one", "two"):
+            here, there = (each.at(points).force(name) for each in (found, iterated))
+            assert np.abs(here - there).max() <= 30.0 * max(rtol, 1e-9) * np.abs(there).max()

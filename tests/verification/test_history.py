@@ -198,7 +198,7 @@ def test_mistakes_are_named() -> None:
     with pytest.raises(SceneError, match="is an amplitude"):
         Pressure(Amplitude([0, 1], [0, 1]))
     with pytest.raises(SceneError, match="random and changes in time"):
-        Elastic(normal=1.0, jump=Amplitude([0, 1], [0, 1]) * Normal("D", mean=1.0, cov=0.1))
+        Elastic(normal=Amplitude([0, 1], [0, 1]) * Normal("D", mean=1.0, cov=0.1))
     scene = jenkins(Contact(friction=Amplitude([0, 1], [0, 1]) * -0.3))
     with pytest.raises(SceneError, match=r"'ground': friction -0.3 is negative"):
         solve(assemble(scene), times=[1.0])

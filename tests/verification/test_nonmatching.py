@@ -142,6 +142,14 @@ def test_uneven_contact_pressure() -> None:
     assert fine[0] < uneven_rings("facets", 16)[0]
 
 
+def test_uneven_contact_pressure_at_all_points() -> None:
+    """The same with quadrilaterals: below 0.1 % everywhere with less than 3 000 unknowns."""
+    coarse, fine = (uneven_rings("auto", n, "quadrilateral") for n in (8, 16))
+    assert fine[3].converged and fine[2] < 3000
+    assert fine[1] < 1e-3 and fine[0] < 5e-4
+    assert np.log2(coarse[1] / fine[1]) > 1.6 and np.log2(coarse[0] / fine[0]) > 1.6
+
+
 @pytest.mark.parametrize("law", ["contact", "perfect"])
 def test_round_face_of_linear_tetrahedra(law: str) -> None:
     """A tied or pressed tube of straight linear cells: as accurate as the one whose meshes match."""

@@ -14,6 +14,7 @@ from dolfinx_frontend.scene.laws.elastic import Elastic
 from dolfinx_frontend.scene.laws.perfect import Perfect
 from dolfinx_frontend.scene.laws.preload import Preload
 from dolfinx_frontend.scene.laws.pressure import Pressure
+from dolfinx_frontend.scene.laws.rigid import MOTIONS, Rigid
 from dolfinx_frontend.scene.laws.symmetry import Symmetry
 from dolfinx_frontend.scene.laws.traction import Traction
 from dolfinx_frontend.scene.laws.user import UserLaw
@@ -27,10 +28,12 @@ __all__ = [
     "Fields",
     "Functions",
     "Law",
+    "MOTIONS",
     "Perfect",
     "Points",
     "Preload",
     "Pressure",
+    "Rigid",
     "Symmetry",
     "Traction",
     "UserLaw",

@@ -22,7 +22,7 @@ from dolfinx_frontend.common.describe import record, short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import ReadOnlyDict, frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain
+from dolfinx_frontend.scene.values import Parameter, evaluate, is_plain, is_uncertain
 
 __all__ = ["Elimination", "Face", "Fields", "Functions", "Law", "Points", "positive", "resolve", "settled"]
 
@@ -100,6 +100,7 @@ class Elimination(StrEnum):
 
     GLUED = "nodes glued"
     REMOVED = "unknowns removed"
+    TIED = "nodes tied to rigid motions"
     SPRINGS = "springs assembled"
     LOAD = "load assembled"
 
@@ -266,6 +267,11 @@ class Law:
         """Values that may vary or be overridden, by name; those that are None are absent."""
         return {}
 
+    def derived(self) -> dict[str, tuple[tuple[str, ...], Callable[[Mapping[str, Array]], Array]]]:
+        """Parameters that follow from others of them: name -> the names of these, and arrays (N,) of those
+        that vary -> (N,)."""
+        return {}
+
     def with_(self, **changes: Any) -> Self:
         """Copy of the law with other values.
 
@@ -294,14 +300,15 @@ class Law:
         """The law with all amplitudes at 1."""
         return self._changed({k: v.nominal for k, v in self.varying.items()})
 
-    def pattern(self, amplitude: Amplitude | None) -> Self:
-        """The law with the part of its loading that one amplitude multiplies (None: the constant part)."""
+    def pattern(self, amplitude: object) -> Self:
+        """The law with the part of its loading that one amplitude multiplies (None: the constant part; what
+        is no amplitude: nothing)."""
         changes: dict[str, Any] = {}
         for name in self.loading:
             value = getattr(self, name)
             if isinstance(value, Varying):
                 changes[name] = value.pattern(amplitude)
-            elif amplitude is not None:
+            elif amplitude is not None and value is not None:
                 changes[name] = 0.0
         return self._changed(changes)
 
@@ -323,8 +330,18 @@ class Law:
         return type(self).__name__
 
     @property
+    def partners(self) -> tuple[str, ...]:
+        """Parts beside those of its sides that its elimination joins to them."""
+        return ()
+
+    @property
     def history(self) -> bool:
         """Whether the answer at a time depends on those before: such laws need the steps of a history."""
+        return False
+
+    @property
+    def timed(self) -> bool:
+        """Whether it changes in time without an amplitude, as a bolt does that is tightened at its turn."""
         return False
 
     @property
@@ -345,7 +362,7 @@ class Law:
     @property
     def prescribes(self) -> Literal["jump", "force"] | None:
         """Whether it prescribes the jump, so that its force is a reaction; or the force."""
-        if self.elimination in (Elimination.GLUED, Elimination.REMOVED):
+        if self.elimination in (Elimination.GLUED, Elimination.REMOVED, Elimination.TIED):
             return "jump"
         return "force" if self.elimination is Elimination.LOAD else None
 
@@ -499,13 +516,15 @@ class Law:
         """Imposed jump (nodes, d) in the local frame of glued nodes, length."""
         return np.zeros_like(nodes)
 
-    def check_faces(self, points: Points, sag: Array) -> None:
+    def check_faces(self, points: Points, sag: Array, chords: Array) -> None:
         """Raise or warn if the faces as meshed cannot tell what the law takes from them.
 
         Parameters
         ----------
         sag
             (m,), how far they may be from the smooth ones, length.
+        chords
+            (m,), the same where facets are straight and the face is not; 0 elsewhere.
         """
 
     # --- what it holds ----------------------------------------------------------------------------
@@ -538,9 +557,12 @@ class Law:
         if isinstance(value, (Varying, Combination)):
             for _, term in value.terms:
                 if isinstance(term, Parameter) and not is_plain(term):
+                    if self.linear and name in self.loading and len(value.terms) == 1 and is_uncertain(term):
+                        continue
                     raise SceneError(
-                        f"{self.title}: {name} is random and changes in time; a random value cannot be "
-                        "multiplied by an amplitude, let another parameter carry one of the two"
+                        f"{self.title}: {name} is random and changes in time; only a single amplitude times "
+                        "a random number that loads a linear law can be, as a displacement or the jump of a "
+                        "spring: let another parameter carry one of the two"
                     )
                 self.check_value(name, term)
             return

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -10,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.errors import SceneError, SceneWarning
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.common.frozen import ReadOnlyDict
 from dolfinx_frontend.scene.laws.base import Fields, Law, Points, positive, resolve
 from dolfinx_frontend.scene.values import is_zero
@@ -20,6 +19,8 @@ __all__ = ["Contact"]
 
 TOUCHING = 1e-6
 """Interpenetration, relative to the face's size, that is rounding of the mesh."""
+
+CURVED = "use curved cells (order=2; of a gmsh model geometry.from_gmsh(model, order=2))"
 
 UNCERTAIN, USELESS = 0.1, 0.4
 """Distance of facets from the round face, relative to an interference as meshed, from which on there is a
@@ -123,25 +124,38 @@ class Contact(Law):
             )
         return gap
 
-    def check_faces(self, points: Points, sag: Array) -> None:
-        if self.gap is not None or not self.interference:
+    def check_faces(self, points: Points, sag: Array, chords: Array) -> None:
+        if self.gap is not None or len(points.sides) == 1:
+            return
+        if not self.interference:
+            self._check_gap(points, chords)
             return
         deepest = int(np.argmin(points.gap))
-        depth, chords = -float(points.gap[deepest]), float(sag[points.gap < 0.0].max(initial=0.0))
-        if depth <= 0.0 or chords <= UNCERTAIN * depth:
+        depth, beside = -float(points.gap[deepest]), float(sag[points.gap < 0.0].max(initial=0.0))
+        if depth <= 0.0 or beside <= UNCERTAIN * depth:
             return
         what = (
             f"interface {points.name!r}: the faces are meshed inside each other by up to {depth:.4g}, and "
-            f"the cells' facets are up to {chords:.4g} beside the round faces that they stand for"
+            f"the cells' facets are up to {beside:.4g} beside the round faces that they stand for"
         )
-        remedy = "use curved (quadratic) cells, or smaller ones, or state the interference, gap=-..."
-        if chords > USELESS * depth:
+        remedy = f"{CURVED}, or smaller ones, or state the interference, gap=-..."
+        if beside > USELESS * depth:
             raise SceneError(f"{what}: the mesh cannot tell the interference; {remedy}")
-        warnings.warn(
-            f"{what}: the interference is uncertain by {100.0 * chords / depth:.2g} %; {remedy}",
+        warn(
+            f"{what}: the interference is uncertain by {100.0 * beside / depth:.2g} %; {remedy}",
             SceneWarning,
-            stacklevel=7,
         )
+
+    def _check_gap(self, points: Points, chords: Array) -> None:
+        """Refuse distances of round faces of which all that is meshed may be that of chords."""
+        size = float(np.abs(points.gap).max())
+        if np.all(np.abs(points.gap) <= chords) and size > TOUCHING * np.sqrt(points.area):
+            raise SceneError(
+                f"interface {points.name!r}: the distance of the faces as meshed, {points.gap.min():.3g} to "
+                f"{points.gap.max():.3g}, is not more than the distance of straight facets from the round "
+                f"faces that they stand for, up to {chords.max():.3g}: the mesh cannot tell a gap or an "
+                f"interference from a fit; state it, gap=0.0 for faces that fit, or {CURVED}"
+            )
 
     def holds(self, dim: int) -> tuple[bool, ...]:
         # as long as it is closed; whether it is, only the solution tells

@@ -55,6 +55,7 @@ class Member:
         load: npt.ArrayLike,  # (n, loads), force
         prolongation: Sparse | None = None,  # (n, unknowns of the body); None: the identity
         offset: npt.ArrayLike | None = None,  # (n, loads), length
+        of_stiffness: npt.ArrayLike | None = None,  # (n, loads), force: of `load`, what comes from the stiffness
     ) -> None: ...
 
 class Spring:
@@ -189,6 +190,7 @@ class Laws:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
     ) -> Laws: ...
 
 class Structure:
@@ -231,6 +233,7 @@ class Structure:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int = 1,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
     ) -> Laws: ...
     def solve(
         self,
@@ -301,6 +304,10 @@ class mortar:
         ) -> None: ...
 
     @staticmethod
+    def sum_of(
+        values: Array, rows: Any, columns: Any, row_count: int, column_count: int
+    ) -> tuple[Any, Any, Array]: ...
+    @staticmethod
     def integrate(
         first: mortar.Face,
         second: mortar.Face,
@@ -312,6 +319,8 @@ class mortar:
         near_first: Array,
         near_second: Array,
         opposed: float,
+        threads: int = 1,
+        around: bool = False,
     ) -> dict[str, Any]: ...
 
 class stochastic:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from latin_core import _core
 
-__all__ = ["Array", "Face", "Functions", "Ints", "Overlap", "Shape", "integrate", "monomials"]
+__all__ = ["Array", "Face", "Functions", "Ints", "Overlap", "Shape", "integrate", "monomials", "sum_of"]
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
@@ -49,7 +49,7 @@ class Overlap(NamedTuple):
     mean, mass, own
         (n1, chi) int chi; (n1, chi, chi) int chi chi; (n1, chi, N_1) int chi N_1.
     own_normal
-        (n1, chi, N_1, 3), int chi N_1 n_1, with the unit normal out of side 1.
+        (n1, chi, N_1, 3), int chi N_1 n_1, with the unit normal out of side 1; (0, ...) if side 1 is plane.
     place, normal, offset
         (n1, chi, 3): int chi x_1, int chi n_1, int chi (x_2 - x_1).
     gap
@@ -59,7 +59,7 @@ class Overlap(NamedTuple):
     area, distance
         (pairs,), area of that part, and the largest distance within it.
     other, other_normal
-        (pairs, chi, N_2) int chi N_2; (pairs, chi, N_2, 3) int chi N_2 n_1.
+        (pairs, chi, N_2) int chi N_2; (pairs, chi, N_2, 3) int chi N_2 n_1, (0, ...) if side 1 is plane.
     farthest
         Largest distance of pairs that lie opposite but too far apart; 0: there are none.
     """
@@ -146,6 +146,8 @@ def integrate(
     rule: tuple[Array, Array],
     near: tuple[Array, Array],
     opposed: float,
+    threads: int = 1,
+    around: bool = False,
 ) -> Overlap:
     """Integrate over the intersections of the facets of two faces.
 
@@ -163,6 +165,10 @@ def integrate(
         (n1,) and (n2,), length: largest distance from each facet; of a pair the larger one holds.
     opposed
         Two facets face each other if the product of their unit normals is below this.
+    threads
+        That do the work; the result does not depend on their number.
+    around
+        The faces are turned about the axis x = 0: integrals over 2 pi x ds.
     """
     found = _native.integrate(
         first.native,
@@ -174,5 +180,23 @@ def integrate(
         near_first=near[0],
         near_second=near[1],
         opposed=opposed,
+        threads=threads,
+        around=around,
     )
     return Overlap(**found)
+
+
+def sum_of(
+    values: Array, rows: Ints, columns: Ints, shape: tuple[int, int]
+) -> tuple[Ints, Ints, Array]:
+    """The sparse sum of dense blocks (count, height, width) at rows (count, height), columns (count, width).
+
+    Entries below 1e-15 of the largest one are left out: integrals that are zero.
+
+    Returns
+    -------
+    indptr, indices, data
+        Compressed rows of a matrix of a shape, columns ascending.
+    """
+    out: tuple[Ints, Ints, Array] = _native.sum_of(values, rows, columns, *shape)
+    return out

@@ -148,8 +148,21 @@ def _check_points(name: str, numbers: Iterable[int], points: int) -> None:
             raise _core.InputError(f"{name}: point {number} is none of {points} (0 to {points - 1})")
 
 
+Shape = tuple[int, ...]
 Fields = dict[str, tuple[Array, Array]]
 """Interface -> its local-stage force and jump, (rows, columns) each."""
+
+
+def _wrong(arrays: Mapping[str, Any], name: str, kinds: str, shape: Shape | None) -> str:
+    """What is wrong with an array of a checkpoint, by its name; empty: nothing."""
+    if name not in arrays:
+        return f"{name!r} is missing"
+    found = arrays[name]
+    if found.dtype.kind not in kinds:
+        return f"{name!r} is of type {found.dtype}, {'a text' if kinds == 'U' else 'numbers'} wanted"
+    if shape is not None and found.shape != shape:
+        return f"{name!r} has shape {found.shape}, {shape} wanted"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -193,17 +206,41 @@ class _Keeper:
             arrays[f"output:{name}"] = found.astype(np.float64)
         return arrays
 
-    def read(self, file: Checkpoint | None) -> Iterator[tuple[int, _core.State]]:
-        """Keep the points of a checkpoint; numbers and states of those that converged."""
+    def read(
+        self, file: Checkpoint | None, shapes: Callable[[], dict[str, Shape]]
+    ) -> Iterator[tuple[int, _core.State]]:
+        """Keep the points of a checkpoint; numbers and states of those that converged.
+
+        `shapes` has those of the state and the fields of a point.
+        """
         points = len(self.result.iterations)
         if file is None:
             return
+        layout: dict[str, tuple[str, Shape | None]] = {}
         for number, arrays in file:
             if not 0 <= number < points:
                 raise CheckpointError(f"{file.path} holds point {number}, this sweep has {points} points")
+            layout = layout or self._layout(shapes())
+            for name, (kinds, shape) in layout.items():
+                wrong = _wrong(arrays, name, kinds, shape)
+                if wrong:
+                    raise CheckpointError(
+                        f"checkpoint {file.path} was edited: point {number}: {wrong}: move it away to start "
+                        "from the beginning"
+                    )
+            for key in (f"output:{name}" for name in self.outputs):
+                layout[key] = ("f", arrays[key].shape)
             self.keep(number, arrays)
             if str(arrays["status"]) == "converged":
                 yield number, _core.State(arrays["data"], arrays["traces"])
+
+    def _layout(self, shapes: Mapping[str, Shape]) -> dict[str, tuple[str, Shape | None]]:
+        """Kinds and shape of what a checkpoint has of every point; None: any shape."""
+        layout: dict[str, tuple[str, Shape | None]]
+        layout = dict.fromkeys(("error", "seconds", "largest"), ("f", ()))
+        layout |= {"iterations": ("iu", ()), "status": ("U", ()), "worst": ("iu", (2,))}
+        layout |= {name: ("f", shape) for name, shape in shapes.items()}
+        return layout | {f"output:{name}": ("f", None) for name in self.outputs}
 
     def keep(self, point: int, arrays: Mapping[str, Any]) -> None:
         """What a point has left, in memory or in a checkpoint."""
@@ -212,22 +249,21 @@ class _Keeper:
         result.error[point] = float(arrays["error"])
         result.seconds[point] = float(arrays["seconds"])
         result.status[point] = str(arrays["status"])
-        result.worst[point] = arrays.get("worst", -1)
-        result.largest[point] = arrays.get("largest", -1.0)
+        result.worst[point] = arrays["worst"]
+        result.largest[point] = arrays["largest"]
         for name in self.interfaces:
             self._store(result.forces, name, point, arrays[f"force:{name}"])
             self._store(result.jumps, name, point, arrays[f"jump:{name}"])
         for name in self.outputs:
-            if f"output:{name}" in arrays:
-                self._store(result.outputs, name, point, arrays[f"output:{name}"])
+            self._store(result.outputs, name, point, arrays[f"output:{name}"])
 
     def _store(self, into: dict[str, Array], name: str, point: int, values: Array) -> None:
         if name not in into:
             into[name] = np.full((len(self.result.iterations), *values.shape), np.nan)
         if into[name].shape[1:] != values.shape:
-            raise ValueError(
-                f"output {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} before: "
-                "return one shape for all points"
+            raise _core.InputError(
+                f"outputs: {name!r} has shape {values.shape} at point {point}, {into[name].shape[1:]} "
+                "before: return one shape for all points"
             )
         into[name][point] = values
 
@@ -260,7 +296,8 @@ def sweep(
     parameters
         What changes from point to point.
     order
-        Points in the order of solution, see :func:`latin_core.snake_order`.
+        Points in the order of solution, see :func:`latin_core.snake_order`; of linear laws the one in the
+        middle comes first, and those that are far from each other come next.
     interfaces
         Active interfaces of which force and jump are kept.
     checkpoint
@@ -303,8 +340,18 @@ def sweep(
     known: list[_core.State] = list(start.values()) if start else []
     known_points: list[int] = list(start) if start else []
     file = Checkpoint(checkpoint, header or {}) if checkpoint is not None else None
+
+    def shapes() -> dict[str, Shape]:
+        nothing = np.zeros((structure.rows, amplitudes.shape[1]))
+        found: dict[str, Shape] = dict.fromkeys(("data", "traces"), nothing.shape)
+        for name in keeper.interfaces:
+            fields = structure.local_fields(laws, name, _core.State(nothing, nothing))
+            for what, values in zip(("force", "jump"), fields, strict=True):
+                found[f"{what}:{name}"] = values.T.shape
+        return found
+
     try:
-        for number, state in keeper.read(file):
+        for number, state in keeper.read(file, shapes):
             known.append(state)
             known_points.append(number)
 

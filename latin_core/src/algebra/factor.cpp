@@ -35,21 +35,21 @@ std::string not_definite(const std::string& name, const std::string& where) {
 
 /// The graph of a matrix with unknowns of equal neighbours (the components of a node) as one vertex.
 struct Compressed {
-  SparseColumns pattern;  ///< lower triangle, values without meaning
+  SparseColumns pattern;  ///< upper triangle, values without meaning
   std::vector<std::vector<int>> members;
 };
 
 /// Orders of the compressed graph are as good, and cost a ninth of the edges in 3D. Neighbourhoods are compared
 /// by a sum of random numbers: a false match could only make an order worse, never wrong.
-Compressed compress(const SparseColumns& lower, Index size) {
+Compressed compress(const SparseRows& lower, Index size) {
   std::vector<std::uint64_t> key(static_cast<std::size_t>(size));
   std::mt19937_64 random(1);
   std::ranges::generate(key, std::ref(random));
   std::vector<std::uint64_t> sum(key);
-  for (int column = 0; column < size; ++column) {
-    const auto j = static_cast<std::size_t>(column);
-    for (SparseColumns::InnerIterator it(lower, column); it && it.row() < size; ++it) {
-      const auto i = static_cast<std::size_t>(it.row());
+  for (int row = 0; row < size; ++row) {
+    const auto i = static_cast<std::size_t>(row);
+    for (SparseRows::InnerIterator it(lower, row); it; ++it) {
+      const auto j = static_cast<std::size_t>(it.col());
       if (i != j) {
         sum[i] += key[j];
         sum[j] += key[i];
@@ -69,43 +69,93 @@ Compressed compress(const SparseColumns& lower, Index size) {
   }
   const auto groups = static_cast<Index>(graph.members.size());
   graph.pattern.resize(groups, groups);
-  for (int column = 0; column < size; ++column) {
-    const int at = vertex[static_cast<std::size_t>(column)];
+  std::vector<int> neighbours;
+  for (int row = 0; row < size; ++row) {
+    const int at = vertex[static_cast<std::size_t>(row)];
     if (at < 0) {
       continue;
     }
-    graph.pattern.startVec(at);
-    for (SparseColumns::InnerIterator it(lower, column); it && it.row() < size; ++it) {
-      const int row = vertex[static_cast<std::size_t>(it.row())];
-      if (row >= 0) {
-        graph.pattern.insertBack(row, at) = 1.0;
+    neighbours.clear();
+    for (SparseRows::InnerIterator it(lower, row); it; ++it) {
+      const int other = vertex[static_cast<std::size_t>(it.col())];
+      if (other >= 0) {
+        neighbours.push_back(other);
       }
+    }
+    std::ranges::sort(neighbours);
+    graph.pattern.startVec(at);
+    for (const int other : neighbours) {
+      graph.pattern.insertBack(other, at) = 1.0;
     }
   }
   graph.pattern.finalize();
   return graph;
 }
 
+/// The lower triangle of a matrix in another order, by columns, each in no order of its own.
+struct Ordered {
+  /// @param order the unknown at every place
+  Ordered(const SparseRows& lower, const std::vector<int>& order)
+      : first(order.size() + 1, 0),
+        rows(static_cast<std::size_t>(lower.nonZeros())),
+        values(rows.size()),
+        diagonal(order.size(), 0.0) {
+    std::vector<int> place(order.size());
+    for (std::size_t i = 0; i < order.size(); ++i) {
+      place[static_cast<std::size_t>(order[i])] = static_cast<int>(i);
+    }
+    const auto each = [&](const auto& visit) {
+      for (int row = 0; row < lower.outerSize(); ++row) {
+        const int i = place[static_cast<std::size_t>(row)];
+        for (SparseRows::InnerIterator it(lower, row); it; ++it) {
+          const int j = place[static_cast<std::size_t>(it.col())];
+          visit(std::max(i, j), static_cast<std::size_t>(std::min(i, j)), it.value());
+        }
+      }
+    };
+    each([&](int, std::size_t column, double) { ++first[column + 1]; });
+    std::partial_sum(first.begin(), first.end(), first.begin());
+    std::vector<int> next(first.begin(), first.end() - 1);
+    each([&](int row, std::size_t column, double value) {
+      const auto at = static_cast<std::size_t>(next[column]++);
+      rows[at] = row;
+      values[at] = value;
+      if (static_cast<std::size_t>(row) == column) {
+        diagonal[column] = value;
+      }
+    });
+  }
+
+  std::vector<int> first;  ///< of every column, and one past the last
+  std::vector<int> rows;
+  std::vector<double> values;
+  std::vector<double> diagonal;
+};
+
 /// Supernodal Cholesky of SuiteSparse. The module is GPL: a binary with it is, too.
 class CholmodFactor final : public Factor {
  public:
-  CholmodFactor(const SparseColumns& lower, Index trailing, const std::string& name)
+  CholmodFactor(const SparseRows& lower, Index trailing, const std::string& name)
       : size_(lower.rows()), trailing_(trailing) {
     start(common_);
     common_.supernodal = CHOLMOD_SUPERNODAL;
     common_.final_ll = 1;
-    cholmod_sparse matrix = view(lower);
 
-    std::vector<int> order = interior_first(lower, name);
+    const std::vector<int> order = interior_first(lower, name);
+    Ordered ordered(lower, order);
+    // of a lower triangle in its natural order CHOLMOD makes no copies
+    cholmod_sparse matrix = view(ordered);
     common_.nmethods = 1;
-    common_.method[0].ordering = CHOLMOD_GIVEN;
+    common_.method[0].ordering = CHOLMOD_NATURAL;
     // the order is postordered already, and a new postorder would mix the trailing unknowns in
     common_.postorder = 0;
-    factor_ = cholmod_analyze_p(&matrix, order.data(), nullptr, 0, &common_);
+    factor_ = cholmod_analyze(&matrix, &common_);
     if (factor_ == nullptr) {
       fail(name);
     }
     cholmod_factorize(&matrix, factor_, &common_);
+    std::ranges::copy(order, static_cast<int*>(factor_->Perm));  // for solve(), from here on
+    factor_->ordering = CHOLMOD_GIVEN;
     if (common_.status < CHOLMOD_OK) {
       fail(name);
     }
@@ -115,7 +165,7 @@ class CholmodFactor final : public Factor {
       release();
       throw NumericalError(not_definite(name, where));
     }
-    refuse_singular(lower, name);
+    refuse_singular(ordered, name);
   }
   CholmodFactor(const CholmodFactor&) = delete;
   CholmodFactor& operator=(const CholmodFactor&) = delete;
@@ -185,8 +235,7 @@ class CholmodFactor final : public Factor {
   }
 
   /// A rigid motion that nothing holds leaves a last pivot that is rounding: with luck a positive one.
-  void refuse_singular(const SparseColumns& lower, const std::string& name) {
-    const auto* order = static_cast<const int*>(factor_->Perm);
+  void refuse_singular(const Ordered& matrix, const std::string& name) {
     const auto* super = static_cast<const int*>(factor_->super);
     const auto* row_start = static_cast<const int*>(factor_->pi);
     const auto* value_start = static_cast<const int*>(factor_->px);
@@ -195,9 +244,7 @@ class CholmodFactor final : public Factor {
       const std::ptrdiff_t height = row_start[node + 1] - row_start[node];
       for (int column = super[node]; column < super[node + 1]; ++column) {
         const double root = values[value_start[node] + (height + 1) * (column - super[node])];
-        const int unknown = order[column];
-        // the diagonal comes first in a column of a lower triangle
-        const double diagonal = lower.valuePtr()[lower.outerIndexPtr()[unknown]];
+        const double diagonal = matrix.diagonal[static_cast<std::size_t>(column)];
         least_pivot_ = std::min(least_pivot_, root * root / diagonal);
         if (root * root < singular * diagonal) {
           release();
@@ -209,27 +256,39 @@ class CholmodFactor final : public Factor {
     }
   }
 
-  static cholmod_sparse view(const SparseColumns& lower) {
+  static cholmod_sparse square(Index size, std::size_t nonzeros) {
     cholmod_sparse matrix{};
-    matrix.nrow = static_cast<std::size_t>(lower.rows());
-    matrix.ncol = static_cast<std::size_t>(lower.cols());
-    matrix.nzmax = static_cast<std::size_t>(lower.nonZeros());
-    // CHOLMOD's views are not const; analysis and factorisation only read them
-    matrix.p = const_cast<int*>(lower.outerIndexPtr());
-    matrix.i = const_cast<int*>(lower.innerIndexPtr());
-    matrix.x = const_cast<double*>(lower.valuePtr());
-    matrix.stype = -1;
+    matrix.nrow = static_cast<std::size_t>(size);
+    matrix.ncol = static_cast<std::size_t>(size);
+    matrix.nzmax = nonzeros;
     matrix.itype = CHOLMOD_INT;
-    matrix.xtype = CHOLMOD_REAL;
     matrix.dtype = CHOLMOD_DOUBLE;
-    matrix.sorted = 1;
     matrix.packed = 1;
+    return matrix;
+  }
+  static cholmod_sparse view(Ordered& lower) {
+    cholmod_sparse matrix = square(static_cast<Index>(lower.diagonal.size()), lower.rows.size());
+    matrix.p = lower.first.data();
+    matrix.i = lower.rows.data();
+    matrix.x = lower.values.data();
+    matrix.stype = -1;
+    matrix.xtype = CHOLMOD_REAL;
+    matrix.sorted = 0;
+    return matrix;
+  }
+  static cholmod_sparse view(SparseColumns& upper) {
+    cholmod_sparse matrix = square(upper.rows(), static_cast<std::size_t>(upper.nonZeros()));
+    matrix.p = upper.outerIndexPtr();
+    matrix.i = upper.innerIndexPtr();
+    matrix.stype = 1;
+    matrix.xtype = CHOLMOD_PATTERN;
+    matrix.sorted = 1;
     return matrix;
   }
 
   /// The interior unknowns in order of minimum degree, or of nested dissection where that must save more
   /// than it costs, then the trailing ones in their given order.
-  std::vector<int> interior_first(const SparseColumns& lower, const std::string& name) {
+  std::vector<int> interior_first(const SparseRows& lower, const std::string& name) {
     std::vector<int> order(static_cast<std::size_t>(size_));
     std::iota(order.begin(), order.end(), 0);
     const Index interior = size_ - trailing_;
@@ -247,7 +306,7 @@ class CholmodFactor final : public Factor {
       }
     };
     // degrees count the trailing neighbours, which fill in, too: a third fewer operations on the vessel
-    const Compressed graph = compress(lower, size_);
+    Compressed graph = compress(lower, size_);
     std::vector<int> last;
     last.reserve(graph.members.size());
     for (const std::vector<int>& members : graph.members) {
@@ -255,7 +314,6 @@ class CholmodFactor final : public Factor {
     }
     std::vector<int> groups(last.size());
     cholmod_sparse pattern = view(graph.pattern);
-    pattern.xtype = CHOLMOD_PATTERN;
     if (cholmod_camd(&pattern, nullptr, 0, last.data(), groups.data(), &common_) == 0) {
       fail(name);
     }
@@ -266,9 +324,8 @@ class CholmodFactor final : public Factor {
     const double members = static_cast<double>(size_) / static_cast<double>(graph.pattern.cols());
     const double operations = common_.fl * members * members * members;
     if (operations / 3.0 > 8e3 * static_cast<double>(graph.pattern.nonZeros())) {
-      const Compressed inner = compress(lower, interior);
+      Compressed inner = compress(lower, interior);
       cholmod_sparse of_inner = view(inner.pattern);
-      of_inner.xtype = CHOLMOD_PATTERN;
       common_.supernodal = CHOLMOD_SIMPLICIAL;  // only the order is wanted
       common_.nmethods = 1;
       common_.method[0].ordering = CHOLMOD_METIS;
@@ -317,14 +374,13 @@ class CholmodFactor final : public Factor {
 /// MUMPS Cholesky through PETSc, for builds without CHOLMOD.
 class MumpsFactor final : public Factor {
  public:
-  MumpsFactor(const SparseColumns& lower, const std::string& name) : size_(lower.rows()) {
+  MumpsFactor(const SparseRows& by_rows, const std::string& name) : size_(by_rows.rows()) {
     const PetscLock lock;
+    SparseColumns lower = by_rows;  // sorts the rows of every column
     // PETSc's symmetric format keeps the upper triangle by rows: the lower one by columns, unchanged
     check(MatCreateSeqSBAIJWithArrays(PETSC_COMM_SELF, 1, static_cast<PetscInt>(size_),
-                                      static_cast<PetscInt>(size_),
-                                      const_cast<PetscInt*>(lower.outerIndexPtr()),
-                                      const_cast<PetscInt*>(lower.innerIndexPtr()),
-                                      const_cast<PetscScalar*>(lower.valuePtr()), matrix_.out()),
+                                      static_cast<PetscInt>(size_), lower.outerIndexPtr(),
+                                      lower.innerIndexPtr(), lower.valuePtr(), matrix_.out()),
           "wrap a matrix");
     check(MatSetOption(matrix_.get(), MAT_SPD, PETSC_TRUE), "mark a matrix as definite");
     check(MatSetOptionsPrefix(matrix_.get(), "latin_substructure_"), "prefix a matrix");
@@ -399,7 +455,7 @@ class MumpsFactor final : public Factor {
 
 }  // namespace
 
-std::unique_ptr<Factor> factorise(const SparseColumns& lower, Index trailing, FactorBackend backend,
+std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, FactorBackend backend,
                                   const std::string& name) {
 #ifdef LATIN_HAVE_CHOLMOD
   if (backend != FactorBackend::mumps) {

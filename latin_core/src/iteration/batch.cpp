@@ -1,5 +1,6 @@
 #include "latin/iteration/batch.hpp"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -20,6 +21,13 @@ namespace {
 constexpr double most_left = 0.5;
 /// Steps below this are rounding.
 constexpr double noise = 1e-12;
+/// Steps of linear laws with tangents of their own, and the error they aim at, relative to the tolerance.
+constexpr Index most_exact = 3;
+constexpr double goal = 0.1;
+constexpr double first_goal = 0.3;
+/// Displacements that answers are looked for in, and of which so little is left beside others that they are none.
+constexpr Index most_of_basis = 24;
+constexpr double dependent = 1e-10;
 
 /// The transforms of an interface are those of one set: the columns of several would not fit them.
 void refuse_transforms(const substructure::Laws& laws) {
@@ -48,9 +56,11 @@ substructure::Sizes of_set(const substructure::Sizes& sizes, Index set, Index gr
 class Borrowing {
  public:
   Borrowing(const Linearisation& linear, const substructure::Laws& laws, const Options& options,
-            const Matrix& amplitudes, Index sets, const std::vector<const State*>& snapshots)
+            const Matrix& amplitudes, Index sets, const std::vector<const State*>& snapshots,
+            Matrix* basis)
       : linear_(linear),
         laws_(laws),
+        basis_(basis),
         rtol_(options.rtol),
         exact_(Verification::exact(laws)),
         sets_(sets),
@@ -60,13 +70,17 @@ class Borrowing {
         yardstick_(substructure::yardstick(laws.structure(), laws.groups())),
         history_(metric_of(laws.structure()), columns_, static_cast<Index>(snapshots.size()), sets),
         stages_(laws, amplitudes_, false),
-        residual_(laws.structure().rows(), sets * columns_) {
+        residual_(laws.structure().rows(), sets * columns_),
+        fall_(Vector::Constant(sets * columns_, first_goal * options.rtol)) {
     Stepper(stages_.fixed_point(), history_, options.relaxation)
         .start_from(snapshots, {state_, residual_});
     stages_.local(state_.data, state_.traces, residual_);
   }
 
   std::vector<Advanced> answers() {
+    if (exact_ && basis_ != nullptr) {
+      return directly();
+    }
     const substructure::Sizes first = correct();
     if (exact_) {
       std::vector<Advanced> at_once = of_linear_laws(first);
@@ -81,6 +95,34 @@ class Borrowing {
   }
 
  private:
+  /// Of linear laws a step with tangents of their own leads to the answer; the borrowed ones check it.
+  std::vector<Advanced> directly() {
+    std::vector<Advanced> answers;
+    for (Index count = 0; count < most_exact && (count == 0 || !all_good(answers)); ++count) {
+      step_ = residual_;
+      const bool first = count == 0;
+      const Matrix moved =
+          linear_.correct_each(laws_, state_, first ? *basis_ : Matrix(), fall_, step_, moved_);
+      if (moved.size() == 0) {
+        correct();
+      } else if (first && basis_->cols() < most_of_basis) {
+        enlarge(moved.leftCols(std::min(moved.cols(), most_of_basis - basis_->cols())));
+      }
+      state_.data += step_;
+      stages_.evaluate({state_, residual_});
+      answers = of_linear_laws(correct());
+    }
+    return answers;
+  }
+
+  void enlarge(const Matrix& moved) {
+    Matrix all(moved.rows(), basis_->cols() + moved.cols());
+    all << *basis_, moved.colwise().normalized();
+    Eigen::ColPivHouseholderQR<Matrix> factors(all);
+    factors.setThreshold(dependent);
+    *basis_ = factors.householderQ() * Matrix::Identity(all.rows(), factors.rank());
+  }
+
   /// The next step, and what it would change.
   substructure::Sizes correct() {
     step_ = residual_;
@@ -127,7 +169,11 @@ class Borrowing {
       const auto first = contrasts.begin() + set * columns_;
       const double spread = *std::max_element(first, first + columns_);
       const Matrix errors = wholes[at].relative(of_set(ahead, set, groups));
-      if (spread * largest(errors) <= rtol_) {
+      // bounds are by energies of the whole, errors are of its bodies
+      const double bound = spread * largest(errors);
+      fall_.segment(set * columns_, columns_)
+          .setConstant(bound > 0.0 ? std::min(goal * rtol_ / bound, 1.0) : 1.0);
+      if (bound <= rtol_) {
         answers[at].errors = with_rounding(std::sqrt(spread) * errors);
         answers[at].error = largest(answers[at].errors);
       }
@@ -151,13 +197,16 @@ class Borrowing {
       const Matrix ahead = wholes[at].relative(of_set(second, set, groups));
       const Matrix left = (before.array() > 0.0).select(ahead.cwiseQuotient(before), 0.0);
       bool good = ((left.array() <= most_left) || (ahead.array() <= noise)).all();
+      double spread = 1.0;
       for (Index column = set * columns_; column < (set + 1) * columns_; ++column) {
         const auto i = static_cast<std::size_t>(column);
-        good = good && std::max(here[i], there[i]) <= Linearisation::near_factor;
+        spread = std::max({spread, here[i], there[i]});
       }
+      good = good && spread <= Linearisation::near_factor;
       if (good) {
-        answers[at].errors =
-            with_rounding((ahead.array() / (1.0 - left.array().min(most_left))).matrix());
+        answers[at].errors = with_rounding(
+            (ahead.array() * (1.0 / (1.0 - left.array().min(most_left))).max(std::sqrt(spread)))
+                .matrix());
         answers[at].error = largest(answers[at].errors);
       }
     }
@@ -170,11 +219,12 @@ class Borrowing {
     if (rounding.rows() == errors.rows() && rounding.cols() == errors.cols()) {
       errors = errors.cwiseMax(rounding.cwiseMin(rtol_));
     }
-    return errors;
+    return laws_.linear_everywhere() ? errors : errors.cwiseMax(Verification::resolution(rtol_));
   }
 
   const Linearisation& linear_;
   const substructure::Laws& laws_;
+  Matrix* basis_;
   double rtol_;
   bool exact_;
   Index sets_;
@@ -188,6 +238,7 @@ class Borrowing {
   Matrix residual_;
   Matrix step_;
   Matrix moved_;
+  Vector fall_;  ///< of every column, what its error has to fall to
 };
 
 }  // namespace
@@ -195,10 +246,10 @@ class Borrowing {
 std::vector<Advanced> advance_together(const substructure::Laws& laws, const Options& options,
                                        const Matrix& amplitudes, Index sets,
                                        const std::vector<const State*>& snapshots,
-                                       const Linearisation* known) {
+                                       const Linearisation* known, Matrix* basis) {
   refuse_transforms(laws);
   if (known != nullptr && known->made()) {
-    return Borrowing(*known, laws, options, amplitudes, sets, snapshots).answers();
+    return Borrowing(*known, laws, options, amplitudes, sets, snapshots, basis).answers();
   }
   const substructure::Structure& structure = laws.structure();
   const Index columns = amplitudes.cols();
@@ -234,6 +285,9 @@ std::vector<Advanced> advance_together(const substructure::Laws& laws, const Opt
       answer.errors =
           predicted_errors(gauge, of_set(wrong.data, set, columns),
                            of_set(wrong.traces, set, columns), history.explained(set), whole);
+      if (!laws.linear_everywhere()) {
+        answer.errors = answer.errors.cwiseMax(Verification::resolution(options.rtol));
+      }
       answer.error = std::max(largest(answer.errors), least_of_indicator * answer.indicator);
     }
   }

@@ -22,6 +22,8 @@ constexpr double quiet_column = 1e-3;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
+/// What was measured of one state and is said of others, too, in terms of itself.
+constexpr double measured_again = 2.0;
 
 /// The slopes of the laws of all ranks in every column of a state, (unknowns, most components) each; of a chaos,
 /// those of the mean stand for all modes of a step. Collective.
@@ -73,6 +75,16 @@ double contrast(double a, double b) {
   const double one = std::abs(a) / std::max(1.0 - std::abs(a), no_slope) + no_slope;
   const double two = std::abs(b) / std::max(1.0 - std::abs(b), no_slope) + no_slope;
   return std::max(one / two, two / one);
+}
+
+/// Sizes with any fixed signs without a pattern.
+void with_signs(Matrix& sizes, double unit) {
+  for (Index column = 0; column < sizes.cols(); ++column) {
+    for (Index row = 0; row < sizes.rows(); ++row) {
+      sizes(row, column) *=
+          std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
+    }
+  }
 }
 
 }  // namespace
@@ -183,24 +195,53 @@ std::vector<double> Linearisation::contrasts(const substructure::Laws& laws,
 }
 
 const Matrix& Linearisation::rounding(const substructure::Laws& laws, const State& state,
-                                      const Whole& whole) {
+                                      ConstMatrixRef amplitudes, const Whole& whole) {
   if (rounding_.rows() != whole.sizes.strain.rows()) {
-    rounding_ = whole.relative(rounding_sizes(laws, state));
+    rounding_ = whole.relative(rounding_sizes(laws, state, amplitudes));
   }
   return rounding_;
 }
 
-substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
-                                                  const State& state) const {
-  // any fixed signs without a pattern
-  const auto with_signs = [](Matrix& sizes, double unit) {
-    for (Index column = 0; column < sizes.cols(); ++column) {
-      for (Index row = 0; row < sizes.rows(); ++row) {
-        sizes(row, column) *=
-            std::copysign(unit, std::sin(1.7 * static_cast<double>((row + 1) * (column + 3))));
-      }
+/// Put what was measured in the place of what is guessed, in forces on the active unknowns of all ranks.
+void Linearisation::measure(const substructure::Laws& laws, const State& state,
+                            ConstMatrixRef amplitudes, Matrix& forces) const {
+  const substructure::Structure& structure = laws.structure();
+  const auto& bodies = structure.bodies();
+  if (structure.communicator().everywhere(
+          std::ranges::none_of(bodies, &substructure::Body::measurable))) {
+    return;
+  }
+  Index active = 0;
+  for (const substructure::Body& body : bodies) {
+    active += body.rows() > 0 ? body.active() : 0;
+  }
+  Matrix own = Matrix::Zero(active, state.data.cols() + 1);  // the last column: whether it is known
+  Index first = 0;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const substructure::Body& body = bodies[b];
+    if (body.rows() == 0) {
+      continue;
     }
-  };
+    if (body.measurable()) {
+      auto rows = own.middleRows(first, body.active());
+      rows.leftCols(state.data.cols()) =
+          measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
+                                       amplitudes, laws.response(b));
+      rows.rightCols(1).setOnes();
+    }
+    first += body.active();
+  }
+  const Matrix all = tangents_.front()->joined().of_active(own);
+  for (Index row = 0; row < all.rows(); ++row) {
+    if (all(row, state.data.cols()) > 0.0) {
+      forces.row(row) = all.row(row).head(state.data.cols());
+    }
+  }
+}
+
+substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws,
+                                                  const State& state,
+                                                  ConstMatrixRef amplitudes) const {
   const substructure::Structure& structure = laws.structure();
   const substructure::ColumnGroups groups = laws.groups();
   Tangent& tangent = *tangents_.front();
@@ -209,6 +250,7 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
   with_signs(data, rounding_of_faces);
   Matrix forces = tangent.inner_forces(state.traces);
   with_signs(forces, rounding_of_bodies);
+  measure(laws, state, amplitudes, forces);
   forces += tangent.nodal(data);
   Matrix moved(data.rows(), data.cols());
   const Matrix answer = tangent.respond(forces, data, moved);
@@ -268,6 +310,40 @@ void Linearisation::correct(MatrixRef residual, Matrix& moved) const {
     residual(every, columns) = block;
     moved(every, columns) = change;
   }
+}
+
+Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& state,
+                                   const Matrix& basis, const Vector& fall, MatrixRef residual,
+                                   Matrix& moved) const {
+  if (tangents_.size() != 1 || !laws.structure().communicator().alone()) {
+    return {};
+  }
+  moved.resize(residual.rows(), residual.cols());
+  return tangents_.front()->correct_each(slopes_at(laws, state, tangents_.front()->joined()), basis,
+                                         fall, residual, moved);
+}
+
+double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance,
+                                      MatrixRef residual, Matrix& moved) const {
+  const Index unknowns = local.laws().structure().interface_unknowns();
+  if (tangents_.size() != 1 || unknowns == 0) {
+    return 0.0;
+  }
+  Matrix at_rest(unknowns, residual.cols());
+  local.forces_of_jumps(Matrix::Zero(unknowns, residual.cols()), at_rest);
+  if (!at_rest.allFinite()) {
+    return 0.0;  // rigid laws with jumps
+  }
+  const bool none = at_rest.isZero(0.0);
+  moved.resize(residual.rows(), residual.cols());
+  return tangents_.front()->correct_coupled(
+      [&](const Matrix& jumps, Matrix& forces) {
+        local.forces_of_jumps(jumps, forces);
+        if (!none) {
+          forces -= at_rest;
+        }
+      },
+      local.laws().groups(), tolerance, residual, moved);
 }
 
 }  // namespace latin::iteration

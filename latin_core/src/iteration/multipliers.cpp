@@ -52,7 +52,7 @@ constexpr double same = 1e-6;
 
 bool Multipliers::suits(const substructure::Laws& laws) {
   return laws.structure().communicator().alone() && laws.modes() == 1 && !laws.transformed() &&
-         !laws.linear() && Tangent::possible(laws.structure());
+         !laws.linear() && !laws.scales_anywhere() && Tangent::possible(laws.structure());
 }
 
 Multipliers::Multipliers(const substructure::Laws& laws,

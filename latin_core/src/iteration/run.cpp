@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 namespace latin::iteration {
 namespace {
@@ -29,6 +30,8 @@ constexpr double fall_between_checks = 0.3;
 constexpr double longest_step = 1e7;
 /// Plain steps from zero, where Newton's method may take over.
 constexpr Index steps_from_zero = 2;
+/// Accuracy of what is solved for at once, as a share of that of the run.
+constexpr double coupled_accuracy = 0.01;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
 
@@ -137,6 +140,25 @@ void Run::begin(bool traces_known) {
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
 }
 
+/// All columns of a chaos with linear laws at once, instead of the first step. What it leaves is checked like any
+/// iterate, and iterated on if it is not enough.
+bool Run::solve_coupled() {
+  if (!accelerates() || options_.newton < 1 || !verifies() ||
+      !Verification::coupled(stages_.laws())) {
+    return false;
+  }
+  if (!verification_) {
+    verification_.emplace(stages_, known_);
+  }
+  Matrix step = residual_;
+  solved_ = verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
+  if (solved_) {
+    state_.data += step;
+    stages_.evaluate(at());
+  }
+  return solved_;
+}
+
 /// Measure the iterate, and tell the caller.
 Measured Run::observe() {
   newton_.withdraw();
@@ -153,8 +175,11 @@ Measured Run::observe() {
     error = error_.largest(errors_);
   }
   summary_.error = error;
-  // with a structure that is linearised already a check is the best step from a near parameter set
-  const bool first = summary_.history.empty() && known_ && known_->made();
+  // with a structure that is linearised already a check is the best step from a near parameter set; and of linear laws
+  // one that is made for the sets to come is the answer
+  const bool first =
+      std::exchange(solved_, false) || (summary_.history.empty() && known_ &&
+                                        (known_->made() || Verification::exact(stages_.laws())));
   if ((error <= options_.rtol || first) && verifies()) {
     measured = verify(std::move(measured), true);
   }
@@ -296,7 +321,7 @@ Matrix Run::estimate(const Measured& measured) {
 
 /// One step, to where Newton's method leads or by the history.
 void Run::advance(const Measured& measured) {
-  if (follow(measured)) {
+  if (follow(measured) || (summary_.history.size() == 1 && solve_coupled())) {
     return;
   }
   newton_.count_step();
@@ -343,9 +368,9 @@ void Run::finish(Status status) {
     stages_.refresh(state_);
   }
   // what the bodies' factors leave is no part of the iteration, but of the error
-  for (Index b = 0; b < summary_.errors.cols(); ++b) {
-    const double rounding = structure_.bodies()[static_cast<std::size_t>(b)].rounding();
-    summary_.errors.col(b) = summary_.errors.col(b).cwiseMax(std::min(rounding, options_.rtol));
+  add_rounding_of_bodies();
+  if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
+    summary_.errors = summary_.errors.cwiseMax(Verification::resolution(options_.rtol));
   }
   summary_.error = std::max(summary_.error, error_.largest(summary_.errors));
   summary_.status = status;
@@ -355,6 +380,31 @@ void Run::finish(Status status) {
   summary_.local_s = stages_.local_seconds();
   summary_.other_s =
       elapsed() - callback_s_ - summary_.global_s - summary_.local_s - summary_.newton_s;
+}
+
+/// A bound that would decide is replaced by what is measured, of a body that can be. Collective.
+void Run::add_rounding_of_bodies() {
+  const auto& bodies = structure_.bodies();
+  std::vector<std::size_t> measured;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    auto errors = summary_.errors.col(static_cast<Index>(b));
+    const double bound = std::min(bodies[b].rounding(), options_.rtol);
+    const bool as_built = stages_.laws().scaled(b) == nullptr;
+    if (as_built && bodies[b].measurable() && bound > errors.maxCoeff()) {
+      measured.push_back(b);
+    } else {
+      errors = errors.cwiseMax(bound);
+    }
+  }
+  if (structure_.communicator().everywhere(measured.empty())) {
+    return;
+  }
+  const Whole whole = stages_.whole(state_);
+  for (const std::size_t b : measured) {
+    auto errors = summary_.errors.col(static_cast<Index>(b));
+    const double bound = std::min(bodies[b].rounding(), options_.rtol);
+    errors = errors.cwiseMax(stages_.rounding_of(b, state_, whole).cwiseMin(bound));
+  }
 }
 
 double Run::elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }

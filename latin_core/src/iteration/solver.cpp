@@ -1,9 +1,11 @@
 #include "latin/iteration/solver.hpp"
 
 #include <string>
+#include <vector>
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/run.hpp"
+#include "latin/substructure/global_stage.hpp"
 
 namespace latin::iteration {
 
@@ -42,7 +44,19 @@ Summary solve(const substructure::Laws& laws, const Options& options, const Matr
   });
   Run run(laws, options, amplitudes, state, snapshots.size(), callback, known);
   if (!snapshots.empty()) {
-    if (structure.total_rows() > 0) {
+    if (structure.total_rows() > 0 && laws.scales_anywhere()) {
+      // their traces are those with other factors of the stiffness
+      std::vector<State> moved;
+      moved.reserve(snapshots.size());
+      std::vector<const State*> own;
+      substructure::GlobalStage global(laws);
+      for (const State* each : snapshots) {
+        moved.push_back(*each);
+        global.apply(moved.back().data, amplitudes, moved.back().traces);
+        own.push_back(&moved.back());
+      }
+      run.start_from(own);
+    } else if (structure.total_rows() > 0) {
       run.start_from(snapshots);
     } else {
       state = *snapshots.front();  // everything is assembled: BLAS does not take empty blocks

@@ -93,7 +93,7 @@ void Stages::global(Matrix* step, Matrix& data, Matrix& traces) {
       global_.change(*step, traces);
     }
     if (structure().macro_size() > 0) {
-      const Matrix added = global_.balance(local_, data, traces);
+      const Matrix added = global_.balance(local_, amplitudes_, data, traces);
       if (step != nullptr) {
         *step += added;
       }
@@ -114,6 +114,25 @@ Whole Stages::whole(const State& state) {
   Vector& reach = whole.yardstick.reach;
   structure().communicator().sum({reach.data(), static_cast<std::size_t>(reach.size())});
   return whole;
+}
+
+Vector Stages::rounding_of(std::size_t body, const State& state, const Whole& whole) {
+  const substructure::Body& of = structure().bodies()[body];
+  const Index first = structure().body_rows()[body];
+  const substructure::Body::Correction correction =
+      of.correction(state.data.middleRows(first, of.rows()), amplitudes_, laws().response(body));
+  substructure::Sizes sizes = whole.sizes;
+  for (Matrix* each : {&sizes.strain, &sizes.trace}) {
+    each->setZero();
+  }
+  const auto metric = structure().trace_metric().segment(first, of.rows());
+  const auto at = static_cast<Index>(body);
+  for (Index column = 0; column < correction.traces.cols(); ++column) {
+    const Index group = laws().groups().of(column);
+    sizes.strain(group, at) += correction.strain(column);
+    sizes.trace(group, at) += correction.traces.col(column).cwiseAbs2().dot(metric);
+  }
+  return whole.relative(sizes).col(at);
 }
 
 double Stages::strain(const State& state) {

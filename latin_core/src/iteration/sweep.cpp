@@ -4,8 +4,11 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <limits>
+#include <map>
 #include <numeric>
 #include <span>
+#include <string>
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/batch.hpp"
@@ -50,6 +53,11 @@ constexpr double spare_accuracy = 0.3;
 constexpr Index fewest_snapshots = 4;
 /// Points in a row that the first iterate answered, before several are tried together.
 constexpr Index streak_before_batch = 3;
+/// Of linear laws, so many times as many together; not for fewer points than these.
+constexpr Index many_together = 8;
+constexpr Index least_directly = 3;
+/// Points that are far from each other, whose states the others start from.
+constexpr Index most_far = 8;
 
 /// Tolerance, relative to the one asked for, of the first samples: nothing is known of their scatter.
 constexpr double of_first_samples = 1e-3;
@@ -151,23 +159,40 @@ class Sweep {
         where_(coordinates(parameters)) {
     // of the interfaces of other ranks only the values count: they say which points are near
     for (const SweptParameter& each : parameters) {
+      if (each.interface.empty()) {
+        check_load(each);
+        loads_.push_back(&each);
+        continue;
+      }
+      if (each.parameter == stiffness_parameter) {
+        check_stiffness(each);
+        stiffness_.push_back(&each);
+        continue;
+      }
       const bool here = structure_.has_interface(each.interface);
       const bool somewhere = structure_.communicator().maximum(here ? 1 : 0) > 0;
       if (here || !somewhere) {  // setting a parameter of none names it
         own_parameters_.push_back(&each);
       }
     }
+    scales_ = laws_.scales_anywhere() ||
+              structure_.communicator().maximum(stiffness_.empty() ? 0 : 1) > 0;
     const double bytes = 8.0 * static_cast<double>(structure_.rows() * amplitudes.cols()) *
                          static_cast<double>(options.snapshots + 6);
     most_together_ = std::min(options.together, static_cast<Index>(together_bytes / (bytes + 1.0)));
     if (!structure_.communicator().alone() || options.snapshots < 2 || options.acceleration < 1 ||
-        structure_.rows() == 0 || laws.transformed()) {
+        structure_.rows() == 0 || laws.transformed() || !loads_.empty() || scales_) {
       most_together_ = 1;
     }
     most_together_ = std::max<Index>(most_together_, 1);
-    if (!options.stop_on_indicator && Verification::possible(laws)) {
+    if (!options.stop_on_indicator && !scales_ && Verification::possible(laws)) {
       linear_ = std::make_shared<Linearisation>();
       together_from_ = std::min(together_from_, fewest_snapshots);
+    }
+    direct_ = linear_ && most_together_ > 1 && Verification::exact(laws);
+    if (direct_) {
+      most_together_ = std::clamp(static_cast<Index>(together_bytes / (bytes + 1.0)),
+                                  most_together_, many_together * most_together_);
     }
   }
 
@@ -199,6 +224,9 @@ class Sweep {
   }
 
   void run(const std::vector<Index>& order) {
+    for (std::size_t i = 0; i < known_.size(); ++i) {
+      shift(known_[i].traces, known_points_[i], -1.0);
+    }
     try {
       walk(order);
       release_early();
@@ -225,6 +253,9 @@ class Sweep {
   }
 
   void walk(const std::vector<Index>& order) {
+    if (direct_ && static_cast<Index>(order.size()) > least_directly) {
+      return solve_directly(order);
+    }
     for (std::size_t next = 0; next < order.size();) {
       set_tolerance();
       const auto left = static_cast<Index>(order.size() - next);
@@ -237,6 +268,59 @@ class Sweep {
         solve_alone(points.front());
       }
       next += points.size();
+      if (scatter_.count() >= first_samples) {
+        release_early();
+      }
+    }
+  }
+
+  /// Points of linear laws: one in the middle gives the tangents of all, some that are far from each other the
+  /// states that the others start from.
+  void solve_directly(const std::vector<Index>& order) {
+    std::vector<Index> left = order;
+    const auto take = [&](auto which) {
+      const Index point = *which;
+      left.erase(which);
+      return point;
+    };
+    Matrix places(where_.rows(), static_cast<Index>(left.size()));
+    for (std::size_t i = 0; i < left.size(); ++i) {
+      places.col(static_cast<Index>(i)) = where_.col(left[i]);
+    }
+    const Vector middle = places.rowwise().mean();
+    const auto away = [this](Index point, const Vector& from) {
+      return (where_.col(point) - from).squaredNorm();
+    };
+    set_tolerance();
+    while ((known_.empty() || !linear_->made()) && !left.empty()) {  // until one has converged
+      solve_alone(take(std::ranges::min_element(left, {},
+                                                [&](Index point) { return away(point, middle); })),
+                  true);
+    }
+    const Index far = std::min(most_far, static_cast<Index>(left.size()) / 2);
+    std::vector<Index> seeds;
+    while (static_cast<Index>(seeds.size()) < far) {
+      const auto nearest_of = [&](Index point) {
+        double least = std::numeric_limits<double>::infinity();
+        for (const Index known : known_points_) {
+          least = std::min(least, away(point, where_.col(known)));
+        }
+        for (const Index known : seeds) {
+          least = std::min(least, away(point, where_.col(known)));
+        }
+        return least;
+      };
+      seeds.push_back(take(std::ranges::max_element(left, {}, nearest_of)));
+    }
+    if (!seeds.empty()) {
+      try_together(seeds);
+    }
+    for (std::size_t next = 0; next < left.size();) {
+      set_tolerance();
+      const std::size_t count =
+          std::min(left.size() - next, static_cast<std::size_t>(most_together_));
+      try_together(std::span<const Index>(left.data() + next, count));
+      next += count;
       if (scatter_.count() >= first_samples) {
         release_early();
       }
@@ -261,7 +345,50 @@ class Sweep {
       }
       changes.push_back({each->interface, each->parameter, std::move(field)});
     }
-    return base.with_parameters(changes);
+    std::map<std::string, substructure::StiffnessFactors> factors;
+    for (const SweptParameter* each : stiffness_) {
+      factors[each->interface].values = each->pattern * each->values.col(points.front());
+    }
+    return base.with_parameters(changes).with_stiffness(factors);
+  }
+
+  /// @throws InputError if it is not one number for each point
+  static void check_stiffness(const SweptParameter& each) {
+    if (each.pattern.size() != 1 || each.columns != 1) {
+      throw InputError("sweep: the stiffness of '" + each.interface +
+                       "' takes one factor for each point");
+    }
+  }
+
+  /// @throws InputError if a swept load does not fit the load patterns
+  void check_load(const SweptParameter& load) const {
+    if (load.pattern.rows() != amplitudes_.size()) {
+      throw InputError("sweep: a load has a pattern of " + std::to_string(load.pattern.rows()) +
+                       " rows for amplitudes of shape (" + std::to_string(amplitudes_.rows()) +
+                       ", " + std::to_string(amplitudes_.cols()) + ")");
+    }
+  }
+
+  /// What the swept loads of a point add to the amplitudes, (l, c).
+  [[nodiscard]] Matrix loads_of(Index point) const {
+    Matrix added = Matrix::Zero(amplitudes_.rows(), amplitudes_.cols());
+    for (const SweptParameter* each : loads_) {
+      const Vector values = each->pattern * each->values.col(point);
+      added += values.reshaped(amplitudes_.rows(), amplitudes_.cols());
+    }
+    return added;
+  }
+
+  /// Add the answer to the swept loads of a point to traces, or take it away.
+  void shift(Matrix& traces, Index point, double sign) const {
+    if (loads_.empty() || scales_) {  // with factors the traces are made anew
+      return;
+    }
+    const Matrix added = sign * loads_of(point);
+    for (std::size_t b = 0; b < structure_.bodies().size(); ++b) {
+      traces.middleRows(structure_.body_rows()[b], structure_.bodies()[b].rows()).noalias() +=
+          laws_.response(b).traces * added;
+    }
   }
 
   /// The solved points nearest to a place.
@@ -285,9 +412,10 @@ class Sweep {
   }
 
   /// @throws Interrupted if the run was interrupted
-  Summary solve_or_stop(const substructure::Laws& laws, State& state,
+  Summary solve_or_stop(Index point, const substructure::Laws& laws, State& state,
                         const std::vector<const State*>& start) {
-    Summary summary = solve(laws, options_, amplitudes_, state, start, callback_, linear_);
+    const Matrix amplitudes = loads_.empty() ? amplitudes_ : Matrix(amplitudes_ + loads_of(point));
+    Summary summary = solve(laws, options_, amplitudes, state, start, callback_, linear_);
     if (summary.status == Status::interrupted) {
       throw Interrupted();
     }
@@ -323,7 +451,7 @@ class Sweep {
       if (first.summary.error > wanted_ * scatter_.least()) {
         set_tolerance();
         State state;
-        Summary again = solve_or_stop(laws, state, {&first.state});
+        Summary again = solve_or_stop(first.point, laws, state, {&first.state});
         again.iterations += first.summary.iterations;
         if (again.error < first.summary.error) {
           first.summary = std::move(again);
@@ -358,7 +486,7 @@ class Sweep {
                        : Vector::Zero(bodies),
                    [&](const State& first) {
                      return substructure::GlobalStage(laws).sizes(first.data, first.traces,
-                                                                  amplitudes_);
+                                                                  amplitudes_ + loads_of(point));
                    });
       if (scatter_.count() <= first_samples) {
         early_.push_back({point, state, std::move(summary)});
@@ -395,13 +523,22 @@ class Sweep {
   void solve_alone(Index point, bool wanted = false, Index tried = 0) {
     substructure::Laws laws = laws_;
     structure_.communicator().together([&] { laws = laws_of(laws_, {&point, 1}); });
-    const std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
+    std::vector<const State*> start = nearest(where_.col(point), options_.snapshots);
+    std::vector<State> shifted;  // their displacements under the loads of this point
+    if (!loads_.empty()) {
+      shifted.reserve(start.size());
+      for (const State*& each : start) {
+        shifted.push_back(*each);
+        shift(shifted.back().traces, point, 1.0);
+        each = &shifted.back();
+      }
+    }
     State state;
-    Summary summary = solve_or_stop(laws, state, start);
+    Summary summary = solve_or_stop(point, laws, state, start);
     if (!good_enough(summary) && !start.empty()) {
       // friction may keep a state of other parameters in a trap: from zero it is another way
       State cold;
-      Summary again = solve_or_stop(laws, cold, {});
+      Summary again = solve_or_stop(point, laws, cold, {});
       again.iterations += summary.iterations;
       if (again.status == Status::converged || again.error < summary.error) {
         state = std::move(cold);
@@ -417,6 +554,7 @@ class Sweep {
     const bool reproduced = at_once && full;
     streak_ = reproduced ? streak_ + 1 : 0;
     if (summary.status == Status::converged && (wanted || !reproduced)) {
+      shift(state.traces, point, -1.0);
       known_.push_back(std::move(state));
       known_points_.push_back(point);
     }
@@ -430,9 +568,10 @@ class Sweep {
       centre += where_.col(point) / static_cast<double>(points.size());
     }
     const auto sets = static_cast<Index>(points.size());
-    const std::vector<Advanced> answers =
-        advance_together(laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
-                         nearest(centre, together_from_), linear_.get());
+    const std::vector<Advanced> answers = advance_together(
+        laws_of(laws_.repeated(sets), points), options_, amplitudes_, sets,
+        direct_ ? std::vector<const State*>{&known_.front()} : nearest(centre, together_from_),
+        linear_.get(), direct_ ? &basis_ : nullptr);
     const double seconds =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() /
         static_cast<double>(sets);
@@ -483,15 +622,22 @@ class Sweep {
   };
   std::vector<Early> early_;  ///< the first samples
   double wanted_;             ///< tolerance asked for: that of the options follows the scatter
-  const Matrix& amplitudes_;
+  const Matrix& amplitudes_;  ///< at all points, but for swept loads
+  std::vector<const SweptParameter*> loads_;
+  std::vector<const SweptParameter*> stiffness_;
+  bool scales_ =
+      false;  ///< bodies have factors: tangents and traces of other points are not those of a point
   std::vector<const SweptParameter*> own_parameters_;  ///< of interfaces that are on this rank
-  std::vector<State> known_;
+  std::vector<State> known_;                           ///< without the answer to swept loads
   std::vector<Index> known_points_;
   bool stop_ = false;  ///< a callback of this rank asked for the end
   const Callback callback_;
   const PointCallback& point_callback_;
   Matrix where_;
   Index most_together_ = 1;
+  bool direct_ =
+      false;      ///< all laws are linear: points are solved together, by conjugate gradients
+  Matrix basis_;  ///< of these: what points move by from the first known one
   Index together_from_ = options_.snapshots;  ///< snapshots of points that are tried together
   /// Of the point solved last, where estimates are checked.
   std::shared_ptr<Linearisation> linear_;

@@ -31,13 +31,14 @@ constexpr double borrowed_fall = 0.3;
 constexpr double well_fallen = 0.1;
 /// Errors below this fraction of the tolerance need not be known any better.
 constexpr double negligible = 0.05;
-/// And errors of nonlinear laws below this one are not known.
-constexpr double unresolved = 2e-4;
-constexpr double most_unresolved = 2e-9;
+/// A last step that leads into another branch may be this many times too short.
+constexpr double of_other_branch = 4.0;
 /// Steps with the tangents of another parameter set before those here are taken.
 constexpr Index most_borrowed = 4;
 /// Errors of linear laws are known well enough with tangents whose stiffnesses differ by this factor.
 constexpr double bearable_spread = 9.0;
+/// What conjugate gradients have not seen of the factor between two stiffnesses.
+constexpr double safe_spread = 2.0;
 /// Time steps of a history with memory, each of which has tangents of its own.
 constexpr Index most_steps_of_history = 16;
 /// Steps of a search, and plain steps where those do not help.
@@ -63,8 +64,8 @@ constexpr double bearable_rounding = 3.0;
 }  // namespace
 
 bool Verification::possible(const substructure::Laws& laws) {
-  if (!Tangent::possible(laws.structure())) {
-    return false;
+  if (!Tangent::possible(laws.structure()) || laws.scales_anywhere()) {
+    return false;  // tangents are those of the bodies without factors
   }
   return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
 }
@@ -76,6 +77,24 @@ bool Verification::searches(const substructure::Laws& laws) {
 bool Verification::exact(const substructure::Laws& laws) {
   return laws.modes() == 1 && laws.linear_everywhere();
 }
+
+bool Verification::coupled(const substructure::Laws& laws) {
+  return laws.modes() > 1 && laws.structure().communicator().alone() && laws.linear() &&
+         possible(laws);
+}
+
+bool Verification::solve_coupled(const State& state, double tolerance, Matrix& step) {
+  try {
+    linear_->take(stages_.laws(), state);
+    substructure::LocalStage local(stages_.laws(), state.data.cols());
+    spread_of_coupled_ = safe_spread * linear_->correct_coupled(local, tolerance, step, moved_);
+    return spread_of_coupled_ > 0.0;
+  } catch (const NumericalError&) {
+    return false;  // the iteration may know better
+  }
+}
+
+double Verification::resolution(double rtol) { return std::min(0.05 * rtol, 2e-9); }
 
 Verification::Verification(Stages& stages, std::shared_ptr<Linearisation> known)
     : stages_(stages),
@@ -119,10 +138,13 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
                                                          const Whole& whole, double rtol,
                                                          double spread) {
   const substructure::Laws& laws = stages_.laws();
-  if (!exact(laws)) {
+  const bool of_coupled = spread_of_coupled_ > 0.0;
+  if (!exact(laws) && !of_coupled) {
     return std::nullopt;
   }
-  if (!linear_->made() || spread > bearable_spread) {
+  if (of_coupled) {
+    spread = spread_of_coupled_;
+  } else if (!linear_->made() || spread > bearable_spread) {
     try {
       linear_->take(laws, state);
     } catch (const NumericalError&) {
@@ -140,7 +162,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   if (imbalance > bearable_imbalance * rtol) {
     return std::nullopt;
   }
-  const Matrix least_error = linear_->rounding(laws, state, whole);
+  const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole);
   if (largest(least_error) > rtol) {
     return std::nullopt;
   }
@@ -169,7 +191,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   double spread = 1.0;
   const double bearable_left =
       stages_.laws().linear_everywhere() ? linear_contraction : contraction;
-  bool borrowed = linear_->made();
+  bool borrowed = linear_->made() && !coupled(stages_.laws());
   if (borrowed) {
     spread = std::ranges::max(linear_->contrasts(stages_.laws(), state));
     borrowed = spread <= Linearisation::near_factor;
@@ -225,8 +247,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
                               .cwiseMin(1.0 - 1.0 / most_left);
       Matrix rest = carried((ahead.array() / (1.0 - left.array())).matrix());
       if (count == first_of_rounding) {
-        least_known =
-            (within_rounding * linear_->rounding(stages_.laws(), better_, whole)).cwiseMax(least);
+        least_known = (within_rounding *
+                       linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole))
+                          .cwiseMax(least);
       }
       if (count >= first_of_rounding) {
         // steps that do not become shorter, but are rounding, leave what they are
@@ -242,20 +265,26 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
                          !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
+      const bool little = norm <= std::max(well_fallen * first_norm, noise) &&
+                          everywhere((rest.array() <= least_known.array()).all());
+      const bool in_branch = !go_on && stays_in_branch(step);
       if (!go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
           norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
-          ((norm <= std::max(well_fallen * first_norm, noise) &&
-            everywhere((rest.array() <= least_known.array()).all())) ||
-           stays_in_branch(step))) {
+          (little || in_branch)) {
+        if (!in_branch) {
+          rest *= of_other_branch;
+          ahead *= of_other_branch;
+        }
         // a little more than the tolerance may be as well a little less: it is a bound
-        Matrix least_error = linear_->rounding(stages_.laws(), better_, whole);
+        Matrix least_error =
+            linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole);
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
         }
         if (!stages_.laws().linear_everywhere()) {
           // steps that end far below the tolerance do not say how far
-          least_error = least_error.cwiseMax(std::min(unresolved * rtol, most_unresolved));
+          least_error = least_error.cwiseMax(resolution(rtol));
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
@@ -398,7 +427,7 @@ bool Verification::by_multipliers(const State& state, Index most, Best& best) {
     linear_->take(stages_.laws(), better_);
     const Whole whole = stages_.whole(better_);
     left = carried(whole.relative(gauge_.of_distance(better_, multipliers.before_last())))
-               .cwiseMax(linear_->rounding(stages_.laws(), better_, whole));
+               .cwiseMax(linear_->rounding(stages_.laws(), better_, stages_.amplitudes(), whole));
   } catch (const NumericalError&) {
     return false;
   }

@@ -14,6 +14,9 @@ namespace {
 using Eigen::Vector3d;
 using Powers = std::array<double, highest_degree + 1>;
 
+/// Maps whose other coefficients are below this part of the linear ones are linear.
+constexpr double straight = 1e-12;
+
 /// Integer powers 0 ... degree.
 void powers_of(double x, int degree, Powers& out) {
   out[0] = 1.0;
@@ -233,6 +236,14 @@ Face::Face(FacetShape shape, int parts, const Matrix& nodes, std::vector<Index> 
     }
     Eigen::Matrix3Xd x = Eigen::Matrix3Xd::Zero(3, map_monomials_.size());
     x.topRows(d) = nodes.middleRows(count * f, count).transpose() * map.coefficients[variant];
+    double linear = 0.0;
+    double rest = 0.0;
+    for (Index k = 0; k < map_monomials_.size(); ++k) {
+      const int order = map_monomials_.order(k);
+      double& largest = order == 1 ? linear : rest;
+      largest = order == 0 ? largest : std::max(largest, x.col(k).cwiseAbs().maxCoeff());
+    }
+    affine_.push_back(rest <= straight * linear ? 1 : 0);
     maps_.push_back(std::move(x));
   }
   cut();
@@ -262,7 +273,13 @@ Face::Place Face::at(Index facet, const Point2& s) const {
   map_monomials_.values(s, values);
   map_monomials_.gradients(s, first, second);
   const Eigen::Matrix3Xd& map = maps_[facet];
-  return {map * values, map * first, map * second};
+  Place place{Vector3d::Zero(), Vector3d::Zero(), Vector3d::Zero()};
+  for (Index k = 0; k < map.cols(); ++k) {
+    place.x += values[k] * map.col(k);
+    place.first += first[k] * map.col(k);
+    place.second += second[k] * map.col(k);
+  }
+  return place;
 }
 
 Vector3d Face::area_vector(Index facet, const Place& place) const {
@@ -272,10 +289,15 @@ Vector3d Face::area_vector(Index facet, const Place& place) const {
   return orientation_[facet] * place.first.cross(place.second);
 }
 
-void Face::shapes(Index facet, const Point2& s, Values& out) const {
+Vector3d Face::point(Index facet, const Point2& s) const {
   Values values;
-  shape_monomials_.values(s, values);
-  out.noalias() = shapes_.coefficients[variants_[facet]] * values;
+  map_monomials_.values(s, values);
+  const Eigen::Matrix3Xd& map = maps_[facet];
+  Vector3d x = Vector3d::Zero();
+  for (Index k = 0; k < map.cols(); ++k) {
+    x += values[k] * map.col(k);
+  }
+  return x;
 }
 
 }  // namespace latin::mortar

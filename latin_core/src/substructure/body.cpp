@@ -3,18 +3,26 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <deque>
 #include <limits>
 #include <numeric>
 #include <utility>
+#include <vector>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
+
+// LAPACK; hidden lengths of texts are not read for one letter
+extern "C" void dsyevd_(const char* jobz, const char* uplo, const int* n, double* a, const int* lda,
+                        double* w, double* work, const int* lwork, int* iwork, const int* liwork,
+                        int* info);
 
 namespace latin::substructure {
 namespace {
+
+using algebra::multiply_sparse;
 
 /// Seconds since the last time it was asked.
 class Watch {
@@ -68,7 +76,7 @@ SparseRows stack_rows(const std::vector<SparseRows>& blocks, Index cols) {
 /// Lower triangle of sum_e B_e^T M_e B_e, with M_e symmetric.
 ///
 /// Gathered row by row of the sum, so that no list of entries is ever stored or sorted: a row collects its
-/// entries in a dense workspace, and one transposition of the rows gives sorted columns.
+/// entries in a dense workspace.
 class LowerSum {
  public:
   explicit LowerSum(Index size) : size_(size) {}
@@ -78,7 +86,8 @@ class LowerSum {
     terms_.push_back({middle, &b, SparseColumns(b)});
   }
 
-  [[nodiscard]] SparseColumns build() const {
+  /// The columns of a row are in no order.
+  [[nodiscard]] SparseRows build() const {
     SparseRows lower(size_, size_);
     std::vector<double> sum(static_cast<std::size_t>(size_), 0.0);
     std::vector<int> last(static_cast<std::size_t>(size_), -1);  // row that last touched a column
@@ -172,36 +181,27 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
   }
 }
 
-/// Rows of out = a x for `width` columns at once: sums that do not wait for each other.
-template <int width>
-void multiply_columns(const SparseRows& a, const ConstMatrixRef& x, MatrixRef& out, Index column) {
-  const double* from = x.data() + column * x.outerStride();
-  for (int row = 0; row < a.outerSize(); ++row) {
-    std::array<double, width> sums{};
-    for (SparseRows::InnerIterator it(a, row); it; ++it) {
-      const double* entry = from + it.col();
-      for (std::size_t i = 0; i < width; ++i) {
-        sums[i] += it.value() * entry[static_cast<Index>(i) * x.outerStride()];
-      }
-    }
-    for (std::size_t i = 0; i < width; ++i) {
-      out(row, column + static_cast<Index>(i)) = sums[i];
-    }
+/// A symmetric matrix is replaced by its eigenvectors. @return the eigenvalues
+Vector eigenvectors_in_place(Matrix& matrix, const std::string& name) {
+  const int n = static_cast<int>(matrix.rows());
+  Vector values(n);
+  int info = 0;
+  int most = -1;
+  int most_integers = -1;
+  double wanted = 0.0;
+  int wanted_integers = 0;
+  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), &wanted, &most, &wanted_integers,
+          &most_integers, &info);
+  most = static_cast<int>(wanted);
+  most_integers = wanted_integers;
+  std::vector<double> work(static_cast<std::size_t>(most));
+  std::vector<int> integers(static_cast<std::size_t>(most_integers));
+  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), work.data(), &most, integers.data(),
+          &most_integers, &info);
+  if (info != 0) {
+    throw NumericalError("body '" + name + "': the eigenvalues of its springs did not converge");
   }
-}
-
-/// out = a x. (Eigen takes one column after the other, each sum waiting for its last term.)
-void multiply_sparse(const SparseRows& a, const ConstMatrixRef& x, MatrixRef out) {
-  Index column = 0;
-  for (; column + 8 <= x.cols(); column += 8) {
-    multiply_columns<8>(a, x, out, column);
-  }
-  for (; column + 2 <= x.cols(); column += 2) {
-    multiply_columns<2>(a, x, out, column);
-  }
-  for (; column < x.cols(); ++column) {
-    multiply_columns<1>(a, x, out, column);
-  }
+  return values;
 }
 
 std::string shape_of(Index rows, Index cols) {
@@ -254,6 +254,8 @@ void check_members(const BodyDescription& body) {
     if (member.stiffness->cols() != n || member.load.rows() != n || member.load.cols() != loads ||
         (member.offset.size() > 0 &&
          (member.offset.rows() != n || member.offset.cols() != loads)) ||
+        (member.of_stiffness.size() > 0 &&
+         (member.of_stiffness.rows() != n || member.of_stiffness.cols() != loads)) ||
         (member.prolongation.size() > 0
              ? (member.prolongation.rows() != n || member.prolongation.cols() != body.size)
              : n != body.size)) {
@@ -355,6 +357,32 @@ double stiffest_of(const BodyDescription& description) {
   return largest;
 }
 
+/// Bodies whose displacements rounding may leave wrong by more are measured.
+constexpr double well_conditioned = 1e-10;
+
+using Longer = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
+
+/// out += sign * a x
+template <class Sparse>
+void add_product(const Sparse& a, const Longer& x, Longer& out, long double sign = 1.0L) {
+  for (int row = 0; row < a.outerSize(); ++row) {
+    long double sum = 0.0L;
+    for (typename Sparse::InnerIterator it(a, row); it; ++it) {
+      sum += static_cast<long double>(it.value()) * x(it.col());
+    }
+    out(row) += sign * sum;
+  }
+}
+
+/// out += sign * a^T x
+void add_transposed(const SparseRows& a, const Longer& x, Longer& out, long double sign = 1.0L) {
+  for (int row = 0; row < a.outerSize(); ++row) {
+    for (SparseRows::InnerIterator it(a, row); it; ++it) {
+      out(it.col()) += sign * static_cast<long double>(it.value()) * x(row);
+    }
+  }
+}
+
 }  // namespace
 
 Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
@@ -370,19 +398,32 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   }
   order_active_last(sides);
   stack_sides(sides);
-  const std::vector<SparseRows> jumps =
+  std::vector<SparseRows> jumps =
       spring_jumps(description.springs, prolongations_, description.size);
   const Loads loads = assemble_loads(description, jumps);
-  const SparseColumns lower = assemble_operator(description, jumps);
+  const SparseRows lower = assemble_operator(description, jumps);
+  active_stiffness_ = stiffness_of_active(description.members);
+  sprung_ = !description.springs.empty();
+  for (std::size_t e = 0; e < description.members.size(); ++e) {
+    if (description.members[e].of_stiffness.size() > 0) {
+      if (of_stiffness_.size() == 0) {
+        of_stiffness_ = Matrix::Zero(size_, description.members[e].load.cols());
+      }
+      of_stiffness_ += prolongations_[e].transpose() * description.members[e].of_stiffness;
+    }
+  }
   stiffest_ = stiffest_of(description);
   for (Member& member : description.members) {
-    member.stiffness.reset();  // before the factorisation takes its memory
     offsets_.push_back(std::move(member.offset));
   }
   cost_.assemble_s = watch.lap();
 
   const bool condense = wants_condensation(options);
   factorise(lower, condense, options);
+  if (rounding() > well_conditioned) {
+    keep_terms(description, std::move(jumps));
+  }
+  description = {};
   cost_.factorise_s = watch.lap();
   if (condense && factor_->condenses()) {
     condensed_ = factor_->trailing_factor();
@@ -477,8 +518,8 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
 }
 
 /// Lower triangle of K + sum B^T kappa B + sum T^T W k T.
-SparseColumns Body::assemble_operator(const BodyDescription& description,
-                                      const std::vector<SparseRows>& jumps) const {
+SparseRows Body::assemble_operator(const BodyDescription& description,
+                                   const std::vector<SparseRows>& jumps) const {
   LowerSum sum(size_);
   for (std::size_t e = 0; e < description.members.size(); ++e) {
     sum.add(*description.members[e].stiffness, prolongations_[e]);
@@ -491,6 +532,26 @@ SparseColumns Body::assemble_operator(const BodyDescription& description,
   return sum.build();
 }
 
+/// The diagonal of Z^T K Z, as far as it comes from that of K.
+Vector Body::stiffness_of_active(const std::vector<Member>& members) const {
+  Vector sum = Vector::Zero(size_);
+  for (std::size_t e = 0; e < members.size(); ++e) {
+    const SparseView& matrix = *members[e].stiffness;
+    Vector diagonal = Vector::Zero(matrix.rows());
+    for (int row = 0; row < matrix.outerSize(); ++row) {
+      for (SparseView::InnerIterator it(matrix, row); it; ++it) {
+        diagonal(row) += it.col() == row ? it.value() : 0.0;
+      }
+    }
+    for (int row = 0; row < prolongations_[e].outerSize(); ++row) {
+      for (SparseRows::InnerIterator it(prolongations_[e], row); it; ++it) {
+        sum(it.col()) += it.value() * it.value() * diagonal(row);
+      }
+    }
+  }
+  return sum.tail(active_);
+}
+
 bool Body::wants_condensation(const OperatorOptions& options) const {
   if (active_ == 0 || options.kind == OperatorKind::factored) {
     return false;
@@ -501,7 +562,7 @@ bool Body::wants_condensation(const OperatorOptions& options) const {
           (options.memory_limit <= 0.0 || bytes <= options.memory_limit));
 }
 
-void Body::factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options) {
+void Body::factorise(const SparseRows& lower, bool condense, const OperatorOptions& options) {
   factor_ = algebra::factorise(lower, condense ? active_ : 0, options.backend, name_);
   cost_.factor_numbers = factor_->nonzeros();
   if (condense && !factor_->condenses() && options.kind == OperatorKind::condensed) {
@@ -523,7 +584,9 @@ void Body::keep_loads(const Loads& loads, const std::vector<BodySide>& sides) {
   }
   const Vector robin = weights_.cwiseProduct(direction_);
   load_ = loads.load - traces_.transpose() * (robin.asDiagonal() * offset_traces_);
+  active_patterns_ = loads.load.bottomRows(active_);
   if (loads.of_offset.size() > 0) {
+    active_patterns_ += loads.of_offset.bottomRows(active_);
     work_ = loads.load + 2.0 * loads.of_offset;
   }
   offset_energy_ = loads.offset_energy;
@@ -646,6 +709,10 @@ void Body::apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) c
   multiply_sparse(active_traces_, unknowns, traces);
 }
 
+void Body::gather(ConstMatrixRef forces, MatrixRef on_unknowns) const {
+  multiply_sparse(active_loads_, forces, on_unknowns);
+}
+
 double Body::rounding() const {
   // of many sums, which grows like a random walk
   const double sums = 2.0 * std::sqrt(static_cast<double>(size()));
@@ -673,6 +740,29 @@ const Matrix& Body::schur() const {
   });
 }
 
+const Body::Spectrum& Body::spectrum() const {
+  return spectrum_.get([this] {
+    if (!condensed()) {
+      throw InputError(
+          "body '" + name_ + "': factors of its stiffness need the dense factor of its " +
+          std::to_string(active_) +
+          " active unknowns: use operator 'condensed' and a memory limit that it fits");
+    }
+    // L^-1 R L^-T
+    Matrix share = Matrix(active_traces_.transpose() *
+                          (weights_.cwiseProduct(direction_).asDiagonal() * active_traces_));
+    const auto lower = condensed_.triangularView<Eigen::Lower>();
+    lower.solveInPlace(share);
+    share.transposeInPlace();
+    lower.solveInPlace(share);
+    Spectrum spectrum;
+    spectrum.shares = eigenvectors_in_place(share, name_).cwiseMax(0.0).cwiseMin(1.0);
+    lower.transpose().solveInPlace(share);
+    spectrum.vectors = std::move(share);
+    return spectrum;
+  });
+}
+
 Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   const auto count = static_cast<Index>(unknowns.size());
   if (count == 0) {
@@ -691,21 +781,109 @@ Matrix Body::inverse_block(const std::vector<Index>& unknowns) const {
   return unit.transpose() * unit;
 }
 
+Matrix Body::forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                       const LoadResponse& loads) const {
+  Matrix forces = load_ * amplitudes;
+  if (loads.extra.size() > 0) {
+    forces += loads.extra * amplitudes;
+  }
+  if (rows() > 0) {
+    forces += traces_.transpose() * (weights_.asDiagonal() * data);
+  }
+  return forces;
+}
+
+/// Copies, for a matrix that was given may change afterwards.
+void Body::keep_terms(BodyDescription& description, std::vector<SparseRows> jumps) {
+  for (const Member& member : description.members) {
+    terms_.stiffnesses.push_back(owning_view(SparseRows(*member.stiffness)));
+  }
+  for (Spring& spring : description.springs) {
+    terms_.springs.push_back(std::move(spring.stiffness));
+  }
+  terms_.jumps = std::move(jumps);
+}
+
+Vector Body::residual(const Vector& unknowns, ConstVectorRef data, ConstVectorRef amplitudes,
+                      const LoadResponse& loads) const {
+  const auto longer = [](const auto& values) -> Longer {
+    return values.template cast<long double>();
+  };
+  const Longer u = longer(unknowns);
+  const Longer sizes = longer(amplitudes);
+  Longer left = load_.cast<long double>() * sizes;
+  if (loads.extra.size() > 0) {
+    left += loads.extra.cast<long double>() * sizes;
+  }
+  Longer moved = Longer::Zero(rows());
+  add_product(traces_, u, moved);
+  const Longer pushed =
+      longer(weights_).cwiseProduct(longer(data) - longer(direction_).cwiseProduct(moved));
+  add_transposed(traces_, pushed, left);
+  for (std::size_t e = 0; e < prolongations_.size(); ++e) {
+    Longer of_member = Longer::Zero(prolongations_[e].rows());
+    add_product(prolongations_[e], u, of_member);
+    Longer forces = Longer::Zero(of_member.size());
+    add_product(*terms_.stiffnesses[e], of_member, forces);
+    add_transposed(prolongations_[e], forces, left, -1.0L);
+  }
+  for (std::size_t i = 0; i < terms_.jumps.size(); ++i) {
+    Longer jump = Longer::Zero(terms_.jumps[i].rows());
+    add_product(terms_.jumps[i], u, jump);
+    add_transposed(terms_.jumps[i], longer(terms_.springs[i]).cwiseProduct(jump), left, -1.0L);
+  }
+  return left.cast<double>();
+}
+
+Matrix Body::residuals(const Matrix& unknowns, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                       const LoadResponse& loads) const {
+  Matrix left(size_, data.cols());
+  for (Index column = 0; column < data.cols(); ++column) {
+    left.col(column) =
+        residual(unknowns.col(column), data.col(column), amplitudes.col(column), loads);
+  }
+  return left;
+}
+
+Body::Correction Body::correction(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                  const LoadResponse& loads) const {
+  const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
+  const Matrix left = residuals(unknowns, data, amplitudes, loads);
+  const Matrix change = factor_->solve(left);
+  return {change.cwiseProduct(left).colwise().sum().cwiseAbs(), traces_ * change};
+}
+
+Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                    const LoadResponse& loads) const {
+  const Matrix unknowns = factor_->solve(forces_of(data, amplitudes, loads));
+  const Matrix left = residuals(unknowns, data, amplitudes, loads);
+  // the stage moves them a little otherwise than the solution that is corrected here
+  Matrix of_loads = load_;
+  if (loads.extra.size() > 0) {
+    of_loads += loads.extra;
+  }
+  Matrix by_stage = active_loads_ * data;
+  if (condensed()) {
+    condensed_.triangularView<Eigen::Lower>().solveInPlace(by_stage);
+    condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(by_stage);
+  } else {
+    Matrix all = Matrix::Zero(size_, data.cols());
+    all.bottomRows(active_) = by_stage;
+    by_stage = factor_->solve(all).bottomRows(active_);
+  }
+  if (this->loads() > 0) {
+    by_stage += factor_->solve(of_loads).bottomRows(active_) * amplitudes;
+  }
+  const Matrix wrong =
+      unknowns.bottomRows(active_) - by_stage + factor_->solve(left).bottomRows(active_);
+  return schur().selfadjointView<Eigen::Lower>() * wrong;
+}
+
 std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
                                         const LoadResponse& loads) const {
-  Matrix unknowns;
-  if (loads.unknowns.size() > 0) {
-    unknowns = loads.unknowns * amplitudes;
-  } else {
-    unknowns = load_ * amplitudes;
-    if (loads.extra.size() > 0) {
-      unknowns += loads.extra * amplitudes;
-    }
-    if (rows() > 0) {
-      unknowns += traces_.transpose() * (weights_.asDiagonal() * data);
-    }
-    unknowns = factor_->solve(unknowns);
-  }
+  const Matrix unknowns = loads.unknowns.size() > 0
+                              ? Matrix(loads.unknowns * amplitudes)
+                              : factor_->solve(forces_of(data, amplitudes, loads));
   std::vector<Matrix> fields;
   fields.reserve(prolongations_.size());
   for (std::size_t e = 0; e < prolongations_.size(); ++e) {

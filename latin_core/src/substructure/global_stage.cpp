@@ -1,5 +1,7 @@
 #include "latin/substructure/global_stage.hpp"
 
+#include <cmath>
+
 namespace latin::substructure {
 
 void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces) {
@@ -8,9 +10,26 @@ void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRe
     const Body& body = structure.bodies()[b];
     const Index row = structure.body_rows()[b];
     auto of_body = traces.middleRows(row, body.rows());
+    if (laws_.scaled(b) != nullptr) {
+      apply_scaled(b, data.middleRows(row, body.rows()), amplitudes, of_body);
+      continue;
+    }
     body.apply(data.middleRows(row, body.rows()), of_body, work_);
     of_body.noalias() += laws_.response(b).traces * amplitudes;
   }
+}
+
+void GlobalStage::apply_scaled(std::size_t b, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                               MatrixRef traces) {
+  const ScaledColumns& scaled = *laws_.scaled(b);
+  const Vector factors = scaled.each(data.cols());
+  if (!scaled.transformed()) {
+    scaled.body->apply(data, amplitudes, factors, traces, work_);
+    return;
+  }
+  Matrix moved(traces.rows(), traces.cols());
+  scaled.body->apply(scaled.into(data), scaled.into(amplitudes), factors, moved, work_);
+  traces = scaled.back(moved);
 }
 
 void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
@@ -19,12 +38,19 @@ void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
     const Body& body = structure.bodies()[b];
     const Index row = structure.body_rows()[b];
     Eigen::Map<Matrix> added = block_.shaped(body.rows(), change.cols());
+    if (const ScaledColumns* scaled = laws_.scaled(b)) {
+      const Matrix into = scaled->into(change.middleRows(row, body.rows()));
+      scaled->body->change(into, scaled->each(change.cols()), added, work_);
+      traces.middleRows(row, body.rows()) += scaled->back(added);
+      continue;
+    }
     body.apply_single(change.middleRows(row, body.rows()), added, work_);
     traces.middleRows(row, body.rows()) += added;
   }
 }
 
-Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces) const {
+Matrix GlobalStage::balance(LocalStage& local, ConstMatrixRef amplitudes, MatrixRef data,
+                            MatrixRef traces) {
   const Structure& structure = laws_.structure();
   Matrix forces = data - structure.directions().asDiagonal() * traces;
   for (std::size_t i = 0; i < structure.interfaces().size(); ++i) {
@@ -33,7 +59,49 @@ Matrix GlobalStage::balance(LocalStage& local, MatrixRef data, MatrixRef traces)
       forces.middleRows(interface.rows.front(), interface.size()) -= local.force(i, data, traces);
     }
   }
-  return structure.macro().correct(forces, data, traces);
+  Matrix added = structure.macro().correct(forces, data, traces);
+  // the coarse problem has the stiffnesses without factors
+  for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
+    const Index first = structure.body_rows()[b];
+    const Index rows = structure.bodies()[b].rows();
+    if (laws_.scaled(b) != nullptr) {
+      apply_scaled(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows));
+    }
+  }
+  return added;
+}
+
+/// sum of F^2 / K, (c), with the forces F on the nodes of the sides and their own stiffness: a bolt that presses its
+/// own joint together holds nothing. Loads are counted only where they take forces away.
+Vector GlobalStage::pressed_energies(std::size_t b, ConstMatrixRef forces,
+                                     ConstMatrixRef amplitudes) {
+  const Body& body = laws_.structure().bodies()[b];
+  const Vector& stiffness = body.active_stiffness();
+  // a node alone is stiffer than the body as a whole, by the number of nodes side by side
+  const double whole = 2.0 * std::sqrt(static_cast<double>(body.active()));
+  const Vector compliance = (stiffness.array() > 0.0).select(whole * stiffness.cwiseInverse(), 0.0);
+  Eigen::Map<Matrix> net = work_.unknowns.shaped(body.active(), forces.cols());
+  body.gather(forces, net);
+  Vector energies = compliance.transpose() * net.cwiseAbs2();
+  // rows on nodes that are held move no unknown
+  Vector of_held = Vector::Zero(body.rows());
+  const Vector metric =
+      laws_.structure().trace_metric().segment(laws_.structure().body_rows()[b], body.rows());
+  for (Index row = 0; row < body.rows(); ++row) {
+    if (body.active_traces().innerVector(row).nonZeros() == 0 && metric(row) > 0.0) {
+      of_held(row) = body.weights()(row) * body.weights()(row) / metric(row);
+    }
+  }
+  const Vector held = of_held.transpose() * forces.cwiseAbs2();
+  if (body.loads() > 0) {
+    net.noalias() += body.active_patterns() * amplitudes;
+    const Matrix& extra = laws_.response(b).extra;
+    if (extra.size() > 0) {
+      net.noalias() += extra.bottomRows(body.active()) * amplitudes;
+    }
+    energies = energies.cwiseMin((compliance.transpose() * net.cwiseAbs2()).transpose());
+  }
+  return energies + held;
 }
 
 Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes) {
@@ -47,11 +115,14 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     const auto s = data.middleRows(first, body.rows());
     const auto w = traces.middleRows(first, body.rows());
     const auto metric = structure.trace_metric().segment(first, body.rows());
-    const Vector compliance =
-        (metric.array() > 0.0).select(body.weights().array().square() / metric.array(), 0.0);
     Eigen::Map<Matrix> f = block_.shaped(w.rows(), w.cols());
     f = s - body.directions().asDiagonal() * w;
-    const Vector energies = body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+    const ScaledColumns* scaled = laws_.scaled(b);
+    const Vector energies =
+        scaled != nullptr ? scaled->body->energies(scaled->into(s), scaled->into(w),
+                                                   scaled->into(amplitudes), scaled->each(w.cols()))
+                          : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+    const Vector pressed = pressed_energies(b, f, amplitudes);
     const auto at = static_cast<Index>(b);
     for (Index column = 0; column < w.cols(); ++column) {
       const Index group = groups.of(column);
@@ -59,7 +130,7 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
       sizes.trace(group, at) += w.col(column).cwiseAbs2().dot(metric);
       sizes.work(group, at) +=
           w.col(column).cwiseProduct(f.col(column)).cwiseAbs().dot(body.weights());
-      sizes.pressed(group, at) += f.col(column).cwiseAbs2().dot(compliance);
+      sizes.pressed(group, at) += pressed(column);
     }
   }
   sizes.strain = sizes.strain.cwiseAbs();
@@ -69,11 +140,23 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,
                                                           ConstMatrixRef amplitudes) {
   const Structure& structure = laws.structure();
+  GlobalStage global(laws);
   std::vector<std::pair<std::string, Matrix>> fields;
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
     const Body& body = structure.bodies()[b];
-    auto of_body = body.displacements(data.middleRows(structure.body_rows()[b], body.rows()),
-                                      amplitudes, laws.response(b));
+    const auto of_sides = data.middleRows(structure.body_rows()[b], body.rows());
+    std::vector<Matrix> of_body;
+    if (const ScaledColumns* scaled = laws.scaled(b)) {
+      Matrix traces(body.rows(), data.cols());
+      global.apply_scaled(b, of_sides, amplitudes, traces);
+      of_body = scaled->body->displacements(scaled->into(of_sides), scaled->into(traces),
+                                            scaled->into(amplitudes), scaled->each(data.cols()));
+      for (Matrix& field : of_body) {
+        field = scaled->back(field);
+      }
+    } else {
+      of_body = body.displacements(of_sides, amplitudes, laws.response(b));
+    }
     for (std::size_t e = 0; e < of_body.size(); ++e) {
       fields.emplace_back(structure.members()[b][e], std::move(of_body[e]));
     }

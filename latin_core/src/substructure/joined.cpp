@@ -185,6 +185,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
     Unpacker from(numbers);
     const Index rows = from.index();
     rows_of_ranks_.push_back(rows);
+    active_of_ranks_.push_back(0);
     for (std::vector<double>* values : {&weights, &directions}) {
       const Vector own = from.list(rows);
       values->insert(values->end(), own.begin(), own.end());
@@ -194,6 +195,7 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
       body.first_row = from.index();
       body.stiffest = from.number();
       const Index active = from.index();
+      active_of_ranks_.back() += active;
       body.stiffness = from.table(active, active);
       const Index trace_rows = from.index();
       Triplets entries;
@@ -228,6 +230,10 @@ void Joined::unpack(const std::vector<std::vector<double>>& of_ranks) {
 
 Matrix Joined::of_rows(ConstMatrixRef own) const {
   return structure_.communicator().stacked(own, rows_of_ranks_);
+}
+
+Matrix Joined::of_active(ConstMatrixRef own) const {
+  return structure_.communicator().stacked(own, active_of_ranks_);
 }
 
 Matrix Joined::of_unknowns(const Matrix& own) const {

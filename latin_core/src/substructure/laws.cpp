@@ -166,6 +166,14 @@ const LoadResponse& Laws::response(std::size_t body) const {
   return extra_ != nullptr ? extra_->at(body) : structure_->bodies()[body].response();
 }
 
+const ScaledColumns* Laws::scaled(std::size_t body) const {
+  return scaled_ != nullptr && scaled_->at(body).body != nullptr ? &scaled_->at(body) : nullptr;
+}
+
+bool Laws::scales_anywhere() const {
+  return !structure_->communicator().everywhere(scaled_ == nullptr);
+}
+
 bool Laws::preconditions() const {
   return std::ranges::any_of(structure_->interfaces(), &ActiveInterface::paired);
 }
@@ -222,6 +230,15 @@ void Laws::check_columns(Index columns) const {
   if (columns < 1 || columns % steps_ != 0) {
     throw InputError(std::to_string(columns) + " columns are no whole number of histories of " +
                      std::to_string(steps_) + " time steps");
+  }
+  for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
+    const ScaledColumns* scaled_body = scaled(b);
+    if (scaled_body != nullptr && columns % scaled_body->factors.values.size() != 0) {
+      throw InputError("body '" + structure_->bodies()[b].name() +
+                       "': " + std::to_string(scaled_body->factors.values.size()) +
+                       " factors of its stiffness do not fit " + std::to_string(columns) +
+                       " columns");
+    }
   }
   for (std::size_t i = 0; i < active_->size(); ++i) {
     const ActiveInterface& interface = structure_->interface(i);
@@ -352,6 +369,7 @@ Laws Laws::with_extra_loads(const std::map<std::string, Matrix>& loads) const {
   Laws changed = *this;
   if (loads.empty()) {
     changed.extra_ = nullptr;
+    changed.scale_again();
     return changed;
   }
   std::vector<LoadResponse> responses;
@@ -364,6 +382,66 @@ Laws Laws::with_extra_loads(const std::map<std::string, Matrix>& loads) const {
     responses.push_back(structure_->bodies()[b].response_with(of_body));
   }
   changed.extra_ = std::make_shared<const std::vector<LoadResponse>>(std::move(responses));
+  changed.scale_again();
+  return changed;
+}
+
+/// The scaled bodies with the extra loads as they are now.
+void Laws::scale_again() {
+  if (scaled_ == nullptr) {
+    return;
+  }
+  std::vector<ScaledColumns> all = *scaled_;
+  for (std::size_t b = 0; b < all.size(); ++b) {
+    if (all[b].body != nullptr) {
+      all[b].body = std::make_shared<const ScaledBody>(structure_->bodies()[b], response(b).extra);
+    }
+  }
+  scaled_ = std::make_shared<const std::vector<ScaledColumns>>(std::move(all));
+}
+
+Laws Laws::with_stiffness(const std::map<std::string, StiffnessFactors>& factors) const {
+  if (factors.empty()) {
+    return *this;
+  }
+  const auto& members = structure_->members();
+  std::vector<ScaledColumns> all =
+      scaled_ != nullptr ? *scaled_ : std::vector<ScaledColumns>(members.size());
+  for (const auto& [name, given] : factors) {
+    const auto refuse_part = [&name = name](const std::string& why) {
+      throw InputError("substructure '" + name + "': " + why);
+    };
+    const auto body = std::ranges::find_if(
+        members, [&name = name](const auto& each) { return std::ranges::count(each, name) > 0; });
+    if (body == members.end()) {
+      refuse_part("a factor of its stiffness, but it is not on this rank");
+    }
+    if (given.values.size() == 0 || !(given.values.array() > 0.0).all() ||
+        !given.values.allFinite()) {
+      refuse_part("factor " +
+                  std::to_string(given.values.size() > 0 ? given.values.minCoeff() : 0.0) +
+                  " of its stiffness: it must be positive and finite");
+    }
+    const Index count = given.values.size();
+    if (given.forward.size() > 0 &&
+        (given.forward.rows() != count || given.forward.cols() != count)) {
+      refuse_part("a transform that is not (factors, factors)");
+    }
+    for (const std::string& other : *body) {
+      const auto same = factors.find(other);
+      if (same == factors.end() || same->second.values != given.values ||
+          same->second.forward != given.forward) {
+        refuse_part("it is one body with '" + other + "', whose stiffness has other factors");
+      }
+    }
+    const auto b = static_cast<std::size_t>(body - members.begin());
+    if (all[b].body == nullptr) {
+      all[b].body = std::make_shared<const ScaledBody>(structure_->bodies()[b], response(b).extra);
+    }
+    all[b].factors = given;
+  }
+  Laws changed = *this;
+  changed.scaled_ = std::make_shared<const std::vector<ScaledColumns>>(std::move(all));
   return changed;
 }
 

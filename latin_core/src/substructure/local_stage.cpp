@@ -119,19 +119,18 @@ Block LocalStage::free_jump(const ActiveInterface& interface, ConstMatrixRef dat
 }
 
 Block LocalStage::ask(const ActiveInterface& interface, const interface::Law& law,
-                      const Block& jump, Workspace& work) {
+                      const Block& jump, const Vector& flexibility, Workspace& work) {
   Block answer = work.shaped(jump.rows(), jump.cols());
-  law.resolve(
-      {interface.geometry.components, jump, interface.flexibility, laws_.steps(), interface.name()},
-      answer);
+  law.resolve({interface.geometry.components, jump, flexibility, laws_.steps(), interface.name()},
+              answer);
   return answer;
 }
 
-Block LocalStage::resolve(std::size_t i, const Block& free_jump) {
+Block LocalStage::resolve(std::size_t i, const Block& free_jump, const Vector& flexibility) {
   const ActiveInterface& interface = laws_.structure().interface(i);
   const ActiveLaw& active = laws_.of(i);
   if (!active.transformed()) {
-    return ask(interface, *active.law, free_jump, force_);
+    return ask(interface, *active.law, free_jump, flexibility, force_);
   }
   const Index components = interface.geometry.components;
   const Index steps = laws_.steps();
@@ -141,11 +140,12 @@ Block LocalStage::resolve(std::size_t i, const Block& free_jump) {
     const interface::Law& law = *active.group_laws[g];
     const auto in_samples = [&] {
       const Block samples = transform(group, Way::forward, free_jump, components, steps, samples_);
-      return transform(group, Way::backward, ask(interface, law, samples, sample_forces_),
-                       components, steps, back_);
+      return transform(group, Way::backward,
+                       ask(interface, law, samples, flexibility, sample_forces_), components, steps,
+                       back_);
     };
-    const Block back =
-        group.transforms.empty() ? ask(interface, law, free_jump, back_) : in_samples();
+    const Block back = group.transforms.empty() ? ask(interface, law, free_jump, flexibility, back_)
+                                                : in_samples();
     copy_components(back, interface, group.begin, group.end, force);
   }
   return force;
@@ -155,7 +155,7 @@ void LocalStage::apply(std::size_t i, ConstMatrixRef data, ConstMatrixRef traces
                        ConstMatrixRef away, MatrixRef residual) {
   const ActiveInterface& interface = laws_.structure().interface(i);
   const Index rows = interface.size();
-  const Block force = resolve(i, free_jump(interface, data, traces, away));
+  const Block force = resolve(i, free_jump(interface, data, traces, away), interface.flexibility);
   for (std::size_t s = 0; s < interface.rows.size(); ++s) {
     const Index first = interface.rows[s];
     if (first < 0) {
@@ -192,7 +192,18 @@ void LocalStage::apply(ConstMatrixRef data, ConstMatrixRef traces, MatrixRef res
 }
 
 Block LocalStage::force(std::size_t i, ConstMatrixRef data, ConstMatrixRef traces) {
-  return resolve(i, free_jump(laws_.structure().interface(i), data, traces, Matrix()));
+  const ActiveInterface& interface = laws_.structure().interface(i);
+  return resolve(i, free_jump(interface, data, traces, Matrix()), interface.flexibility);
+}
+
+void LocalStage::forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces) {
+  const auto& interfaces = laws_.structure().interfaces();
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const auto rows = Eigen::seqN(interfaces[i].first_unknown, interfaces[i].size());
+    Block jump = jump_.shaped(interfaces[i].size(), jumps.cols());
+    jump = jumps(rows, every);
+    forces(rows, every) = resolve(i, jump, Vector::Zero(interfaces[i].size()));
+  }
 }
 
 LocalFields LocalStage::fields(std::size_t i, ConstMatrixRef data, ConstMatrixRef traces) {
@@ -209,7 +220,7 @@ LocalFields LocalStage::fields(std::size_t i, ConstMatrixRef data, ConstMatrixRe
   }
   LocalFields fields;
   const Block jump = free_jump(interface, data, traces, away);
-  fields.force = resolve(i, jump);
+  fields.force = resolve(i, jump, interface.flexibility);
   fields.jump = jump - interface.flexibility.asDiagonal() * fields.force;
   return fields;
 }

@@ -61,7 +61,7 @@ Macro::Macro(const std::vector<Body>& bodies, const std::vector<Index>& first_ro
     }
     parts_.push_back(std::move(part));
   }
-  SparseColumns lower(size_, size_);
+  SparseRows lower(size_, size_);
   lower.setFromTriplets(entries.begin(), entries.end());
   factor_ = algebra::factorise(lower, 0, algebra::FactorBackend::automatic, "coarse problem");
 }

@@ -65,31 +65,45 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
   const Index kinds = groups.kinds();
   const Index block = groups.steps * kinds;
   for (Index b = 0; b < result.cols(); ++b) {
-    const double farthest = reach(component[static_cast<std::size_t>(b)]) * metric(b);
+    const double far = reach(component[static_cast<std::size_t>(b)]);
+    const double farthest = far * metric(b);
     const double noise = square(rounding) * farthest;
     for (Index g = 0; g < result.rows(); ++g) {
       // what double precision leaves of the largest step, and of the displacements of other bodies
       const auto history = Eigen::seqN(g / block * block, block);
       const double strain_noise =
-          std::max(noise, square(rounding) * std::max(whole.strain(history, b).maxCoeff(),
-                                                      whole.work(history, b).maxCoeff()));
+          square(rounding) * std::max({far * stiffness(b), whole.strain(history, b).maxCoeff(),
+                                       whole.work(history, b).maxCoeff()});
       // of the same kind in the steps of the same history
       const auto steps = Eigen::seqN(g / block * block + g % kinds, groups.steps, kinds);
-      const auto least = [&](const Matrix& sizes, double wrong) {
-        const double size = std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
-        if (g % kinds > 0 && size < square(still) * sizes(g - 1, b)) {
-          // an iterate may not yet have the fluctuation that the answer has
-          return wrong < square(still) * sizes(g - 1, b) ? sizes(g - 1, b) : std::max(size, wrong);
-        }
-        return size;
+      const auto own = [&](const Matrix& sizes) {
+        return std::max(sizes(g, b), square(quiet) * sizes(steps, b).maxCoeff());
       };
-      const double pressed = least(whole.pressed, 0.0);
+      const auto still_part = [&](const Matrix& sizes) { return square(still) * sizes(g - 1, b); };
+      // an iterate may not yet have the fluctuation that the answer has
+      const auto is_none = [&](const Matrix& sizes, double wrong) {
+        return g % kinds > 0 && std::max(own(sizes), wrong) < still_part(sizes);
+      };
+      const auto least = [&](const Matrix& sizes, double wrong) {
+        if (is_none(sizes, wrong)) {
+          return sizes(g - 1, b);
+        }
+        const bool little = g % kinds > 0 && own(sizes) < still_part(sizes);
+        return little ? std::max(own(sizes), wrong) : own(sizes);
+      };
+      // what is measured with the mean goes with the forces of the mean
+      const auto beside = [&](const Matrix& sizes, bool none) {
+        return none ? sizes(g - 1, b) : own(sizes);
+      };
+      const bool no_strain = is_none(whole.strain, error.strain(g, b));
+      const bool no_trace = is_none(whole.trace, error.trace(g, b));
       double strain = least(whole.strain, error.strain(g, b));
-      const bool strained = strain > strain_free * least(whole.work, 0.0);
-      double moved = std::max(least(whole.trace, error.trace(g, b)), square(held) * pressed);
+      const bool strained = strain > strain_free * beside(whole.work, no_strain);
+      double moved = std::max(least(whole.trace, error.trace(g, b)),
+                              square(held) * beside(whole.pressed, no_trace));
       if (strained) {
         moved = std::max(moved, square(held) * strain);
-        strain = std::max(strain, square(held_strain) * pressed);
+        strain = std::max(strain, square(held_strain) * beside(whole.pressed, no_strain));
       }
       if (moved <= square(above_rounding) * noise) {
         moved = farthest;
@@ -113,7 +127,12 @@ Yardstick yardstick(const Structure& structure, const ColumnGroups& groups) {
                     .segment(structure.body_rows()[at], structure.bodies()[at].rows())
                     .sum();
   }
-  return {groups, std::move(metric), structure.component(), Vector::Zero(structure.components())};
+  Vector stiffness(metric.size());
+  for (Index b = 0; b < metric.size(); ++b) {
+    stiffness(b) = structure.bodies()[static_cast<std::size_t>(b)].active_stiffness().sum();
+  }
+  return {groups, std::move(metric), std::move(stiffness), structure.component(),
+          Vector::Zero(structure.components())};
 }
 
 Sizes sizes_of_difference(const Structure& structure, const ColumnGroups& groups,

@@ -34,6 +34,22 @@ void check_side(const InterfaceDescription& interface, const SideDescription& si
   }
 }
 
+/// Forces and jumps along rows of another length would be those of other units, and no error would say so.
+void check_frames(const InterfaceDescription& interface) {
+  constexpr double rounded = 1e-6;
+  const Index components = interface.frames.rows() / interface.weights.size();
+  for (Index point = 0; point < interface.weights.size(); ++point) {
+    const auto frame = interface.frames.middleRows(components * point, components);
+    const Matrix products = frame * frame.transpose();
+    if (!products.isIdentity(rounded)) {
+      refuse(interface.name,
+             "the frame of point " + std::to_string(point) +
+                 " has rows that are no unit vectors at right angles: give the normal "
+                 "out of side 1, then tangents");
+    }
+  }
+}
+
 void check_interface(const InterfaceDescription& interface, const auto& is_here) {
   if (interface.sides.empty() || interface.sides.size() > 2) {
     refuse(interface.name,
@@ -49,6 +65,7 @@ void check_interface(const InterfaceDescription& interface, const auto& is_here)
                                std::to_string(interface.weights.size()) +
                                " points: give the components of every point, finite");
   }
+  check_frames(interface);
   if (interface.basis.size() > 0 &&
       (interface.basis.rows() != interface.frames.rows() || !interface.basis.allFinite())) {
     refuse(interface.name, "a coarse basis of " + std::to_string(interface.basis.rows()) +

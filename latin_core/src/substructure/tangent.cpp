@@ -1,11 +1,13 @@
 #include "latin/substructure/tangent.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
 
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
 
 namespace latin::substructure {
@@ -21,6 +23,11 @@ constexpr double rigid_beside_nodes = 1e2;
 constexpr double least_area = 1e-3;
 /// And no stiffer than this leaves digits for.
 constexpr double stiffest_rigid = 1.0 - 1e-12;
+/// Springs that are stiffer keep their own stiffness but for this fraction, and rigid connections are that much
+/// stiffer than they, as long as it is below so many times that of a node: bodies that move as if they were rigid may
+/// hang on such springs alone.
+constexpr double off_springs = 1e-3;
+constexpr double springs_beside_nodes = 1e7;
 /// Slopes closer than this are the same: they may come from differences.
 constexpr double same = 1e-6;
 /// Where more of the matrix is filled than this, it is dense.
@@ -29,6 +36,14 @@ constexpr double filled = 0.3;
 constexpr double of_rounding = 1e-14;
 /// Sums that springs glued into a body round in, until it is condensed.
 constexpr double glued_sums = 10.0;
+/// Steps of conjugate gradients at most.
+constexpr Index most_gradients = 60;
+/// Steps that there will be at least, usually.
+constexpr Index some_gradients = 8;
+/// Energies of a fluctuation relative to its mean, and of a time step relative to the others, that count as none: the
+/// square roots.
+constexpr double little = 5e-7;
+constexpr double still = 1e-9;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
@@ -43,6 +58,13 @@ Matrix tangent_of(const Matrix& slope, const Vector& flexibility, double rigid) 
   const Matrix open =
       Matrix::Identity(slope.rows(), slope.cols()) - bounded * flexibility.asDiagonal();
   return open.partialPivLu().solve(bounded);
+}
+
+/// Whether a tangent is that of springs.
+bool of_springs(const Matrix& tangent) {
+  return tangent.diagonal().minCoeff() >= 0.0 &&
+         (tangent - tangent.transpose()).cwiseAbs().maxCoeff() <=
+             same * tangent.cwiseAbs().maxCoeff();
 }
 
 SparseRows from(const Triplets& entries, Index rows, Index columns) {
@@ -63,7 +85,10 @@ Tangent::Tangent(const Structure& structure)
     : Tangent(structure, std::make_shared<const Joined>(structure)) {}
 
 Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joined)
-    : structure_(structure), joined_(std::move(joined)), active_(joined_->active()) {
+    : structure_(structure),
+      joined_(std::move(joined)),
+      active_(joined_->active()),
+      most_components_(joined_->most_components()) {
   Triplets traces;
   double entries = 0.0;
   for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
@@ -83,6 +108,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
   areas_.resize(unknowns);
   flexibility_.resize(unknowns);
   rigid_.resize(unknowns);
+  springs_.resize(unknowns);
   Triplets sides;
   for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
     for (Index i = 0; i < interface.size; ++i) {
@@ -100,6 +126,7 @@ Tangent::Tangent(const Structure& structure, std::shared_ptr<const Joined> joine
   sides_ = from(sides, unknowns, joined_->rows());
   set_rigid();
   jumps_ = sides_ * traces_;
+  to_unknowns_ = traces_.transpose();
 }
 
 /// Bounds of what slopes of the laws may be.
@@ -123,9 +150,12 @@ void Tangent::set_rigid() {
       for (const Index row : interface.rows) {
         stiffest = std::max(stiffest, of_rows(row + i));
       }
-      const double most =
-          std::max(rigid_in_series, rigid_beside_nodes * stiffest * interface.flexibility(i));
-      rigid_(interface.first_unknown + i) = std::min(most / (1.0 + most), stiffest_rigid);
+      const double nodes = stiffest * interface.flexibility(i);
+      const auto bound = [](double most) { return std::min(most / (1.0 + most), stiffest_rigid); };
+      rigid_(interface.first_unknown + i) =
+          bound(std::max(rigid_in_series, rigid_beside_nodes * nodes));
+      springs_(interface.first_unknown + i) =
+          bound(std::max(rigid_in_series, springs_beside_nodes * nodes));
     }
   }
 }
@@ -137,12 +167,37 @@ SparseRows Tangent::joined_springs() const {
          SparseRows(traces_.transpose() * SparseRows(holding.asDiagonal() * traces_));
 }
 
+/// The stiffest of the springs that are no rigid connections.
+double Tangent::stiffest_spring(const Matrix& slopes) const {
+  double stiffest = 0.0;
+  for (Index row = 0; row < slopes.rows(); ++row) {
+    const double own = slopes(row, component(row)) * flexibility_(row);
+    if (own < stiffest_rigid) {
+      stiffest = std::max(stiffest, own / (1.0 - own) / flexibility_(row));
+    }
+  }
+  return stiffest;
+}
+
+/// What slopes of a point are reduced by.
+double Tangent::reduction(const Matrix& slope, Index first, double stiffest_spring) const {
+  double own = 0.0;
+  for (Index i = 0; i < slope.rows(); ++i) {
+    own = std::max(own, slope(i, i) * flexibility_(first + i));
+  }
+  const double stiffness =
+      own < stiffest_rigid ? own / (1.0 - own) : stiffest_spring * flexibility_(first);
+  const double most = stiffness / off_springs;
+  return std::max(rigid_.segment(first, slope.rows()).maxCoeff(),
+                  std::min(most / (1.0 + most), springs_.segment(first, slope.rows()).maxCoeff()));
+}
+
 Matrix Tangent::tangent_at(const Matrix& slopes, const Joined::JoinedInterface& interface,
-                           Index first) const {
+                           Index first, double stiffest_spring) const {
   const Index components = interface.components;
-  return tangent_of(slopes.block(first, 0, components, components),
-                    flexibility_.segment(first, components),
-                    rigid_.segment(first, components).maxCoeff());
+  const Matrix slope = slopes.block(first, 0, components, components);
+  return tangent_of(slope, flexibility_.segment(first, components),
+                    reduction(slope, first, stiffest_spring));
 }
 
 /// W K of the points.
@@ -228,7 +283,7 @@ void Tangent::factorise_sparse() {
   sparse_lu_ = nullptr;
   if (symmetric_) {
     try {
-      factor_ = algebra::factorise(assemble(), 0, algebra::FactorBackend::automatic,
+      factor_ = algebra::factorise(SparseRows(assemble()), 0, algebra::FactorBackend::automatic,
                                    "structure of the check");
       return;
     } catch (const NumericalError&) {
@@ -242,12 +297,16 @@ void Tangent::factorise_sparse() {
   }
 }
 
+void Tangent::invert() {
+  const Matrix unit = Matrix::Identity(active_, active_);
+  inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
+}
+
 Matrix Tangent::solve(const Matrix& load) {
   solved_ += load.cols();
-  if (dense_ && inverse_.size() == 0 && solved_ > active_) {
+  if (dense_ && inverse_.size() == 0 && solved_ > 2 * active_) {
     // products are several times as fast as triangular solves: by now forming it is paid for
-    const Matrix unit = Matrix::Identity(active_, active_);
-    inverse_ = symmetric_ ? Matrix(cholesky_.solve(unit)) : Matrix(lu_.solve(unit));
+    invert();
   }
   if (inverse_.size() > 0) {
     return inverse_ * load;
@@ -264,8 +323,9 @@ void Tangent::factorise(const Matrix& slopes, double hold) {
     return;
   }
   hold_with(hold);
+  const double stiffest = stiffest_spring(slopes);
   set_tangents([&](const Joined::JoinedInterface& interface, Index first) {
-    return tangent_at(slopes, interface, first);
+    return tangent_at(slopes, interface, first, stiffest);
   });
   combine();
   factorise_now();
@@ -338,11 +398,15 @@ void Tangent::combine() {
 void Tangent::correct(MatrixRef residual, MatrixRef moved) {
   if (structure_.communicator().alone()) {
     const Matrix half = 0.5 * residual;
-    const Matrix answer = solve(load_ * half);
-    moved.noalias() = traces_ * answer;
-    residual = half;
-    residual.noalias() += of_answer_ * answer;
-    residual.noalias() += of_residual_ * half;
+    Matrix load(active_, half.cols());
+    algebra::multiply_sparse(load_, half, load);
+    const Matrix answer = solve(load);
+    algebra::multiply_sparse(traces_, answer, moved);
+    Matrix added(half.rows(), half.cols());
+    algebra::multiply_sparse(of_answer_, answer, added);
+    residual = half + added;
+    algebra::multiply_sparse(of_residual_, half, added);
+    residual += added;
     return;
   }
   correct_all(joined_->of_rows(0.5 * residual), residual, moved);
@@ -352,6 +416,354 @@ void Tangent::correct_all(const Matrix& half, MatrixRef step, MatrixRef moved) {
   const Matrix answer = solve(load_ * half);
   step = own(half + of_answer_ * answer + of_residual_ * half);
   moved = own(traces_ * answer);
+}
+
+/// W K of every column, side by side, (unknowns, columns times most components). @return whether all are springs
+bool Tangent::own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness) const {
+  const auto columns = static_cast<Index>(slopes.size());
+  stiffness = Matrix::Zero(areas_.size(), columns * most_components_);
+  for (Index column = 0; column < columns; ++column) {
+    const Matrix& own = slopes[static_cast<std::size_t>(column)];
+    const double stiffest = stiffest_spring(own);
+    for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+      const Index components = interface.components;
+      for (Index first = interface.first_unknown; first < interface.first_unknown + interface.size;
+           first += components) {
+        const Matrix slope = own.block(first, 0, components, components);
+        auto into = stiffness.block(first, column * most_components_, components, components);
+        if (slope.isDiagonal(0.0)) {
+          // steps are to lead to the answer: only what is all but rigid is made softer
+          const double rigid = reduction(slope, first, stiffest);
+          for (Index i = 0; i < components; ++i) {
+            const double bounded = std::min(slope(i, i), rigid / flexibility_(first + i));
+            if (!(bounded >= 0.0)) {
+              return false;
+            }
+            into(i, i) = areas_(first) * bounded / (1.0 - bounded * flexibility_(first + i));
+          }
+          continue;
+        }
+        const Matrix tangent = tangent_at(own, interface, first, stiffest);
+        if (!of_springs(tangent)) {
+          return false;
+        }
+        into = areas_(first) * tangent;
+      }
+    }
+  }
+  return true;
+}
+
+/// J' of rows: their differences between the sides.
+void Tangent::subtract_sides(const Matrix& rows, Matrix& jumps) const {
+  jumps.setZero();
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    auto own = jumps.middleRows(interface.first_unknown, interface.size);
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      const auto of_side = rows.middleRows(interface.rows[s], interface.size);
+      if (s == 0) {
+        own -= of_side;
+      } else {
+        own += of_side;
+      }
+    }
+  }
+}
+
+/// Add J'^T of forces between the sides.
+void Tangent::add_to_sides(const Matrix& between, Matrix& rows) const {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    const auto own = between.middleRows(interface.first_unknown, interface.size);
+    for (std::size_t s = 0; s < interface.rows.size(); ++s) {
+      auto of_side = rows.middleRows(interface.rows[s], interface.size);
+      if (s == 0) {
+        of_side -= own;
+      } else {
+        of_side += own;
+      }
+    }
+  }
+}
+
+/// Of all columns, with stiffnesses from own_tangents(), or with one for all.
+void Tangent::add_spring_forces(const Matrix& stiffness, const Matrix& jumps,
+                                Matrix& forces) const {
+  for (const Joined::JoinedInterface& interface : joined_->interfaces()) {
+    const Index components = interface.components;
+    const bool one = stiffness.cols() == most_components_;
+    for (Index column = 0; column < jumps.cols(); ++column) {
+      for (Index b = 0; b < components; ++b) {
+        const double* of_component = &stiffness(0, (one ? 0 : column) * most_components_ + b);
+        for (Index first = interface.first_unknown;
+             first < interface.first_unknown + interface.size; first += components) {
+          const double jump = jumps(first + b, column);
+          for (Index a = 0; a < components; ++a) {
+            forces(first + a, column) += of_component[first + a] * jump;
+          }
+        }
+      }
+    }
+  }
+}
+
+void Tangent::add_body_forces(const Matrix& moved, Matrix& forces) const {
+  for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
+    const Matrix& own = joined_->bodies()[b].stiffness;
+    const auto at = Eigen::seqN(joined_->first_active()[b], own.rows());
+    forces(at, every).noalias() += own.selfadjointView<Eigen::Lower>() * moved(at, every);
+  }
+}
+
+/// The displacements in a basis that are best in the energies of all columns.
+Matrix Tangent::best_in(const Matrix& basis, const Matrix& stiffness, const Vector& holding,
+                        const Matrix& load) const {
+  Matrix best = Matrix::Zero(active_, load.cols());
+  if (basis.cols() == 0) {
+    return best;
+  }
+  Matrix forces = Matrix::Zero(active_, basis.cols());
+  add_body_forces(basis, forces);
+  const Matrix rows = traces_ * basis;
+  const Matrix common =
+      basis.transpose() * forces + rows.transpose() * (holding.asDiagonal() * rows);
+  const Matrix jumps = sides_ * rows;
+  const Matrix loads = basis.transpose() * load;
+  Matrix of_springs(jumps.rows(), jumps.cols());
+  Matrix shares = Matrix::Zero(basis.cols(), load.cols());
+  for (Index column = 0; column < load.cols(); ++column) {
+    of_springs.setZero();
+    add_spring_forces(stiffness.middleCols(column * most_components_, most_components_), jumps,
+                      of_springs);
+    Matrix whole = common;
+    whole.noalias() += jumps.transpose() * of_springs;
+    const Eigen::LLT<Matrix> factor(whole);
+    if (factor.info() == Eigen::Success) {
+      shares.col(column) = factor.solve(loads.col(column));
+    }
+  }
+  best.noalias() = basis * shares;
+  return best;
+}
+
+Matrix Tangent::correct_each(const std::vector<Matrix>& slopes, const Matrix& basis,
+                             const Vector& fall, MatrixRef residual, MatrixRef moved) {
+  const Index columns = residual.cols();
+  Matrix stiffness;
+  if (!symmetric_ || !own_tangents(slopes, stiffness)) {
+    return {};
+  }
+  const Vector holding = joined_->weights().cwiseProduct(holding_);
+  Matrix rows(traces_.rows(), columns);
+  Matrix jumps(sides_.rows(), columns);
+  Matrix between(sides_.rows(), columns);
+  // of forces (rows) and of those of the springs: the forces on the active unknowns
+  const auto nodal_forces = [&](const Matrix& of_jumps, Matrix& forces) {
+    between.setZero();
+    add_spring_forces(stiffness, of_jumps, between);
+    add_to_sides(between, rows);
+    algebra::multiply_sparse(to_unknowns_, rows, forces);
+  };
+  const auto multiply = [&](const Matrix& answer, Matrix& forces) {
+    algebra::multiply_sparse(traces_, answer, rows);
+    subtract_sides(rows, jumps);
+    rows = holding.asDiagonal() * rows;
+    nodal_forces(jumps, forces);
+    add_body_forces(answer, forces);
+  };
+
+  const Matrix half = 0.5 * residual;
+  Matrix apart(sides_.rows(), columns);
+  subtract_sides(joined_->directions().cwiseInverse().asDiagonal() * half, apart);
+  Matrix left(active_, columns);
+  rows = joined_->weights().asDiagonal() * half;
+  nodal_forces(apart, left);
+  Matrix preconditioned = solve(left);
+  Eigen::RowVectorXd size = left.cwiseProduct(preconditioned).colwise().sum();
+  const Eigen::RowVectorXd enough = size.cwiseProduct(fall.cwiseAbs2().transpose());
+  Matrix forces(active_, columns);
+  Matrix answer = best_in(basis, stiffness, holding, left);
+  if (basis.cols() > 0) {
+    multiply(answer, forces);
+    left -= forces;
+    preconditioned = solve(left);
+    size = left.cwiseProduct(preconditioned).colwise().sum();
+  }
+  Matrix direction = preconditioned;
+  for (Index count = 0; count < most_gradients && (size.array() > enough.array()).any(); ++count) {
+    multiply(direction, forces);
+    const Eigen::RowVectorXd work = direction.cwiseProduct(forces).colwise().sum();
+    const Eigen::RowVectorXd share = (work.array() > 0.0).select(size.cwiseQuotient(work), 0.0);
+    answer += direction * share.asDiagonal();
+    left -= forces * share.asDiagonal();
+    preconditioned = solve(left);
+    const Eigen::RowVectorXd now = left.cwiseProduct(preconditioned).colwise().sum();
+    const Eigen::RowVectorXd kept = (size.array() > 0.0).select(now.cwiseQuotient(size), 0.0);
+    direction = preconditioned + direction * kept.asDiagonal();
+    size = now;
+  }
+  algebra::multiply_sparse(traces_, answer, rows);
+  moved = rows;
+  subtract_sides(rows, jumps);
+  jumps = apart - jumps;
+  between.setZero();
+  add_spring_forces(stiffness, jumps, between);
+  between = areas_.cwiseInverse().asDiagonal() * between;
+  rows = half + (joined_->directions() - holding_).asDiagonal() * moved;
+  add_to_sides(between, rows);
+  residual = rows;
+  return answer;
+}
+
+namespace {
+
+/// Sums over the columns of every group of a chaos, (groups).
+Vector sums_of(const ColumnGroups& groups, const Matrix& a, const Matrix& b) {
+  Vector sums = Vector::Zero(groups.count(a.cols()));
+  for (Index column = 0; column < a.cols(); ++column) {
+    sums(groups.of(column)) += a.col(column).dot(b.col(column));
+  }
+  return sums;
+}
+
+/// The same of the whole solution that a column belongs to: its mean with its fluctuation, (columns).
+Eigen::RowVectorXd of_solutions(const ColumnGroups& groups, const Vector& sums, Index columns) {
+  Eigen::RowVectorXd of_columns(columns);
+  for (Index column = 0; column < columns; ++column) {
+    const Index first = groups.of(column) / groups.kinds() * groups.kinds();
+    of_columns(column) = sums.segment(first, groups.kinds()).sum();
+  }
+  return of_columns;
+}
+
+/// Errors in energy that are small enough, (groups): a group that is next to nothing is measured with the others.
+Vector small_enough(const ColumnGroups& groups, Vector energies, double tolerance) {
+  const double largest = energies.size() > 0 ? energies.maxCoeff() : 0.0;
+  for (Index first = 0; first < energies.size(); first += groups.kinds()) {
+    auto own = energies.segment(first, groups.kinds());
+    own = own.cwiseMax(little * little * own.maxCoeff()).cwiseMax(still * still * largest);
+  }
+  return tolerance * tolerance * energies;
+}
+
+/// One over the least eigenvalue that conjugate gradients have seen of the preconditioned matrix, of all columns: from
+/// the tridiagonal matrix of their coefficients (Y. Saad, Iterative Methods for Sparse Linear Systems, 6.7.3).
+double largest_inverse(const std::vector<Eigen::RowVectorXd>& shares,
+                       const std::vector<Eigen::RowVectorXd>& falls) {
+  double largest = 1.0;
+  const Index columns = shares.empty() ? 0 : shares.front().size();
+  for (Index column = 0; column < columns; ++column) {
+    if (column > 0 && std::ranges::all_of(shares, [column](const Eigen::RowVectorXd& share) {
+          return share(column) == share(column - 1);
+        })) {
+      continue;  // of the same solution
+    }
+    Index count = 0;
+    while (count < static_cast<Index>(shares.size()) &&
+           shares[static_cast<std::size_t>(count)](column) > 0.0) {
+      ++count;
+    }
+    if (count == 0) {
+      continue;
+    }
+    Vector diagonal(count);
+    Vector beside(std::max<Index>(count - 1, 0));
+    for (Index i = 0; i < count; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      diagonal(i) = 1.0 / shares[at](column);
+      if (i > 0) {
+        diagonal(i) += falls[at - 1](column) / shares[at - 1](column);
+      }
+      if (i + 1 < count) {
+        beside(i) = std::sqrt(falls[at](column)) / shares[at](column);
+      }
+    }
+    Eigen::SelfAdjointEigenSolver<Matrix> eigen;
+    eigen.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
+    largest = std::max(largest, 1.0 / eigen.eigenvalues()(0));
+  }
+  return largest;
+}
+
+}  // namespace
+
+double Tangent::correct_coupled(
+    const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
+    const ColumnGroups& groups, double tolerance, MatrixRef residual, MatrixRef moved) {
+  const Index columns = residual.cols();
+  if (!symmetric_) {
+    return 0.0;
+  }
+  if (dense_ && inverse_.size() == 0 && some_gradients * columns > 2 * active_) {
+    invert();
+  }
+  const Vector holding = joined_->weights().cwiseProduct(holding_);
+  const SparseRows held = to_unknowns_ * SparseRows(holding.asDiagonal() * traces_);
+  const SparseRows nodal = SparseRows(jumps_.transpose()) * areas_.asDiagonal();
+  Matrix jumps(sides_.rows(), columns);
+  Matrix between(sides_.rows(), columns);
+  Matrix forces(active_, columns);
+  Matrix added(active_, columns);
+  const auto multiply = [&](const Matrix& answer) {
+    algebra::multiply_sparse(jumps_, answer, jumps);
+    springs(jumps, between);
+    algebra::multiply_sparse(nodal, between, forces);
+    algebra::multiply_sparse(held, answer, added);
+    forces += added;
+    add_body_forces(answer, forces);
+  };
+
+  const Matrix half = 0.5 * residual;
+  Matrix apart(sides_.rows(), columns);
+  subtract_sides(joined_->directions().cwiseInverse().asDiagonal() * half, apart);
+  Matrix load(active_, columns);
+  springs(apart, between);
+  algebra::multiply_sparse(nodal, between, load);
+  algebra::multiply_sparse(to_unknowns_, joined_->weights().asDiagonal() * half, added);
+  load += added;
+  Matrix left = load;
+  Matrix answer = Matrix::Zero(active_, columns);
+  Matrix preconditioned = solve(left);
+  Matrix direction = preconditioned;
+  Vector size = sums_of(groups, left, preconditioned);
+  std::vector<Eigen::RowVectorXd> shares;
+  std::vector<Eigen::RowVectorXd> falls;
+  for (Index count = 0; count < most_gradients; ++count) {
+    multiply(direction);
+    const Eigen::RowVectorXd work =
+        of_solutions(groups, sums_of(groups, direction, forces), columns);
+    const Eigen::RowVectorXd before = of_solutions(groups, size, columns);
+    if (!work.allFinite() || (work.array() < 0.0).any()) {
+      return 0.0;  // not springs
+    }
+    const Eigen::RowVectorXd share = (work.array() > 0.0).select(before.cwiseQuotient(work), 0.0);
+    shares.push_back(share);
+    for (Index column = 0; column < columns; ++column) {
+      answer.col(column) += share(column) * direction.col(column);
+      left.col(column) -= share(column) * forces.col(column);
+    }
+    preconditioned = solve(left);
+    size = sums_of(groups, left, preconditioned);
+    const Vector energies = sums_of(groups, answer, load) - sums_of(groups, answer, left);
+    if ((size.array() <= small_enough(groups, energies, tolerance).array()).all()) {
+      break;
+    }
+    const Eigen::RowVectorXd now = of_solutions(groups, size, columns);
+    falls.emplace_back((before.array() > 0.0).select(now.cwiseQuotient(before), 0.0));
+    for (Index column = 0; column < columns; ++column) {
+      direction.col(column) =
+          preconditioned.col(column) + falls.back()(column) * direction.col(column);
+    }
+  }
+  if (!answer.allFinite()) {
+    return 0.0;
+  }
+  algebra::multiply_sparse(traces_, answer, moved);
+  algebra::multiply_sparse(jumps_, answer, jumps);
+  springs(apart - jumps, between);
+  Matrix step = half + (joined_->directions() - holding_).asDiagonal() * moved;
+  add_to_sides(between, step);
+  residual = step;
+  return largest_inverse(shares, falls);
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {

@@ -42,7 +42,8 @@ class Verdict:
         same, but only there), ``estimate`` (only above three times what the result says), ``law``,
         ``equilibrium``. Of one that did not converge: its status, and whether it was accelerated.
     ratio
-        Said over true, of converged iterations whose true error is above rounding; None otherwise.
+        Said over true, of converged iterations whose true error is above rounding, and what they say above
+        the resolution of estimates (docs/limits.md); None otherwise.
     true, said
         The largest true error, and what the result says.
     whole
@@ -404,6 +405,8 @@ def compare(
     return all_errors, how, rounding, largest
 
 
+RESOLUTION = 2e-9
+"""Estimates of nonlinear laws below this are bounds."""
 LINEAR = (lf.Elastic, lf.Perfect, lf.Displacement, lf.Symmetry, lf.Pressure, lf.Traction)
 
 
@@ -417,7 +420,8 @@ def judged(verdict: Verdict, errors: list[Error], rtol: float, direct: bool) -> 
         verdict.true, verdict.said = top.true, top.said
         plain = [e for e in errors if not e.place.startswith("samples")]
         top = max(plain, key=lambda e: e.true, default=top)
-        if not direct and top.true > 0.0:
+        bounded = top.true <= top.said <= RESOLUTION
+        if not direct and top.true > 0.0 and not bounded:
             verdict.ratio = top.said / top.true
     if bad:
         verdict.outcome = "wrong"

@@ -143,7 +143,8 @@ def errors(
                         if norm == "energy":
                             continue
                         whole = sizes[name, k, 0][i] if g else reach * np.sqrt(faces)
-                        if whole <= floor[i]:
+                        if whole <= floor[i]:  # nothing is known of it
+                            out.append(Error(name, ", ".join(place), norm, 0.0, 0.0, 1.0, said))
                             continue
                     raw, rounding = away[i] / whole, floor[i] / whole
                     of_mean = LEAST * sizes[name, k, 0][i] if g else 0.0
@@ -220,7 +221,6 @@ def broken_laws(
     fields
         Part -> displacements (n, 1).
     """
-    import dolfinx_frontend as lf
     from campaign.points import Friction, point_law
 
     out = {}
@@ -250,7 +250,6 @@ def broken_laws(
 
 def nodal(interface: Any, law: Any, force: Array) -> list[Array]:
     """Nodal forces (nodes of the part, d) of an interface on its sides; its force is (m, components)."""
-    import dolfinx_frontend as lf
 
     d = interface.dim
     frames = interface.frames[:, : force.shape[1]]
@@ -279,7 +278,8 @@ def unbalanced(
         Part -> nodal body forces (n,).
     reach
         Largest displacement of the scene; what its rounding does to the forces of a part, of its neighbours
-        and of springs between them, whose stiffness it is multiplied by, is no imbalance.
+        and of springs between them, whose stiffness it is multiplied by, is no imbalance. Neither is that of
+        parts that springs join it to: they may be one body for the run.
     """
     stiffest = {name: float(part.matrix.diagonal().sum()) for name, part in problem.substructures.items()}
     near = dict(stiffest)
@@ -290,6 +290,14 @@ def unbalanced(
             spring = float((laws[label].stiffnesses(interface) * interface.weights[:, None]).sum())
         for name in sides:
             near[name] = max(near[name], spring, *(stiffest[other] for other in sides))
+    joined = [
+        {side.substructure for side in interface.sides}
+        for label, interface in problem.interfaces.items()
+        if isinstance(laws[label], lf.Elastic | lf.Perfect)
+    ]
+    for _ in near:  # to the ends of a chain
+        for names in joined:
+            near.update(dict.fromkeys(names, max(near[name] for name in names)))
     left: dict[str, Any] = {name: [body[name].reshape(-1, problem.dim)] for name in problem.substructures}
     for name, interface in problem.interfaces.items():
         known = nodal(interface, laws[name], forces[name]) if name in forces else None

@@ -40,11 +40,11 @@ class Factor {
   [[nodiscard]] virtual std::string backend() const = 0;
 };
 
-/// Factorise the symmetric matrix of which `lower` holds the lower triangle (columns sorted by row).
+/// Factorise the symmetric matrix of which `lower` holds the lower triangle (the columns of a row in any order).
 /// @param trailing number of last unknowns to keep last in the elimination order
 /// @param name     named in error messages
 /// @throws NumericalError if the matrix is not positive definite (with the pivot's position)
-std::unique_ptr<Factor> factorise(const SparseColumns& lower, Index trailing, FactorBackend backend,
+std::unique_ptr<Factor> factorise(const SparseRows& lower, Index trailing, FactorBackend backend,
                                   const std::string& name);
 
 /// Backends that this build has, the default one first.

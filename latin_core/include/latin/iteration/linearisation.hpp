@@ -7,6 +7,7 @@
 #include "latin/iteration/error_estimate.hpp"
 #include "latin/iteration/state.hpp"
 #include "latin/substructure/laws.hpp"
+#include "latin/substructure/local_stage.hpp"
 #include "latin/substructure/size.hpp"
 #include "latin/substructure/tangent.hpp"
 
@@ -42,9 +43,18 @@ class Linearisation {
   /// Residual (rows, c) into the step on the data, in place; c may be several sets of columns.
   /// @param moved what the step does to the traces, (rows, c)
   void correct(MatrixRef residual, Matrix& moved) const;
+  /// The same with the tangents of every column's own, of linear laws on one rank: see Tangent::correct_each().
+  Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
+                      const Vector& fall, MatrixRef residual, Matrix& moved) const;
+  /// The same of a chaos with linear laws, whose columns the tangents couple, with those of its means as
+  /// preconditioner; on one rank: see Tangent::correct_coupled().
+  double correct_coupled(substructure::LocalStage& local, double tolerance, MatrixRef residual,
+                         Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
-  /// again for another one, until other tangents are taken.
-  const Matrix& rounding(const substructure::Laws& laws, const State& state, const Whole& whole);
+  /// again for another one, until other tangents are taken. Guessed, and measured of bodies that rounding leaves
+  /// little of.
+  const Matrix& rounding(const substructure::Laws& laws, const State& state,
+                         ConstMatrixRef amplitudes, const Whole& whole);
   /// What is known of it: empty if nothing is.
   [[nodiscard]] const Matrix& known_rounding() const { return rounding_; }
   /// The condensed structure, null before tangents were first taken.
@@ -65,8 +75,11 @@ class Linearisation {
     std::vector<Matrix> distinct;
     std::vector<std::size_t> of_column;
   };
+  void measure(const substructure::Laws& laws, const State& state, ConstMatrixRef amplitudes,
+               Matrix& forces) const;
   [[nodiscard]] substructure::Sizes rounding_sizes(const substructure::Laws& laws,
-                                                   const State& state) const;
+                                                   const State& state,
+                                                   ConstMatrixRef amplitudes) const;
   [[nodiscard]] Slopes slopes_of(const substructure::Laws& laws, const State& state) const;
   void factorise(const std::vector<Matrix>& slopes, double hold, const Communicator& communicator);
   void know_structure(const substructure::Laws& laws);

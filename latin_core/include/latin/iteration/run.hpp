@@ -49,6 +49,7 @@ class Run {
   [[nodiscard]] Index iterations() const { return stages_.count() + newton_stages_; }
   [[nodiscard]] double elapsed() const;
   void begin(bool traces_known);
+  bool solve_coupled();
   Measured observe();
   void report(const Measured& measured);
   [[nodiscard]] Matrix estimate(const Measured& measured);
@@ -60,6 +61,7 @@ class Run {
   void propose();
   bool follow(const Measured& measured);
   void finish(Status status);
+  void add_rounding_of_bodies();
 
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   const substructure::Structure& structure_;
@@ -83,6 +85,7 @@ class Run {
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
   double callback_s_ = 0.0;
   bool interrupted_ = false;        ///< on this rank
+  bool solved_ = false;             ///< for all columns at once: the next iterate is to be checked
   bool started_elsewhere_ = false;  ///< from states of other parameters
   bool stop_ = false;               ///< interrupted on some rank, as all know
 };

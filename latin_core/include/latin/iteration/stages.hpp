@@ -95,6 +95,8 @@ class Stages {
   [[nodiscard]] Measured measure(Iterate at, Anderson& history, bool& stop);
   /// Sizes of a solution on this rank, and what they are relative to. Collective.
   [[nodiscard]] Whole whole(const State& state);
+  /// What rounding leaves of the displacements of a body, relative to it, (groups).
+  [[nodiscard]] Vector rounding_of(std::size_t body, const State& state, const Whole& whole);
   /// Twice the strain energy of a solution. Collective.
   [[nodiscard]] double strain(const State& state);
   /// Newton's method on the same stages; what it needs is made when first asked for. It refers to this object.

@@ -8,7 +8,8 @@
 namespace latin::iteration {
 
 /// A law parameter that changes from point to point: field = pattern * values.col(point), whose `columns`
-/// blocks of rows are the columns of the field (time steps; one: the same in all).
+/// blocks of rows are the columns of the field (time steps; one: the same in all). Without an interface it is a load,
+/// pattern * values.col(point) is added to the amplitudes (l, c) of the load patterns, column by column.
 struct SweptParameter {
   std::string interface;
   std::string parameter;
@@ -16,6 +17,10 @@ struct SweptParameter {
   Matrix values;   ///< (r, points)
   Index columns = 1;
 };
+
+/// The parameter of a substructure, named in place of an interface, that is the factor of its stiffness; its pattern
+/// is (1, 1).
+inline constexpr const char* stiffness_parameter = "part.stiffness";
 
 /// Called after each finished point with its position, its laws, its summary and its state.
 using PointCallback =

@@ -20,6 +20,8 @@ class Verification {
  public:
   /// Forces of the laws and of the bodies may differ by so many tolerances.
   static constexpr double bearable_imbalance = 3.0;
+  /// Errors of nonlinear laws below this are not told apart: short steps do not say how short the next one is.
+  [[nodiscard]] static double resolution(double rtol);
 
   /// Whether there is one for these laws: not for long histories of laws with memory. Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
@@ -30,9 +32,18 @@ class Verification {
   /// Whether one step of it is exact for these laws, but for what the tangents of rigid ones leave. Collective.
   [[nodiscard]] static bool exact(const substructure::Laws& laws);
 
+  /// Whether the columns are those of a chaos that can be solved for at once: with linear laws, on one rank.
+  [[nodiscard]] static bool coupled(const substructure::Laws& laws);
+
   /// @param stages of the run; they must outlive this object
   /// @param known  of a near parameter set, to begin with and to be replaced; null: nothing is known
   explicit Verification(Stages& stages, std::shared_ptr<Linearisation> known = {});
+
+  /// The step from an iterate to the answer of a chaos: see coupled().
+  /// @param tolerance on the error that it leaves, relative
+  /// @param step      the residual, which becomes the step on the data
+  /// @return whether there is one
+  [[nodiscard]] bool solve_coupled(const State& state, double tolerance, Matrix& step);
 
   struct Found {
     Matrix errors;         ///< (groups, bodies of this rank) of the iterate
@@ -97,6 +108,8 @@ class Verification {
   Matrix distance_;
   std::optional<Matrix> settled_;
   Matrix moved_;
+  double spread_of_coupled_ =
+      0.0;  ///< bound of errors in energy, see Tangent::correct_coupled(); 0: not known
 };
 
 }  // namespace latin::iteration

@@ -29,6 +29,8 @@ class Monomials {
   Monomials(FacetShape shape, int degree);
 
   [[nodiscard]] Index size() const { return static_cast<Index>(powers_.size()); }
+  /// Sum of both powers of a monomial.
+  [[nodiscard]] int order(Index k) const { return powers_[k].a + powers_[k].b; }
   /// Values at a point.
   void values(const Point2& s, Values& out) const;
   /// Derivatives with respect to s_0 and s_1.
@@ -88,10 +90,16 @@ class Face {
   [[nodiscard]] const std::vector<Piece>& pieces() const { return pieces_; }
 
   [[nodiscard]] Place at(Index facet, const Point2& s) const;
+  [[nodiscard]] Eigen::Vector3d point(Index facet, const Point2& s) const;
+  /// Whether its map is linear.
+  [[nodiscard]] bool affine(Index facet) const { return affine_[facet] != 0; }
   /// Area (length in 2D) per area of the reference facet, times the unit normal out of the part.
   [[nodiscard]] Eigen::Vector3d area_vector(Index facet, const Place& place) const;
-  /// Shape functions of the displacement.
-  void shapes(Index facet, const Point2& s, Values& out) const;
+  /// Shape functions of the displacement: coefficients (functions, monomials) of such monomials.
+  [[nodiscard]] const Matrix& coefficients(Index facet) const {
+    return shapes_.coefficients[variants_[facet]];
+  }
+  [[nodiscard]] const Monomials& shape_monomials() const { return shape_monomials_; }
 
  private:
   void cut();
@@ -102,6 +110,7 @@ class Face {
   std::vector<double> orientation_;
   Monomials map_monomials_;
   std::vector<Eigen::Matrix3Xd> maps_;  ///< coefficients of the coordinates, by facet
+  std::vector<char> affine_;
   Functions shapes_;
   Monomials shape_monomials_;
   std::vector<Piece> pieces_;

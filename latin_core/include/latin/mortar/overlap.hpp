@@ -11,6 +11,7 @@ namespace latin::mortar {
 struct Rule {
   Matrix points;
   Vector weights;
+  bool around = false;  ///< the faces are turned about the axis x = 0: integrals over 2 pi x ds
 };
 
 /// Which facets count as opposite each other.
@@ -29,7 +30,7 @@ struct Overlap {
   std::vector<double> mean;        ///< (n1, chi) int chi
   std::vector<double> mass;        ///< (n1, chi, chi) int chi chi
   std::vector<double> own;         ///< (n1, chi, N_1) int chi N_1
-  std::vector<double> own_normal;  ///< (n1, chi, N_1, 3) int chi N_1 n_1
+  std::vector<double> own_normal;  ///< (n1, chi, N_1, 3) int chi N_1 n_1; empty if side 1 is plane
   std::vector<double> place;       ///< (n1, chi, 3) int chi x_1
   std::vector<double> normal;      ///< (n1, chi, 3) int chi n_1
   std::vector<double> offset;      ///< (n1, chi, 3) int chi (x_2 - x_1)
@@ -37,10 +38,11 @@ struct Overlap {
   std::vector<Index> first;        ///< (pairs) facets of side 1
   std::vector<Index>
       second;  ///< (pairs) facets of side 2; a pair of curved facets comes several times
-  std::vector<double> area;          ///< (pairs) area of the polygons
-  std::vector<double> other;         ///< (pairs, chi, N_2) int chi N_2
-  std::vector<double> other_normal;  ///< (pairs, chi, N_2, 3) int chi N_2 n_1
-  std::vector<double> distance;      ///< (pairs) largest |x_2 - x_1|
+  std::vector<double> area;   ///< (pairs) area of the polygons
+  std::vector<double> other;  ///< (pairs, chi, N_2) int chi N_2
+  std::vector<double>
+      other_normal;              ///< (pairs, chi, N_2, 3) int chi N_2 n_1; empty if side 1 is plane
+  std::vector<double> distance;  ///< (pairs) largest |x_2 - x_1|
   double farthest =
       0.0;  ///< largest distance of pairs that were left out for it; 0: there are none
 };
@@ -51,8 +53,9 @@ struct Overlap {
 /// Points of the intersections are put back onto both facets: by its map on side 1, along the plane's normal
 /// on side 2. Exact for plane faces if the rule is.
 /// @param multipliers chi; one set of coefficients, the same for all facets
+/// @param threads do the work; the result does not depend on their number
 /// @throws InputError on shapes that do not fit
 [[nodiscard]] Overlap integrate(const Face& first, const Face& second, const Functions& multipliers,
-                                const Rule& rule, const Nearness& near);
+                                const Rule& rule, const Nearness& near, int threads = 1);
 
 }  // namespace latin::mortar

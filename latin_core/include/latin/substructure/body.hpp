@@ -20,6 +20,8 @@ struct Member {
   SparseRows prolongation;  ///< Z (n, n_body); empty: the identity
   Matrix load;              ///< F (n, l), force, one column per load pattern
   Matrix offset;            ///< u0 (n, l), length; empty: zero
+  /// The part of the load that comes from the stiffness and changes with it (initial strains), (n, l); empty: none
+  Matrix of_stiffness = {};  // NOLINT(readability-redundant-member-init): callers leave it out
 };
 
 /// A deterministic elastic interface that is assembled into a body instead of being iterated on:
@@ -114,6 +116,20 @@ class Body {
   [[nodiscard]] std::string backend() const { return factor_->backend(); }
   /// The largest stiffness of a member's unknown or of a spring in it, force / length; 0 of a single member.
   [[nodiscard]] double stiffest() const { return stiffest_; }
+  /// Whether rounding may leave little of it, so that what it was made of was kept to measure it.
+  [[nodiscard]] bool measurable() const { return !terms_.stiffnesses.empty(); }
+  /// What rounding of the operator and its factor leaves of the global stage of a measurable body: the forces on the active unknowns,
+  /// (active, c), that move them as far as the stage is wrong. Measured, with sums of higher precision over members
+  /// and springs apart, which softer ones were rounded by when they were added up.
+  [[nodiscard]] Matrix defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                              const LoadResponse& loads) const;
+  /// A correction of the displacements of a measurable body, measured in the same way.
+  struct Correction {
+    Vector strain;  ///< (c) twice its energy, with the search directions
+    Matrix traces;  ///< (rows, c)
+  };
+  [[nodiscard]] Correction correction(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                      const LoadResponse& loads) const;
   /// Relative error that rounding may leave in its displacements.
   [[nodiscard]] double rounding() const;
 
@@ -126,6 +142,14 @@ class Body {
   /// Schur complement of the operator on the active unknowns, with the springs k: (active, active), lower triangle.
   /// Made when first asked for; a body that is not condensed solves for every active unknown.
   [[nodiscard]] const Matrix& schur() const;
+  /// Vectors phi (active, active) with phi^T (S + R) phi = 1 and phi^T R phi = share in [0, 1], where S is the
+  /// condensed stiffness and R the springs k: made when first asked for.
+  struct Spectrum {
+    Vector shares;
+    Matrix vectors;
+  };
+  /// @throws InputError of a body without a dense factor
+  [[nodiscard]] const Spectrum& spectrum() const;
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
 
@@ -151,10 +175,19 @@ class Body {
                                 ConstMatrixRef amplitudes, const LoadResponse& loads,
                                 BodyWork& work) const;
 
+  /// Forces of the sides on the active unknowns: Z^T T^T W f, (active, c). Those of sides that lie on each other
+  /// are added up.
+  void gather(ConstMatrixRef forces, MatrixRef on_unknowns) const;
+  /// Forces of the load patterns and of jumps that springs impose on the active unknowns, (active, l).
+  [[nodiscard]] const Matrix& active_patterns() const { return active_patterns_; }
+  /// Stiffness of each of these alone, in the members and without springs, (active), force / length.
+  [[nodiscard]] const Vector& active_stiffness() const { return active_stiffness_; }
+
   [[nodiscard]] const Vector& weights() const { return weights_; }
   [[nodiscard]] const Vector& directions() const { return direction_; }
 
  private:
+  friend class ScaledBody;
   /// Right-hand sides while the body is built, one column per load pattern.
   struct Loads {
     Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
@@ -166,21 +199,41 @@ class Body {
   void stack_sides(const std::vector<BodySide>& sides);
   [[nodiscard]] Loads assemble_loads(const BodyDescription& description,
                                      const std::vector<SparseRows>& jumps) const;
-  [[nodiscard]] SparseColumns assemble_operator(const BodyDescription& description,
-                                                const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] SparseRows assemble_operator(const BodyDescription& description,
+                                             const std::vector<SparseRows>& jumps) const;
+  [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
-  void factorise(const SparseColumns& lower, bool condense, const OperatorOptions& options);
+  void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
+  void keep_terms(BodyDescription& description, std::vector<SparseRows> jumps);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
   /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
   [[nodiscard]] const Matrix* compliance(Index columns) const;
+  /// Right-hand side of the global stage, (n_body, c).
+  [[nodiscard]] Matrix forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
+                                 const LoadResponse& loads) const;
+  /// What the solution of every column leaves of its equations, (n_body, c).
+  [[nodiscard]] Matrix residuals(const Matrix& unknowns, ConstMatrixRef data,
+                                 ConstMatrixRef amplitudes, const LoadResponse& loads) const;
+  /// What the solution of one column leaves of its equations, in sums of higher precision.
+  [[nodiscard]] Vector residual(const Vector& unknowns, ConstVectorRef data,
+                                ConstVectorRef amplitudes, const LoadResponse& loads) const;
   /// Solve for the load patterns and the forces added to them.
   [[nodiscard]] LoadResponse respond(Matrix extra) const;
 
   std::string name_;
   Index size_ = 0;
+  /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.
+  struct Terms {
+    std::vector<std::shared_ptr<const SparseView>> stiffnesses;
+    std::vector<SparseRows> jumps;
+    std::vector<Vector> springs;
+  };
+  Terms terms_;
   double stiffest_ = 0.0;
-  Index active_ = 0;  ///< the last unknowns, those that a side touches
+  bool sprung_ = false;  ///< whether springs are assembled into it
+  Matrix of_stiffness_;  ///< Z^T of the loads that come from the stiffness, (size, l); empty: none
+  Index active_ = 0;     ///< the last unknowns, those that a side touches
   std::vector<SparseRows> prolongations_;
   std::vector<Matrix> offsets_;
   SparseRows traces_;         ///< T Z, (rows, size)
@@ -195,7 +248,10 @@ class Body {
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
   Lazy<Matrix> schur_;
-  Matrix load_;           ///< right-hand side of the load patterns, with offsets
+  Lazy<Spectrum> spectrum_;
+  Matrix load_;  ///< right-hand side of the load patterns, with offsets
+  Matrix active_patterns_;
+  Vector active_stiffness_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
   Matrix offset_energy_;  ///< u0^T K u0
   Matrix offset_traces_;  ///< T u0

@@ -29,12 +29,20 @@ class GlobalStage {
   /// Balance the moments of the interface forces after a global stage, see Macro; only where the structure has
   /// a coarse problem.
   /// @param local  of the same laws: what the boundary interfaces have to carry
+  /// @param amplitudes (l, c) of the load patterns
   /// @return what was added to the data, (rows, c)
-  [[nodiscard]] Matrix balance(LocalStage& local, MatrixRef data, MatrixRef traces) const;
+  [[nodiscard]] Matrix balance(LocalStage& local, ConstMatrixRef amplitudes, MatrixRef data,
+                               MatrixRef traces);
+  /// w of the sides of one body whose stiffness has factors.
+  void apply_scaled(std::size_t body, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                    MatrixRef traces);
   /// Sizes of this rank's part of the global-stage solution with the given data and traces.
   [[nodiscard]] Sizes sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef amplitudes);
 
  private:
+  [[nodiscard]] Vector pressed_energies(std::size_t body, ConstMatrixRef forces,
+                                        ConstMatrixRef amplitudes);
+
   Laws laws_;
   BodyWork work_;
   Workspace block_;

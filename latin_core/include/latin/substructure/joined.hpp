@@ -49,6 +49,8 @@ class Joined {
 
   /// Tables of this rank's rows, (own rows, c), into that of all, (rows, c).
   [[nodiscard]] Matrix of_rows(ConstMatrixRef own) const;
+  /// Tables of the active unknowns of this rank's bodies, (own active, c), into that of all, (active, c).
+  [[nodiscard]] Matrix of_active(ConstMatrixRef own) const;
   /// Tables of this rank's interface unknowns (own unknowns, c) into that of all, (unknowns, c).
   [[nodiscard]] Matrix of_unknowns(const Matrix& own) const;
   /// The most components that an interface has.
@@ -75,6 +77,7 @@ class Joined {
   std::vector<std::size_t> spoken_for_;
   // of every rank
   std::vector<Index> rows_of_ranks_;
+  std::vector<Index> active_of_ranks_;
   std::vector<Index> unknowns_of_ranks_;
 };
 

@@ -10,6 +10,7 @@
 #include "latin/interface/law.hpp"
 #include "latin/stochastic/transform.hpp"
 #include "latin/substructure/pair.hpp"
+#include "latin/substructure/scaled.hpp"
 #include "latin/substructure/size.hpp"
 #include "latin/substructure/structure.hpp"
 
@@ -87,6 +88,10 @@ class Laws {
                                         const std::string& parameter) const;
   /// What a body answers to its load patterns and the extra loads.
   [[nodiscard]] const LoadResponse& response(std::size_t body) const;
+  /// A body whose stiffness has factors; null: it has none.
+  [[nodiscard]] const ScaledColumns* scaled(std::size_t body) const;
+  /// Whether the stiffness of some body has factors. Collective.
+  [[nodiscard]] bool scales_anywhere() const;
   /// Whether the structure has paired interfaces.
   [[nodiscard]] bool preconditions() const;
   /// Residual (rows, c) into a step on the data: paired interfaces are solved with their laws, the others take
@@ -122,6 +127,11 @@ class Laws {
   /// @param loads (n, l), force, by substructure of this rank
   /// @throws InputError naming a substructure that is not on this rank, or whose load does not fit
   [[nodiscard]] Laws with_extra_loads(const std::map<std::string, Matrix>& loads) const;
+  /// Factors of the stiffness of substructures; those that are not named keep theirs.
+  /// @param factors by substructure of this rank; the members of a body have the same
+  /// @throws InputError naming a substructure that is not on this rank, a factor that is not positive, and a body that
+  ///         cannot have any, see ScaledBody
+  [[nodiscard]] Laws with_stiffness(const std::map<std::string, StiffnessFactors>& factors) const;
   /// For this many parameter sets side by side: parameters that change from column to column are repeated.
   /// @throws InputError naming an interface whose columns are transformed
   [[nodiscard]] Laws repeated(Index sets) const;
@@ -133,6 +143,7 @@ class Laws {
                                           const std::vector<const LawParameter*>& changes) const;
   [[nodiscard]] ActiveLaw with_law(std::size_t interface,
                                    std::shared_ptr<const interface::Law> law) const;
+  void scale_again();
   /// A copy with the laws of some interfaces replaced.
   [[nodiscard]] Laws with(std::map<std::size_t, ActiveLaw> changed) const;
 
@@ -141,6 +152,8 @@ class Laws {
   Index steps_ = 1;
   Index modes_ = 1;
   std::shared_ptr<const std::vector<LoadResponse>> extra_;  ///< by body; null: no extra loads
+  std::shared_ptr<const std::vector<ScaledColumns>>
+      scaled_;  ///< by body, without body: 1; null: all are 1
 };
 
 }  // namespace latin::substructure

@@ -41,14 +41,18 @@ class LocalStage {
   /// Force f^ of an interface whose sides are on this rank; valid until the next call.
   [[nodiscard]] Eigen::Map<Matrix> force(std::size_t interface, ConstMatrixRef data,
                                          ConstMatrixRef traces);
+  /// Forces of all interfaces (unknowns, c), on one rank, for free jumps (unknowns, c) that belong to a flexibility of
+  /// nothing: what rigid laws answer is not finite.
+  void forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces);
 
  private:
   using Block = Eigen::Map<Matrix>;
   [[nodiscard]] Block free_jump(const ActiveInterface& interface, ConstMatrixRef data,
                                 ConstMatrixRef traces, ConstMatrixRef away);
-  [[nodiscard]] Block resolve(std::size_t interface, const Block& free_jump);
+  [[nodiscard]] Block resolve(std::size_t interface, const Block& free_jump,
+                              const Vector& flexibility);
   [[nodiscard]] Block ask(const ActiveInterface& interface, const interface::Law& law,
-                          const Block& jump, Workspace& work);
+                          const Block& jump, const Vector& flexibility, Workspace& work);
   void apply(std::size_t interface, ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef away,
              MatrixRef residual);
 

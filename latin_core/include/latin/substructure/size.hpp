@@ -28,7 +28,7 @@ struct Sizes {
   Matrix strain;   ///< u^T K u
   Matrix trace;    ///< sum of scale * W * w^2: sees the rigid motions that strain does not
   Matrix work;     ///< sum of |w| W |f|: what the strain energy is the balance of
-  Matrix pressed;  ///< sum of W f^2 / scale: like the strain energy of forces that nothing holds
+  Matrix pressed;  ///< sum of F^2 / K of nodes: like the strain energy of forces that nothing holds
 
   static Sizes zero(Index groups, Index bodies);
 };
@@ -36,7 +36,8 @@ struct Sizes {
 /// What errors are relative to.
 struct Yardstick {
   ColumnGroups groups;
-  Vector metric;                 ///< (bodies) sum of scale * W
+  Vector metric;     ///< (bodies) sum of scale * W
+  Vector stiffness;  ///< (bodies) sum of the stiffnesses of the active unknowns, each alone
   std::vector<Index> component;  ///< (bodies) see Structure::component()
   /// (components) Mean square displacement (length^2) of the bodies that move most, over all ranks: what rounding
   /// is a fraction of.

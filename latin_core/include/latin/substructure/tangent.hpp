@@ -8,8 +8,10 @@
 #include <vector>
 
 #include "latin/algebra/factor.hpp"
+#include "latin/algebra/sparse_product.hpp"
 #include "latin/common/types.hpp"
 #include "latin/substructure/joined.hpp"
+#include "latin/substructure/size.hpp"
 
 namespace latin::substructure {
 
@@ -58,6 +60,29 @@ class Tangent {
   /// The same for half of the residual of all ranks, (rows of all, c). Not collective.
   /// @param step, moved of this rank, (rows, c)
   void correct_all(const Matrix& half, MatrixRef step, MatrixRef moved);
+  /// Corrections with tangents of every column's own, which must be symmetric and stable: by conjugate gradients on
+  /// the active unknowns, with this factorisation as preconditioner. Of one rank.
+  /// @param slopes   of the laws in every column, as factorise() takes them
+  /// @param basis    orthonormal columns (active, m), in which the best answers in energy are looked for first
+  /// @param fall     what the error in energy is to fall to, relative to that of no correction, (c)
+  /// @param residual (rows, c) into the step on the data, in place
+  /// @param moved    what the step does to the traces, (rows, c)
+  /// @return the displacements of the active unknowns, (active, c); empty where there are no such tangents, and
+  /// nothing has changed then
+  Matrix correct_each(const std::vector<Matrix>& slopes, const Matrix& basis, const Vector& fall,
+                      MatrixRef residual, MatrixRef moved);
+  /// Corrections where the tangents couple the columns, and are symmetric and stable: by conjugate gradients on the
+  /// active unknowns, with this factorisation as preconditioner. Of one rank.
+  /// @param springs   forces of the interfaces per area for jumps, (unknowns, c) both; linear
+  /// @param groups    which columns are solutions of their own, and which of these are measured together
+  /// @param tolerance on the energy norm of the errors of every group, relative to the group
+  /// @param residual  (rows, c) into the step on the data, in place
+  /// @param moved     what the step does to the traces, (rows, c)
+  /// @return the factor by which errors in energy may be larger than what correct() says of them, squared; 0 where
+  /// there is no answer, and nothing has changed then
+  double correct_coupled(const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
+                         const ColumnGroups& groups, double tolerance, MatrixRef residual,
+                         MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
   /// @return the displacements of these unknowns, (active, c)
   Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
@@ -66,7 +91,10 @@ class Tangent {
   [[nodiscard]] Matrix inner_forces(const Matrix& traces) const;
   /// Forces per area (rows, c) as those on the active unknowns of the bodies, (active, c): what the meshes see of them.
   [[nodiscard]] Matrix nodal(const Matrix& forces) const {
-    return traces_.transpose() * (joined_->weights().asDiagonal() * joined_->of_rows(forces));
+    Matrix nodal(active_, forces.cols());
+    algebra::multiply_sparse(to_unknowns_,
+                             joined_->weights().asDiagonal() * joined_->of_rows(forces), nodal);
+    return nodal;
   }
   /// u^T S u of a body of this rank, where all active unknowns move by (active).
   [[nodiscard]] double strain(Index body, ConstVectorRef moved) const;
@@ -92,8 +120,18 @@ class Tangent {
   /// @param of_point tangent (components, components) of the point whose first unknown is given
   void set_tangents(const std::function<Matrix(const Joined::JoinedInterface&, Index)>& of_point);
   [[nodiscard]] Matrix tangent_at(const Matrix& slopes, const Joined::JoinedInterface& interface,
-                                  Index first) const;
+                                  Index first, double stiffest_spring) const;
+  [[nodiscard]] double stiffest_spring(const Matrix& slopes) const;
+  [[nodiscard]] double reduction(const Matrix& slope, Index first, double stiffest_spring) const;
+  [[nodiscard]] bool own_tangents(const std::vector<Matrix>& slopes, Matrix& stiffness) const;
+  void subtract_sides(const Matrix& rows, Matrix& jumps) const;
+  void add_to_sides(const Matrix& between, Matrix& rows) const;
+  void add_spring_forces(const Matrix& stiffness, const Matrix& jumps, Matrix& forces) const;
+  void add_body_forces(const Matrix& moved, Matrix& forces) const;
+  [[nodiscard]] Matrix best_in(const Matrix& basis, const Matrix& stiffness, const Vector& holding,
+                               const Matrix& load) const;
   void combine();
+  void invert();
   [[nodiscard]] SparseRows joined_springs() const;
   [[nodiscard]] SparseColumns assemble() const;
   [[nodiscard]] Matrix assemble_dense() const;
@@ -115,11 +153,14 @@ class Tangent {
   SparseRows traces_;             ///< T, (rows, active)
   SparseRows jumps_;              ///< J, (unknowns, active)
   SparseRows sides_;              ///< J', (unknowns, rows)
+  SparseRows to_unknowns_;        ///< T^T
   std::vector<Index> component_;  ///< (unknowns)
   Vector areas_;                  ///< (unknowns)
   Vector flexibility_;            ///< (unknowns)
   Vector rigid_;                  ///< what slopes are reduced by, (unknowns)
+  Vector springs_;                ///< the same at most, where there are stiff springs
   Matrix slopes_;                 ///< of the last factorisation
+  Index most_components_;         ///< columns of these
   SparseRows tangent_;            ///< W K, (unknowns, unknowns)
   // what a correction takes beside the factor: (active, rows), (rows, active), (rows, rows)
   SparseRows load_;

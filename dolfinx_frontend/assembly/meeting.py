@@ -1,0 +1,153 @@
+"""Where interfaces, ties and supports of one part meet: what else holds the nodes of its faces.
+
+Of interfaces that meet at an edge or a cross point, each vertex may have one multiplier.  Supports, and ties
+whose meshes match, come first, because their nodes are eliminated; then the interfaces in the order in which
+they were added.  Where several parts meet one face, a vertex belongs to the interface that covers most of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from dolfinx_frontend.assembly.facet_map import FaceCopy, FacetMap
+from dolfinx_frontend.assembly.held_nodes import Held, held_by, joined_holds
+from dolfinx_frontend.assembly.overlap import common, constant, shape_of
+from dolfinx_frontend.assembly.pairing import coincide, near_facets
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.scene.laws import Elimination
+from dolfinx_frontend.scene.scene import Scene
+
+__all__ = ["held_nodes"]
+
+_Where = tuple[str, int]
+
+_HALF = 0.5
+_EVEN = 1e-6
+"""Fractions of facets that differ from 1/2 by less are 1/2."""
+
+_TOUCHED = 1e-9
+"""A facet is not covered if a smaller fraction of it is."""
+
+
+class _Faces:
+    """The faces of this rank's interfaces, each made once."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        substructures: Mapping[str, Substructure],
+        elsewhere: Mapping[_Where, FaceCopy],
+    ) -> None:
+        self.scene, self.substructures, self.elsewhere = scene, substructures, elsewhere
+        self._maps: dict[_Where, FacetMap] = {}
+
+    def space(self, where: _Where) -> Any:
+        if where in self.elsewhere:
+            return self.elsewhere[where].space
+        return self.substructures[self.scene.interfaces[where[0]].faces[where[1]].substructure].space
+
+    def facets(self, where: _Where) -> FacetMap:
+        if where not in self._maps:
+            face = self.scene.interfaces[where[0]].faces[where[1]]
+            part = self.elsewhere.get(where) or self.substructures[face.substructure].part
+            self._maps[where] = FacetMap(part, face.face, f"interface {where[0]!r}")
+        return self._maps[where]
+
+    def glued(self, name: str) -> bool:
+        """Whether the nodes of both sides are glued: they are at the same places, and the law says so."""
+        joint = self.scene.interfaces[name]
+        if len(joint.faces) == 1 or joint.law.elimination is not Elimination.GLUED:
+            return False
+        both = [(name, 0), (name, 1)]
+        return coincide([self.facets(w) for w in both], [self.space(w) for w in both])
+
+    def covered(self, where: _Where) -> Any:
+        """Nodes of a face on facets that the other side covers, at least in part."""
+        other = (where[0], 1 - where[1])
+        faces, spaces = (self.facets(where), self.facets(other)), (self.space(where), self.space(other))
+        near = near_facets(faces, self.scene.interfaces[where[0]].max_distance)
+        found = common(faces, spaces, constant(shape_of(faces[0])), (near[0], near[1]), 1)
+        touched = found.covered > _TOUCHED * found.whole
+        return np.unique(faces[0].closure_dofs(spaces[0])[touched])
+
+
+def held_nodes(
+    scene: Scene, substructures: Mapping[str, Substructure], elsewhere: Mapping[_Where, FaceCopy]
+) -> dict[_Where, Held]:
+    """By interface and side, what holds the nodes of the faces of this rank beside the interface itself.
+
+    Parameters
+    ----------
+    scene
+        All parts and interfaces.
+    substructures
+        Those of this rank.
+    elsewhere
+        Faces opposite to theirs that are on other ranks.
+    """
+    faces = _Faces(scene, substructures, elsewhere)
+    members: dict[str, list[_Where]] = {name: [] for name in substructures}
+    for name, joint in scene.interfaces.items():
+        for number, face in enumerate(joint.faces):
+            if face.substructure in members and joint.law.rigid and joint.remote is None:
+                members[face.substructure].append((name, number))
+    out: dict[_Where, Held] = {}
+    for several in members.values():
+        out.update(_of_one_part(faces, several))
+    return out
+
+
+def _of_one_part(faces: _Faces, members: list[_Where]) -> dict[_Where, Held]:
+    """What holds the nodes of each of the faces of a part, in the order of the interfaces."""
+    scene = faces.scene
+
+    @cache
+    def held(where: _Where) -> Held:
+        joint = scene.interfaces[where[0]]
+        face = joint.faces[where[1]]
+        label = (face.substructure, face.face)
+        return held_by(
+            where[0], joint.law, label, len(joint.faces), faces.facets(where), faces.space(where)
+        )
+
+    glued = cache(faces.glued)
+    covered = cache(faces.covered)
+    out: dict[_Where, Held] = {}
+    for at, where in enumerate(members):
+        joint = scene.interfaces[where[0]]
+        if joint.space in ("points", "facets") or (len(joint.faces) == 1 and not joint.law.unilateral):
+            continue
+        own, space = faces.facets(where), faces.space(where)
+        nodes = own.face_nodes(space)
+        found = []
+        for before, other in enumerate(members):
+            theirs = scene.interfaces[other[0]]
+            beside = faces.facets(other)
+            if other == where or not np.isin(nodes, beside.face_nodes(space)).any():
+                continue
+            support = len(theirs.faces) == 1 and theirs.law.prescribes == "jump"
+            first = before < at or glued(other[0])
+            if support:
+                found.append(held(other))
+            elif not np.isin(beside.cells * 8 + beside.local, own.cells * 8 + own.local).any():
+                if first:
+                    found.append(held(other))
+            elif len(theirs.faces) == 2:
+                found.append(_shared(held(other), covered(other), first))
+        together = joined_holds(found)
+        if together is not None:
+            some = np.isin(together.nodes, nodes)
+            out[where] = Held(together.nodes[some], together.directions[some], together.least[some])
+    return out
+
+
+def _shared(held: Held, covered: Any, first: bool) -> Held:
+    """What another interface of the same face holds, which is that of the two that covers more of a node."""
+    some = np.isin(held.nodes, covered)
+    least = np.full(int(some.sum()), _HALF + (_EVEN if first else -_EVEN))
+    return replace(held, nodes=held.nodes[some], directions=held.directions[some], least=least)

@@ -1,0 +1,110 @@
+"""Inertia relief: loads of a free assembly, balanced by the forces of its rigid acceleration.
+
+Every load f is replaced by f - M R a with R' (f - M R a) = 0: what is left is in equilibrium by itself, so
+that the supports that hold the assembly, as many as it has rigid motions, carry nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import dolfinx.fem as fem
+import numpy as np
+import scipy.linalg
+import ufl
+
+from dolfinx_frontend.assembly.part_loads import PartLoad
+from dolfinx_frontend.assembly.rigid import rigid_modes
+from dolfinx_frontend.assembly.substructure import Substructure, ring
+from dolfinx_frontend.common.arrays import Array
+
+__all__ = ["Relief", "supports"]
+
+
+class Relief:
+    """The balance of the loads of some parts.
+
+    Parameters
+    ----------
+    parts
+        All parts of the scene.
+    densities
+        Part -> mass per volume.
+    """
+
+    def __init__(self, parts: Mapping[str, Substructure], densities: Mapping[str, float]) -> None:
+        self.parts = parts
+        mass = sum(densities[n] * s.volume for n, s in parts.items())
+        moments = [densities[n] * s.volume * s.centre for n, s in parts.items()]
+        self.centre: Array = np.sum(moments, axis=0) / mass
+        self.length = max(s.length for s in parts.values())
+        self._motions = {n: self._modes(s) for n, s in parts.items()}
+        self._inertia = {n: densities[n] * self._masses(s) for n, s in parts.items()}
+        gram = sum(self._motions[n].T @ self._inertia[n] for n in parts)
+        self._inverse = np.linalg.inv(gram)
+
+    def _modes(self, s: Substructure) -> Array:
+        """Rigid motions of a part, (n, r)."""
+        modes = rigid_modes(s.dof_coordinates, self.centre, self.length).reshape(s.size, -1)
+        return modes[:, [1]] if s.around else modes
+
+    def _masses(self, s: Substructure) -> Array:
+        """Nodal forces (n, r) of unit accelerations at density 1."""
+        mesh, d = s.part.mesh, s.dim
+        v, x = ufl.TestFunction(s.space), ufl.SpatialCoordinate(mesh)
+        r = [(x[i] - float(self.centre[i])) / self.length for i in range(d)]
+        motions: list[Any] = [v[i] for i in range(d)]
+        if d == 2:
+            motions.append(-r[1] * v[0] + r[0] * v[1])
+        else:
+            motions += [r[j] * v[k] - r[k] * v[j] for j, k in ((1, 2), (2, 0), (0, 1))]
+        if s.around:
+            motions = [ring(mesh) * motions[1]]
+        columns = [fem.assemble_vector(fem.form(m * ufl.dx(domain=mesh))).array[: s.size] for m in motions]
+        return np.array(columns, dtype=np.float64).T
+
+    def balance(self, forces: Mapping[str, Array]) -> dict[str, Array]:
+        """Nodal forces (n,) of all parts: those of some and the inertia that balances them."""
+        total = sum((self._motions[n].T @ f for n, f in forces.items()), start=np.zeros(len(self._inverse)))
+        acceleration = self._inverse @ total
+        out = {}
+        for name, s in self.parts.items():
+            own = forces.get(name, np.zeros(s.size))
+            out[name] = own - self._inertia[name] @ acceleration
+        return out
+
+    def parts_balanced(self) -> dict[str, Substructure]:
+        """The parts with body forces in balance."""
+        amplitudes = {a for s in self.parts.values() for a in s.varying_loads}
+        loads = self.balance({n: s.load for n, s in self.parts.items()})
+        varying = {a: self.balance({n: s.load_of(a) for n, s in self.parts.items()}) for a in amplitudes}
+        return {
+            n: replace(s, load=loads[n], varying_loads={a: found[n] for a, found in varying.items()})
+            for n, s in self.parts.items()
+        }
+
+    def load_balanced(self, load: PartLoad) -> PartLoad:
+        """A load whose every number is in balance."""
+        return replace(load, columns={p: self.balance(f) for p, f in load.columns.items()})
+
+
+def supports(s: Substructure) -> list[tuple[int, tuple[int, ...]]]:
+    """Nodes of a part and global components that hold its rigid motions, and nothing twice."""
+    x, d = s.dof_coordinates, s.dim
+    first = int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))
+    second = int(np.argmax(np.linalg.norm(x - x[first], axis=1)))
+    along = (x[second] - x[first]) / np.linalg.norm(x[second] - x[first])
+    off = (x - x[first]) - ((x - x[first]) @ along)[:, None] * along
+    nodes = [first, second, int(np.argmax(np.linalg.norm(off, axis=1)))]
+    if s.around:
+        return [(first, (1,))]
+    modes = rigid_modes(x[nodes], x[nodes].mean(axis=0), s.length)  # (3, d, r)
+    rows = modes.reshape(3 * d, -1)
+    _, _, order = scipy.linalg.qr(rows.T, pivoting=True)
+    chosen = sorted(int(k) for k in order[: rows.shape[1]])
+    held: dict[int, list[int]] = {}
+    for k in chosen:
+        held.setdefault(nodes[k // d], []).append(k % d)
+    return [(node, tuple(axes)) for node, axes in held.items()]

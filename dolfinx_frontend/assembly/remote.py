@@ -1,0 +1,169 @@
+"""Interfaces with one point: a node of a part, or the mean rigid motions of one or two faces (RBE3)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from dolfinx_frontend.assembly.elements import petsc_matrix
+from dolfinx_frontend.assembly.interface import Interface, Side
+from dolfinx_frontend.assembly.part_loads import FaceOf, cross, fitting
+from dolfinx_frontend.assembly.substructure import Substructure
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote
+
+__all__ = ["remote_interface"]
+
+_NEAR = 1e-6
+"""Distance of a node from where it is wanted, relative to the part's size."""
+
+
+def remote_interface(spec: InterfaceSpec, parts: tuple[Substructure, ...]) -> Interface:
+    """The interface, of parts on this rank.
+
+    Raises
+    ------
+    SceneError
+        No node at the point, or vectors of another dimension.
+    """
+    remote = spec.remote
+    assert remote is not None
+    if remote.node is not None:
+        return _at_node(spec, parts[0], remote.node)
+    d = parts[0].dim
+    sides: list[Side] = []
+    wrench: Array = np.zeros(0)
+    where: Array = np.zeros(d)
+    if remote.beam:
+        remote = _of_beam(spec, remote.beam, parts)
+    for number, (face, s) in enumerate(zip(spec.faces, parts, strict=True)):
+        side, of_side, point = _mean_motion(spec, s, face, remote, number)
+        sides.append(side)
+        if number == 0:
+            wrench, where = of_side, point
+    return _made(spec, tuple(sides), where, wrench)
+
+
+def _of_beam(spec: InterfaceSpec, way: str, parts: tuple[Substructure, ...]) -> Remote:
+    """Forces and moments at both ends of one deformation of a beam.
+
+    Its bending energy is E I / 2 L (theta2 - theta1)^2 + 6 E I / L ((theta1 + theta2) / 2 - dv / L)^2.
+    """
+    where, d = f"interface {spec.name!r}", parts[0].dim
+    ends = [
+        FaceOf(s, face.face, where).centre for face, s in zip(spec.faces, parts, strict=True)
+    ]
+    length = float(np.linalg.norm(ends[1] - ends[0]))
+    size = max(s.length for s in parts)
+    if length < 1e-6 * size:
+        raise SceneError(f"{where}: the centroids of its faces coincide; a beam has a length > 0")
+    along = np.zeros(3)
+    along[:d] = (ends[1] - ends[0]) / length
+    helper = np.eye(3)[2 if d == 2 else int(np.argmin(np.abs(along)))]
+    first = helper - (helper @ along) * along
+    first /= np.linalg.norm(first)
+    about = {"1": first, "2": np.cross(along, first)}.get(way[-1], along)
+    nothing: Array = np.zeros(3)
+    rows: tuple[tuple[Array, Array], ...]
+    if way == "axial":
+        rows = ((along, nothing), (along, nothing))
+    elif way == "torsion" or way.startswith("bending"):
+        rows = ((nothing, about), (nothing, about))
+    else:
+        slope = -np.cross(about, along) / length
+        rows = ((slope, -0.5 * about), (slope, 0.5 * about))
+    return Remote(
+        points=(None, None),
+        forces=tuple(tuple(map(float, force)) for force, _ in rows),
+        moments=tuple(tuple(map(float, moment)) for _, moment in rows),
+        beam=way,
+    )
+
+
+def _made(spec: InterfaceSpec, sides: tuple[Side, ...], point: Array, wrench: Array | None) -> Interface:
+    d = len(point)
+    return Interface(
+        name=spec.name,
+        law=spec.law,
+        points=point[None].copy(),
+        weights=np.ones(1),
+        frames=np.eye(d)[None].copy(),
+        gap=np.zeros(1),
+        sides=sides,
+        matching=None,
+        tangent_axis=1 % d,
+        areas=sp.csr_matrix((0, 1)),
+        why=_why(spec),
+        wrench=wrench,
+    )
+
+
+def _why(spec: InterfaceSpec) -> str:
+    assert spec.remote is not None
+    if spec.remote.beam:
+        return "a beam between the mean motions of two faces"
+    return "a node" if spec.remote.node is not None else "the mean motion of a face"
+
+
+def _at_node(spec: InterfaceSpec, s: Substructure, place: tuple[float, ...]) -> Interface:
+    where = f"interface {spec.name!r}"
+    point = fitting(where, "point", place, s.dim)
+    away = np.linalg.norm(s.dof_coordinates - point, axis=1)
+    node = int(np.argmin(away))
+    size = float(np.ptp(s.dof_coordinates, axis=0).max())
+    if away[node] > _NEAR * size:
+        near = ", ".join(f"{v:.6g}" for v in s.dof_coordinates[node])
+        raise SceneError(
+            f"{where}: there is no node of {s.name!r} at ({', '.join(f'{v:.6g}' for v in point)}); the "
+            "nearest one "
+            f"is at ({near}), {away[node]:.4g} away: give that, or fix a face"
+        )
+    count = s.size // s.dim
+    shape = sp.csr_matrix((np.ones(1), (np.zeros(1, dtype=int), np.array([node]))), shape=(1, count))
+    side = _side(s, spec.faces[0], sp.kron(shape, sp.identity(s.dim), "csr"), shape, np.array([node]))
+    return _made(spec, (side,), s.dof_coordinates[node].copy(), None)
+
+
+def _side(s: Substructure, face: Face, trace: Any, shape: sp.csr_matrix, nodes: Any) -> Side:
+    d = s.dim
+    normals = np.tile(np.eye(d)[0], (len(nodes), 1))
+    return Side(s.name, face.face, petsc_matrix(trace), shape, nodes, normals, 0.0, np.eye(d)[0].copy(), 1.0)
+
+
+def _mean_motion(
+    spec: InterfaceSpec, s: Substructure, face: Face, remote: Remote, number: int
+) -> tuple[Side, Array, Array]:
+    """A side, its force and moment (about the point), and the point."""
+    where, d = f"interface {spec.name!r}", s.dim
+    own = FaceOf(s, face.face, where)
+    if s.around:
+        force, moment = np.array(remote.forces[number]), np.array(remote.moments[number])
+        if moment.any() or force[[0, 2]].any():
+            raise SceneError(f"{where}: an axisymmetric part has springs along y (its axis) only")
+        row = own.nodal(np.tile([0.0, force[1] / own.area], (len(own.x), 1)))
+        return _row(s, face, row, np.array([0.0, force[1], 0.0]), own.centre)
+    given = remote.points[number]
+    point = own.centre if given is None else fitting(where, "point", given, d)
+    force, moment = np.array(remote.forces[number]), np.array(remote.moments[number])
+    if d == 2:
+        if force[2:].any() or moment[:2].any():
+            raise SceneError(f"{where}: a part in two dimensions has the motions x, y and rz")
+        force, moment = force[:2], moment[2:]
+    about = moment + np.reshape(cross(point - own.centre, force), -1)
+    row = own.nodal(own.spread(force, about))
+    return _row(s, face, row, np.concatenate([force, moment]), np.array(point))
+
+
+def _row(
+    s: Substructure, face: Face, row: Array, wrench: Array, point: Array
+) -> tuple[Side, Array, Array]:
+    """A side whose displacement is a row (n,) times the unknowns, its wrench, and the point."""
+    d = s.dim
+    touched = np.flatnonzero(np.any(row.reshape(-1, d) != 0.0, axis=1))
+    columns = np.flatnonzero(row)
+    trace = sp.csr_matrix((row[columns], (np.zeros(len(columns), dtype=int), columns)), shape=(d, s.size))
+    nothing = sp.csr_matrix((1, s.size // d))
+    return _side(s, face, trace, nothing, touched), wrench, point

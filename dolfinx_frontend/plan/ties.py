@@ -1,0 +1,258 @@
+"""Faces that are tied to rigid motions: what is left of the unknowns of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.rigid import rigid_modes
+from dolfinx_frontend.common.arrays import Array, Ints
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.scene.laws import Rigid
+
+__all__ = ["Ties", "given_motions", "ties_of"]
+
+_LEVEL = 1e-6
+"""Sines of angles below this are rounding of the mesh."""
+
+
+@dataclass(frozen=True)
+class Ties:
+    """Unknowns of a body before = left @ (unknowns after) + given; (before, after) and (before,)."""
+
+    left: sp.csr_matrix
+    given: Array
+
+
+@dataclass(frozen=True)
+class _Group:
+    """A group of faces: its leading law, nodes of the body (p,), their classes and coordinates (p, d)."""
+
+    law: Rigid
+    normal: Array
+    nodes: Ints
+    classes: Ints
+    x: Array
+    around: bool
+
+
+def given_motions(law: Rigid, centre: Array, length: float) -> tuple[Array, Array]:
+    """Rows (k, r) and values (k,) of the motions that are given, about a centre; rotations over the
+    length."""
+    d = len(centre)
+    place = centre if law.point is None else np.asarray(law.point, dtype=np.float64)[:d]
+    at = rigid_modes(place[None], centre, length)[0]
+    rows, values = [], []
+    for name, value in law.motions().items():
+        if name == "n":
+            continue
+        if name[0] == "r":
+            row = np.zeros(at.shape[1])
+            row[-1 if d == 2 else d + "xyz".index(name[1])] = 1.0 / length
+        else:
+            row = at["xyz".index(name)]
+        rows.append(row)
+        values.append(value)
+    return np.reshape(rows, (len(rows), at.shape[1])), np.array(values)
+
+
+def _groups(
+    problem: Problem, tied: Sequence[tuple[Interface, Rigid]], start: dict[str, int], label: Ints
+) -> list[_Group]:
+    by_name: dict[str, list[tuple[Interface, Rigid]]] = {}
+    for each in tied:
+        by_name.setdefault(each[1].group, []).append(each)
+    groups = []
+    for name, members in by_name.items():
+        law = next((law for _, law in members if law.leads), members[0][1])
+        normal = members[0][0].sides[0].normal
+        nodes, x = [], []
+        for interface, _ in members:
+            side = interface.sides[0]
+            if law.plane:
+                off = float(np.linalg.norm(side.normal - np.sign(side.normal @ normal) * normal))
+                if side.flatness > _LEVEL or off > _LEVEL:
+                    raise SceneError(
+                        f"interface {interface.name!r}: {side.substructure}:{side.face} cannot be kept plane "
+                        "with "
+                        f"group {name!r}: it is curved or not parallel to the first face (off by "
+                        f"{max(off, side.flatness):.3g}); "
+                        "use scene.rigid"
+                    )
+            nodes.append(side.nodes + start[side.substructure])
+            x.append(problem.substructures[side.substructure].dof_coordinates[side.nodes])
+        every = np.concatenate(nodes)
+        classes, first = np.unique(label[every], return_index=True)
+        around = problem.substructures[members[0][0].sides[0].substructure].around
+        groups.append(_Group(law, normal, every[first], classes, np.concatenate(x)[first], around))
+    seen: dict[int, str] = {}
+    for group in groups:
+        for c in group.classes:
+            other = seen.setdefault(int(c), group.law.group)
+            if other != group.law.group:
+                raise SceneError(
+                    f"rigid faces {other!r} and {group.law.group!r} share nodes: make them one group, or "
+                    "shrink one"
+                )
+    return groups
+
+
+def ties_of(
+    problem: Problem,
+    tied: Sequence[tuple[Interface, Rigid]],
+    start: dict[str, int],
+    bases: Sequence[Array],
+    kind: Ints,
+    fixed: Array,
+    shift: Array,
+    label: Ints,
+    columns: Ints,
+) -> Ties | None:
+    """What the tied faces of a body leave of its unknowns; None: there are none.
+
+    Parameters
+    ----------
+    bases, kind, fixed
+        Of the classes of glued nodes: free displacements, and what supports prescribe.
+    shift
+        (nodes, d) of nodes from their classes.
+    label, columns
+        Class of every node, and first unknown of every class.
+    """
+    if not tied:
+        return None
+    count = np.diff(columns)
+    left = count.copy()
+    own: dict[int, tuple[Array, Array, Array]] = {}  # class -> (f, kept), (f, modes), (f,)
+    masters: list[tuple[_Group, Array]] = []
+    for group in _groups(problem, tied, start, label):
+        motions, found = _of_group(group, bases, kind, fixed, shift)
+        for c, each in found.items():
+            own[c] = each
+            left[c] = each[0].shape[1]
+        masters.append((group, motions))
+    first = np.concatenate([[0], np.cumsum(left)])
+    row: list[int] = []
+    column: list[int] = []
+    value: list[float] = []
+    given = np.zeros(int(columns[-1]))
+    free = np.ones(len(count), dtype=bool)
+    free[list(own)] = False
+    for c in np.flatnonzero(free):
+        row.extend(range(columns[c], columns[c + 1]))
+        column.extend(range(first[c], first[c + 1]))
+    value.extend([1.0] * len(row))
+
+    def put(at: int, to: int, block: Array) -> None:
+        r, c = np.nonzero(block)
+        row.extend(at + r)
+        column.extend(to + c)
+        value.extend(block[r, c])
+
+    last = int(first[-1])
+    for group, motions in masters:
+        for c in group.classes:
+            kept, of_motions, constant = own[int(c)]
+            put(columns[c], int(first[c]), kept)
+            put(columns[c], last, of_motions)
+            given[columns[c] : columns[c + 1]] = constant
+        last += motions.shape[1]
+    matrix = sp.csr_matrix((value, (row, column)), shape=(int(columns[-1]), last))
+    return Ties(matrix, given)
+
+
+def _of_group(
+    group: _Group, bases: Sequence[Array], kind: Ints, fixed: Array, shift: Array
+) -> tuple[Array, dict[int, tuple[Array, Array, Array]]]:
+    """Motions (k, free) that are left to a group, and what its classes make of them."""
+    law, x = group.law, group.x
+    d = x.shape[1]
+    centre = x.mean(axis=0)
+    length = max(float(np.sqrt(((x - centre) ** 2).sum(axis=1).mean())), 1e-300)
+    modes = rigid_modes(x, centre, length)
+    where = f"{'plane' if law.plane else 'rigid'} face {law.group!r}"
+    if law.plane:
+        along = np.einsum("i,pir->pr", group.normal, modes)
+        _, s, vt = np.linalg.svd(along, full_matrices=False)
+        span = vt[s > 1e-9 * s[0]].T
+        if not law.tilts:
+            span = np.concatenate([group.normal, np.zeros(modes.shape[2] - d)])[:, None]
+        along = along @ span
+        rows = np.eye(1) if "n" in law.motions() else np.zeros((0, span.shape[1]))
+        values = np.array([*law.motions().values()])
+    else:
+        rows, values = given_motions(law, centre, length)
+    if group.around:  # the only rigid motion is that along the axis
+        if law.plane and not law.tilts and abs(group.normal[1]) < 1.0 - _LEVEL:
+            pass  # all points move alike along the radius
+        elif law.plane:
+            rows, values = np.vstack([rows, span[2:]]), np.append(values, np.zeros(len(span[2:])))
+        else:
+            rows = np.vstack([rows, np.eye(3)[[0, 2]]])
+            values = np.append(values, np.zeros(2))
+    # what supports leave of the displacements of a node has to be a displacement of the rigid motion
+    equations, wanted, at = [rows], [values], []
+    for k, c in enumerate(group.classes):
+        basis = bases[kind[c]]
+        base = fixed[c] + shift[group.nodes[k]]
+        if law.plane:
+            share = basis.T @ group.normal
+            size = float(np.linalg.norm(share))
+            if size < _LEVEL:
+                equations.append(along[k][None])
+                wanted.append(np.array([group.normal @ base]))
+                at.append((share, base, False))
+                continue
+            if size < 1.0 - _LEVEL:
+                raise SceneError(
+                    f"{where}: a support holds some of its nodes at an angle to its normal; shrink one of "
+                    "the faces"
+                )
+            at.append((share / size, base, True))
+        else:
+            if basis.shape[1] < d:
+                held = np.eye(d) - basis @ basis.T
+                equations.append(held @ modes[k])
+                wanted.append(held @ base)
+            at.append((basis, base, True))
+    motions, constant = _solved(where, np.concatenate(equations), np.concatenate(wanted))
+    found = {}
+    for k, c in enumerate(group.classes):
+        first, base, moves = at[k]
+        f = bases[kind[c]].shape[1]
+        if not law.plane:
+            along_basis = first.T @ modes[k]
+            found[int(c)] = (np.zeros((f, 0)), along_basis @ motions, along_basis @ constant - first.T @ base)
+        elif not moves:
+            found[int(c)] = (np.eye(f), np.zeros((f, motions.shape[1])), np.zeros(f))
+        else:
+            _, _, vt = np.linalg.svd(first[None])
+            kept = vt[1:].T
+            found[int(c)] = (
+                kept,
+                np.outer(first, along[k] @ motions),
+                first * (along[k] @ constant - group.normal @ base),
+            )
+    return motions, found
+
+
+def _solved(where: str, rows: Array, values: Array) -> tuple[Array, Array]:
+    """Motions (k, free) that satisfy homogeneous equations, and a particular one (k,)."""
+    if not len(rows):
+        return np.eye(rows.shape[1]), np.zeros(rows.shape[1])
+    _, s, vt = np.linalg.svd(rows, full_matrices=True)
+    rank = int(np.count_nonzero(s > _LEVEL * max(1.0, float(s[0]))))
+    constant = np.linalg.pinv(rows, rcond=_LEVEL / max(1.0, float(s[0])) if s[0] > 0 else 1.0) @ values
+    off = float(np.abs(rows @ constant - values).max(initial=0.0))
+    if off > 1e-9 * max(float(np.abs(values).max()), 1e-300):
+        raise SceneError(
+            f"{where}: its supports and given motions contradict each other, by {off:.4g}: no rigid motion "
+            "does "
+            "both; give others or shrink a face"
+        )
+    return vt[rank:].T, constant

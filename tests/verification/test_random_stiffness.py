@@ -1,0 +1,261 @@
+"""Random stiffness of parts, against closed forms, quadrature, samples and monolithic SSFEM."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import dolfinx_frontend as lf
+from dolfinx_frontend import geometry
+from dolfinx_frontend.reference.galerkin import ssfem
+from latin_core import Options
+
+FORCE, AREA, LENGTH = 50.0, 2.0, 5.0
+E1, E2 = lf.LogNormal("E1", 1e3, cov=0.2), lf.LogNormal("E2", 2e3, cov=0.3)
+TIGHT = Options(rtol=1e-9)
+
+
+def bars(first: Any, second: Any, law: Any = None, held: bool = False, **materials: Any) -> lf.Scene:
+    """Two bars end to end along z, nu = 0, so that every displacement is that of a rod."""
+    scene = lf.Scene()
+    for number, (part, modulus) in enumerate((("a", first), ("b", second))):
+        box = geometry.box((1, 2, LENGTH), (1, 1, 3), origin=(0, 0, LENGTH * number))
+        scene.substructure(part, box, lf.LinearElastic(modulus, 0.0, alpha=1e-5), degree=1)
+        scene.symmetry([f"{part}:x0", f"{part}:y0"])
+    scene.interface("joint", "a:z1", "b:z0", lf.Perfect() if law is None else law)
+    scene.fix("a:z0", name="foot", components=2)
+    if held:
+        scene.fix("b:z1", name="head", components=2)
+    return scene
+
+
+def pulled(*moduli: Any) -> lf.Problem:
+    scene = bars(*moduli)
+    scene.force("b:z1", (0.0, 0.0, FORCE), name="pull")
+    return lf.assemble(scene)
+
+
+def end(problem: lf.Problem, z: float = 2.0 * LENGTH) -> lf.AtPoint:
+    return lf.AtPoint(problem, "b", (0.5, 1.0, z), component="z")
+
+
+def inverse(parameter: Any) -> tuple[float, float]:
+    """Mean and deviation of 1 / E of a lognormal E."""
+    mean = (1.0 + parameter.cov**2) / parameter.mean
+    return mean, mean * parameter.cov
+
+
+def test_two_bars() -> None:
+    """u = F L / A (1 / E1 + 1 / E2): mean and deviation to 1e-6 by quadrature and by chaos."""
+    problem = pulled(E1, E2)
+    assert problem.part_parameters == {"a.E": 1e3, "a.stiffness": 1.0, "b.E": 2e3, "b.stiffness": 1.0}
+    scale = FORCE * LENGTH / AREA
+    (m1, s1), (m2, s2) = inverse(E1), inverse(E2)
+    mean, std = scale * (m1 + m2), scale * math.hypot(s1, s2)
+    at_means = next(lf.solve(problem).blocks())
+    assert end(problem)(at_means) == pytest.approx(scale * (1e-3 + 0.5e-3), rel=1e-8)
+    rule = lf.tensor_quadrature(problem, 12, options=TIGHT, keep_states=True, progress=False)
+    found = rule.quantity(end(problem))
+    weights = rule.weights
+    values = found.values
+    assert weights @ values == pytest.approx(mean, rel=1e-6)
+    assert math.sqrt(weights @ (values - mean) ** 2) == pytest.approx(std, rel=1e-6)
+    xi = rule.germs
+    exact = scale * (1.0 / rule.space.values(E1, xi) + 1.0 / rule.space.values(E2, xi))
+    assert values == pytest.approx(exact, rel=1e-6)
+    chaos = lf.solve(problem, chaos=lf.Chaos(order=9), options=TIGHT)
+    assert "stiffness factors" in str(chaos.plan) and chaos.plan.active == ("joint",)
+    node = np.argmax(problem.substructures["b"].dof_coordinates[:, 2])
+    modes = chaos.coefficients("b").reshape(-1, 3, len(chaos.basis))[node, 2]
+    assert modes[0] == pytest.approx(mean, rel=1e-6)
+    assert np.linalg.norm(modes[1:]) == pytest.approx(std, rel=1e-6)
+
+
+def test_chaos_is_ssfem() -> None:
+    """With loads inside, a thermal load, a prescribed displacement and a spring: one Galerkin solution."""
+    scene = bars(E1, E2, lf.Elastic(normal=lf.Gamma("k", 500.0, cov=0.2), tangential=100.0), held=True)
+    scene.temperature("a", lf.Normal("dT", 100.0, cov=0.1), name="heat")
+    scene.body_force("b", (0.0, 0.0, lf.Uniform("g", 1.0, 2.0)), name="weight")
+    scene.fix("b:x1", 0.01, components=0, name="side")
+    problem = lf.assemble(scene)
+    chaos = lf.solve(problem, chaos=lf.Chaos(order=3), options=TIGHT)
+    for solver in ("cg", "direct"):
+        exact = ssfem(problem, lf.Chaos(order=3), solver=solver)
+        for part in "ab":
+            expected = exact.coefficients[part]
+            assert chaos.coefficients(part) == pytest.approx(expected, abs=2e-8 * np.abs(expected).max())
+    # and the chaos tends to the samples
+    germs = chaos.space.sample(6, 4)
+    samples = lf.sample(problem, germs, options=TIGHT, keep_states=True, progress=False)
+    finer = lf.solve(problem, chaos=lf.Chaos(order=6), options=TIGHT)
+    for z in (LENGTH, 1.4 * LENGTH):
+        probe = end(problem, z)
+        assert probe(finer.at(germs)) == pytest.approx(samples.quantity(probe).values, rel=1e-3)
+
+
+@pytest.mark.parametrize("law", [None, lf.Contact(), lf.Contact(friction=0.3)])
+def test_samples_are_solutions_with_that_stiffness(law: Any) -> None:
+    """Free of anything that the factor is made of: the same scene assembled with the moduli of the sample."""
+
+    def heated(first: Any, second: Any) -> lf.Problem:
+        scene = bars(first, second, law, held=True)
+        scene.temperature("a", 100.0, name="heat")
+        scene.temperature("b", lambda x: 10.0 * x[:, 2], name="field")
+        scene.body_force("b", (0.0, 0.0, -3.0), name="weight")
+        return lf.assemble(scene)
+
+    problem = heated(E1, E2)
+    germs = np.array([[-1.5, 0.5], [0.0, 0.0], [2.0, -1.0]])
+    samples = lf.sample(problem, germs, options=TIGHT, keep_states=True, progress=False)
+    reactions = samples.quantity(samples.reaction("foot", "z")).values
+    stress = lf.AtPoint(problem, "a", (0.5, 1.0, 2.0), "stress", "zz")
+    stresses = samples.quantity(stress).values
+    for n, xi in enumerate(germs):
+        at = xi[None]
+        moduli = [float(samples.space.values(each, at)[0]) for each in (E1, E2)]
+        alone = lf.solve(heated(*moduli), options=TIGHT)
+        for part in "ab":
+            expected = alone.unknowns(part)
+            u = list(samples.blocks())[0].displacement(part)[n]
+            assert u == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+        block = next(alone.blocks())
+        assert reactions[n] == pytest.approx(float(alone.reaction("foot", "z")(block)[0]), rel=1e-6)
+        own = lf.AtPoint(alone.problem, "a", (0.5, 1.0, 2.0), "stress", "zz")
+        assert stresses[n] == pytest.approx(float(own(block)[0]), rel=1e-6)
+
+
+def test_a_held_bar_that_is_warm() -> None:
+    """Both ends held: stress = -E alpha dT, of a random E the factor of it; free of stress otherwise."""
+    dT = lf.Normal("dT", 100.0, cov=0.1)
+    scene = lf.Scene()
+    box = geometry.box((1, 2, LENGTH), (1, 1, 3))
+    scene.substructure("a", box, lf.LinearElastic(E1, 0.0, alpha=1e-5), degree=1)
+    scene.symmetry(["a:x0", "a:y0"])
+    scene.fix("a:z0", name="foot", components=2)
+    scene.fix("a:z1", name="head", components=2)
+    scene.temperature("a", dT, name="heat")
+    problem = lf.assemble(scene)
+    chaos = lf.solve(problem, chaos=4)
+    assert not chaos.plan.active and chaos.plan.method == "direct"
+    mean, spread = -1e3 * 1e-3, 1e3 * 1e-3 * math.sqrt(1.04 * 1.01 - 1.0)
+    assert chaos.stress("a").x.array.reshape(-1, 9)[:, 8] == pytest.approx(mean, rel=1e-9)
+    assert chaos.std("a", of="stress").x.array.reshape(-1, 9)[:, 8] == pytest.approx(spread, rel=1e-5)
+    samples = lf.tensor_quadrature(problem, 6, keep_states=True, progress=False)
+    assert samples.stress("a").x.array.reshape(-1, 9)[:, 8] == pytest.approx(mean, rel=1e-9)
+    assert samples.std("a", of="stress").x.array.reshape(-1, 9)[:, 8] == pytest.approx(spread, rel=1e-6)
+    xi = np.array([[1.0, -1.0]])
+    names = chaos.space.germ_names
+    E, warm = (chaos.space.values(each, xi)[0] for each in (E1, dT))
+    assert set(names) == {"E1", "dT"}
+    one = lf.sample(problem, xi, keep_states=True, progress=False)
+    assert one.quantity(one.reaction("foot", "z")).values == pytest.approx(E * 1e-5 * warm * AREA, rel=1e-9)
+
+
+def test_sweeps_over_moduli() -> None:
+    problem = pulled(1e3, 2e3)
+    grid: dict[Any, Any] = {"a.E": [500.0, 1e3, 4e3], "b.stiffness": [0.5, 2.0], "pull.z": [FORCE, 2 * FORCE]}
+    swept = lf.sweep(problem, grid, options=TIGHT, keep_states=True, progress=False)
+    found = np.array([end(problem)(block) for block in swept.blocks()]).reshape(swept.shape)
+    for i, E in enumerate(grid["a.E"]):
+        for j, factor in enumerate(grid["b.stiffness"]):
+            for k, force in enumerate(grid["pull.z"]):
+                exact = force * LENGTH / AREA * (1.0 / E + 1.0 / (2e3 * factor))
+                assert found[i, j, k] == pytest.approx(exact, rel=1e-6)
+    last = swept.stress("a").x.array.reshape(-1, 9)[:, 8]
+    assert last == pytest.approx(2 * FORCE / AREA, rel=1e-6)
+
+
+def test_histories() -> None:
+    ramp = lf.Amplitude([0, 1, 2], [0, 1, 0.5])
+    for law in (lf.Perfect(), lf.Contact()):
+        scene = bars(E1, E2, law, held=True)
+        scene.temperature("a", ramp * lf.Normal("dT", 100.0, cov=0.1), name="heat")
+        problem = lf.assemble(scene)
+        germs = np.array([[0.5, -0.5, 1.0]])
+        samples = lf.sample(problem, germs, times=[0, 1, 2], options=TIGHT, keep_states=True, progress=False)
+        E, F, warm = (
+            float(samples.space.values(each, germs)[0]) for each in (E1, E2, lf.Normal("dT", 100.0, cov=0.1))
+        )
+        force = -AREA * 1e-5 * warm / (1.0 / E + 1.0 / F)
+        found = samples.force("joint")[0, :, :, 0] @ problem.interfaces["joint"].weights
+        assert found == pytest.approx(force * np.array([0.0, 1.0, 0.5]), rel=1e-6, abs=1e-9)
+        if law.linear:
+            chaos = lf.solve(problem, chaos=lf.Chaos(order=8), times=[0, 1, 2], options=TIGHT)
+            found = chaos.at(germs).force("joint")[0, :, :, 0] @ problem.interfaces["joint"].weights
+            assert found == pytest.approx(force * np.array([0.0, 1.0, 0.5]), rel=1e-4, abs=1e-9)
+
+
+def test_a_chaos_with_contact() -> None:
+    scene = bars(E1, E2, lf.Contact(), held=True)
+    scene.temperature("a", 100.0, name="heat")
+    problem = lf.assemble(scene)
+    chaos = lf.solve(problem, chaos=lf.Chaos(order=5, check_points=0), options=Options(rtol=1e-7))
+    germs = chaos.space.sample(5, 1)
+    E, F = (chaos.space.values(each, germs) for each in (E1, E2))
+    force = -AREA * 1e-3 / (1.0 / E + 1.0 / F)
+    found = chaos.at(germs).force("joint")[..., 0] @ problem.interfaces["joint"].weights
+    assert found == pytest.approx(force, rel=1e-3)
+
+
+def test_one_number_in_two_parts() -> None:
+    """Parts whose factors are the same number stretch as one: u = F L / A (1 / E + 1 / (2 E))."""
+    problem = pulled(E1, 2 * E1)
+    chaos = lf.solve(problem, chaos=lf.Chaos(order=8), options=TIGHT)
+    assert chaos.space.germ_names == ("E1",)
+    E = chaos.space.values(E1, [[0.7]])[0]
+    assert end(problem)(chaos.at([[0.7]])) == pytest.approx(FORCE * LENGTH / AREA * 1.5 / E, rel=1e-6)
+
+
+def test_bad_stiffness() -> None:
+    with pytest.raises(lf.SceneError, match="E = .* has the mean -1000; Young's modulus is positive"):
+        lf.LinearElastic(lf.Normal("E", -1e3, cov=0.1), 0.3)
+    with pytest.raises(lf.SceneError, match="nu = .*only the E of LinearElastic may be random"):
+        lf.LinearElastic(1e3, lf.Uniform("nu", 0.2, 0.3))
+    scene, box = lf.Scene(), geometry.box((1, 1, 1), (1, 1, 1))
+    for value, text in ((2.0, "give 1 or a random number"), (lf.Normal("a", 2.0, cov=0.1), "has the mean 2")):
+        with pytest.raises(lf.SceneError, match=f"stiffness = .*{text}"):
+            scene.substructure("a", box, lf.LinearElastic(1.0, 0.3), stiffness=value)
+    wide = pulled(lf.Normal("E", 1e3, cov=0.4), 2e3)
+    with pytest.raises(lf.SceneError, match="'a': 1 of 1 samples give it a stiffness that is not positive"):
+        lf.sample(wide, [[-3.0]], progress=False)
+    with pytest.raises(lf.IndefiniteError, match="substructure 'a', factor .* indefinite"):
+        lf.solve(wide, chaos=9)
+    with pytest.raises(lf.SceneError, match="'a.E' takes the value -1: a stiffness is positive"):
+        lf.sweep(wide, {"a.E": [1.0, -1.0]}, progress=False)
+    with pytest.raises(lf.SceneError, match="two axes"):
+        lf.sweep(wide, {"a.E": [1.0], "a.stiffness": [1.0]}, progress=False)
+    with pytest.raises(lf.SceneError, match="the plan has no factor for the stiffness of 'a'"):
+        lf.solve(wide, chaos=1, plan=lf.make_plan(wide))
+    with pytest.raises(lf.SceneError, match="ties 'a'"):
+        scene = bars(E1, 1e3)
+        scene.plane(["a:x1", "b:x1"], name="side")
+        lf.solve(lf.assemble(scene), chaos=1)
+
+
+def test_errors_and_files(tmp_path: Path) -> None:
+    """Errors have no share of the meshes, and a file no stress, which it says; both at the means as ever."""
+    problem = pulled(E1, E2)
+    chaos = lf.solve(problem, chaos=lf.Chaos(order=2))
+    found = chaos.errors("joint")
+    assert found.discretisation is None and found.truncation is not None
+    chaos.save(tmp_path / "bars.h5")
+    loaded = lf.load(tmp_path / "bars.h5")
+    assert loaded.unknowns("b") == pytest.approx(chaos.unknowns("b"), rel=1e-12)
+    with pytest.raises(lf.SceneError, match="random stiffness.*compute stresses before save"):
+        loaded.stress("a")
+    with pytest.raises(lf.SceneError, match="export: the stiffness of 'a', 'b' varies"):
+        problem.export(tmp_path / "folder", chaos=1)
+    accurate = lf.solve(problem, accuracy=1e-2, quantity="joint", meshes=False)
+    assert accurate.converged
+    warm = bars(1e3, 2e3, held=True)
+    warm.temperature("a", 100.0, name="heat")
+    result = lf.solve(lf.assemble(warm))
+    result.save(tmp_path / "warm.h5")
+    with pytest.raises(lf.SceneError, match="initial strains .temperatures.*compute stresses before save"):
+        lf.load(tmp_path / "warm.h5").stress("a")
+    for where in ("a", "b"):
+        assert chaos.std(where, of="stress").x.array.reshape(-1, 9)[:, 8] == pytest.approx(0.0, abs=1e-3)
