@@ -54,7 +54,7 @@ INSTANTIATE_TEST_SUITE_P(Sizes, TangentOfChains,
 
 /// Their tangents are theirs but for 1e-3, and the wall is 1e3 times stiffer: one step finds what they give way.
 TEST(Tangent, StiffSpringsKeepTheirStiffness) {
-  for (const double stiffness : {1e5, 1e6, 1e7}) {
+  for (const double stiffness : {3e3, 1e4, 3e4}) {
     const chain::Scene scene{.parts = 4, .stiffness = stiffness};
     const Laws laws = scene.build();
     chain::Evaluated at(laws, Matrix::Ones(1, 1));

@@ -117,7 +117,10 @@ class Borrowing {
 
   void enlarge(const Matrix& moved) {
     Matrix all(moved.rows(), basis_->cols() + moved.cols());
-    all << *basis_, moved.colwise().normalized();
+    if (basis_->cols() > 0) {
+      all.leftCols(basis_->cols()) = *basis_;
+    }
+    all.rightCols(moved.cols()) = moved.colwise().normalized();
     Eigen::ColPivHouseholderQR<Matrix> factors(all);
     factors.setThreshold(dependent);
     *basis_ = factors.householderQ() * Matrix::Identity(all.rows(), factors.rank());
