@@ -256,7 +256,6 @@ def expression(function: Callable[..., Any], *operands: Any, name: str | None = 
     SceneError
         Nothing random among the operands, or a value at their means that is not finite.
     """
-    checked_callable("expression", "function", function, "give a function of arrays (N,)", len(operands))
     for each in operands:
         if not is_real(each) and not isinstance(each, Operand):
             raise SceneError(
@@ -265,6 +264,7 @@ def expression(function: Callable[..., Any], *operands: Any, name: str | None = 
             )
     if not any(isinstance(each, Operand) for each in operands):
         raise SceneError("expression: no operand is random; give one at least, or the number itself")
+    checked_callable("expression", "function", function, "give a function of arrays (N,)", len(operands))
     if name is not None:
         checked_name("expression", name)
     return Expression(function, *operands, name=name)
