@@ -1,5 +1,6 @@
 #include "latin/iteration/newton_proposal.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include "latin/common/error.hpp"
@@ -8,10 +9,12 @@ namespace latin::iteration {
 namespace {
 
 /// From zero some averaged steps find most of what is open and closed. From elsewhere (another parameter set)
-/// a few accelerated steps are often enough, and cheaper than dense factorisations: so many more for each of the
-/// unknowns.
+/// accelerated steps often do alone, and cost less than factorisations: so many more for each of the unknowns as
+/// cost as much as a proposal, but no more than so many, or this fraction of all iterations.
 constexpr Index steps_before = 2;
-constexpr double steps_per_unknown = 0.05;
+constexpr double steps_per_unknown = 0.5;
+constexpr double most_steps = 300.0;
+constexpr double share_of_iterations = 0.5;
 /// Accelerated steps after Newton's method failed; twice as many after the next time.
 constexpr Index steps_after_failure = 8;
 /// A proposal that leaves less than this of the residual is the error of the iterate before it.
@@ -30,17 +33,26 @@ NewtonProposal::NewtonProposal(Metric metric, Solver solver, Residual residual)
       wait_(steps_before),
       wait_after_failure_(steps_after_failure) {}
 
-void NewtonProposal::begin(bool from_zero, Index unknowns) {
+void NewtonProposal::begin(bool from_zero, Index unknowns, Index most_iterations) {
   wait_ = steps_before;
   if (!from_zero) {
-    wait_ += static_cast<Index>(steps_per_unknown * static_cast<double>(unknowns));
+    const double cost = std::min(steps_per_unknown * static_cast<double>(unknowns), most_steps);
+    const double room = share_of_iterations * static_cast<double>(most_iterations);
+    wait_ += static_cast<Index>(std::min(cost, room));
   }
+}
+
+bool NewtonProposal::hurry() {
+  const bool can = possible() && !tried_;
+  wait_ = can ? 0 : wait_;
+  return can;
 }
 
 NewtonOutcome NewtonProposal::propose(Iterate from) {
   if (!possible() || !from.residual.allFinite() || from.residual.isZero(0.0)) {
     return {};
   }
+  tried_ = true;
   State proposal = from.state;
   NewtonOutcome outcome;
   try {

@@ -98,6 +98,10 @@ Summary Run::run(bool traces_known) {
     if (rounding_ && status != Status::interrupted) {
       status = Status::inexact;
     }
+    if (status == Status::stagnated && newton_.hurry()) {
+      stopping_.forget();
+      status.reset();
+    }
     // as many iterations again, where there is room for any
     if (status && gave_up(*status) && searches() && options_.max_iterations >= least_room) {
       measured = rescue(std::move(measured));
@@ -136,7 +140,7 @@ void Run::begin(bool traces_known) {
     stages_.evaluate(at());
   }
   const bool from_zero = state_.data.isZero(0.0);
-  newton_.begin(from_zero, structure_.interface_unknowns());
+  newton_.begin(from_zero, structure_.interface_unknowns(), options_.max_iterations);
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
 }
 

@@ -34,7 +34,10 @@ class NewtonProposal {
   [[nodiscard]] bool possible() const { return static_cast<bool>(solver_); }
   /// Wait before the first proposal, from a start that says little (zero) or much (other parameters).
   /// @param unknowns of the interfaces: what a proposal costs
-  void begin(bool from_zero, Index unknowns);
+  /// @param most_iterations that the run may take
+  void begin(bool from_zero, Index unknowns, Index most_iterations);
+  /// Propose next if nothing has been proposed yet: the iteration alone does not end. @return whether it will
+  bool hurry();
   /// Whether a proposal is to be made now.
   [[nodiscard]] bool due() const { return possible() && wait_ == 0; }
   /// A step was taken without following.
@@ -74,6 +77,7 @@ class NewtonProposal {
   double length_ = 0.0;  ///< |step|
   double norm_ = 0.0;    ///< |residual_|
   bool made_ = false;
+  bool tried_ = false;
   Index columns_ = 0;         ///< that the proposal has solved
   Index solved_ = 0;          ///< that the last one followed had solved
   Index wait_ = 0;            ///< iterations until the next proposal
