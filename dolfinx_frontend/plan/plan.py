@@ -38,7 +38,16 @@ from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.scene.values import is_plain, is_zero
 from latin_core import Options
 
-__all__ = ["Decision", "Direction", "Method", "Plan", "check_problem", "check_settings", "make_plan"]
+__all__ = [
+    "Decision",
+    "Direction",
+    "Method",
+    "Plan",
+    "check_problem",
+    "check_settings",
+    "make_plan",
+    "plan_of_random",
+]
 
 _log = logging.getLogger(__name__)
 Method = Literal["auto", "direct", "accelerated", "latin"]
@@ -334,6 +343,28 @@ def _one_column(problem: Problem) -> str:
     if random:
         return f"no chaos was asked for: {', '.join(random)} at the mean"
     return "nothing is random and no law has a history"
+
+
+def plan_of_random(
+    where: str, random: RandomLaws, given: Plan | None, modes: int | None = None, **settings: Any
+) -> Plan:
+    """A given plan that keeps what is random, or one made for it with the settings of :func:`make_plan`.
+
+    `modes` are those of a chaos; None: one set of values at a time.
+
+    Raises
+    ------
+    SceneError
+        The given one eliminates something random.
+    """
+    if given is not None:
+        check_keeps(where, given, random.interfaces, random.loads, random.parts)
+        return given
+    if modes is not None:
+        settings |= {"random": random, "columns": modes}
+    return make_plan(
+        random.problem, vary=random.interfaces, loads=random.loads, scaled=random.parts, **settings
+    )
 
 
 @together("plan")

@@ -38,9 +38,8 @@ from dolfinx_frontend.plan.plan import (
     Direction,
     Method,
     Plan,
-    check_keeps,
     check_problem,
-    make_plan,
+    plan_of_random,
 )
 from dolfinx_frontend.plan.random_laws import RandomLaws, Source
 from dolfinx_frontend.results.accuracy import accuracy_of_run
@@ -451,22 +450,17 @@ def planned(
     history = len(check_times(times)) if times is not None and problem.amplitudes else 1
     needed = history * (problem.size + rows * (4 + 3 * options.acceleration))
     basis = random.space.basis(chaos, rows=needed)
-    if plan is None:
-        plan = make_plan(
-            problem,
-            method,
-            active,
-            random.interfaces,
-            direction,
-            options,
-            random,
-            len(basis),
-            times=times,
-            loads=random.loads,
-            scaled=random.parts,
-        )
-    else:
-        check_keeps("chaos", plan, random.interfaces, random.loads, random.parts)
+    plan = plan_of_random(
+        "chaos",
+        random,
+        plan,
+        method=method,
+        active=active,
+        direction=direction,
+        options=options,
+        modes=len(basis),
+        times=times,
+    )
     return Planned(random, chaos, basis, plan)
 
 
@@ -685,18 +679,16 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
     rows = result.solver.rows
     needed = result.steps * (problem.size + rows * (4 + 3 * old.options.acceleration))
     basis = random.space.basis(chaos, rows=needed)
-    plan = make_plan(
-        problem,
-        old.method if old.method == "latin" else "auto",
-        old.active,
-        random.interfaces,
-        old.direction,
-        old.options.with_(rtol=rtol),
+    plan = plan_of_random(
+        "chaos",
         random,
-        len(basis),
+        None,
+        method=old.method if old.method == "latin" else "auto",
+        active=old.active,
+        direction=old.direction,
+        options=old.options.with_(rtol=rtol),
+        modes=len(basis),
         times=old.times,
-        loads=random.loads,
-        scaled=random.parts,
     )
     steps = result.steps
     states = []

@@ -37,10 +37,9 @@ from dolfinx_frontend.plan.plan import (
     Direction,
     Method,
     Plan,
-    check_keeps,
     check_problem,
     check_settings,
-    make_plan,
+    plan_of_random,
 )
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
@@ -133,20 +132,16 @@ def sample(
         raise SceneError("sampling: nothing is random: give a law or a load a random parameter")
     _checked_rule(random, germs, weights, kind)
     problem.check_alike("sampling", laws=True, method=method, plan=plan is None, **settings)
-    if plan is None:
-        plan = make_plan(
-            problem,
-            method,
-            active,
-            random.interfaces,
-            direction,
-            options,
-            times=times,
-            loads=random.loads,
-            scaled=random.parts,
-        )
-    else:
-        check_keeps("sampling", plan, random.interfaces, random.loads, random.parts)
+    plan = plan_of_random(
+        "sampling",
+        random,
+        plan,
+        method=method,
+        active=active,
+        direction=direction,
+        options=options,
+        times=times,
+    )
     began = perf_counter()
     solver = Solver(problem, plan)
     return sample_on(

@@ -374,6 +374,7 @@ void Run::finish(Status status) {
   // what the bodies' factors leave is no part of the iteration, but of the error
   add_rounding_of_bodies();
   if (!stages_.laws().linear_everywhere() && !options_.stop_on_indicator) {
+    // steps that end far below the tolerance do not say how far
     summary_.errors = summary_.errors.cwiseMax(Verification::resolution(options_.rtol));
   }
   summary_.error = std::max(summary_.error, error_.largest(summary_.errors));

@@ -265,12 +265,13 @@ std::optional<Verification::Found> Verification::check(const State& state, const
       const bool go_on = count < (borrowed ? most_borrowed : most_steps) &&
                          !everywhere((rest.array() <= least_known.array().max(rtol)).all()) &&
                          largest(left) <= bearable_left;
+      const bool settled =
+          !go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
+          norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise);
       const bool little = norm <= std::max(well_fallen * first_norm, noise) &&
                           everywhere((rest.array() <= least_known.array()).all());
-      const bool in_branch = !go_on && stays_in_branch(step);
-      if (!go_on && everywhere(enough.all()) && borrowed == was_borrowed &&
-          norm <= std::max((borrowed ? borrowed_fall : residual_fall) * norm_before, noise) &&
-          (little || in_branch)) {
+      const bool in_branch = settled && stays_in_branch(step);
+      if (settled && (little || in_branch)) {
         if (!in_branch) {
           rest *= of_other_branch;
           ahead *= of_other_branch;
@@ -281,10 +282,6 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         const bool rounding = largest(least_error) > bearable_rounding * rtol;
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
-        }
-        if (!stages_.laws().linear_everywhere()) {
-          // steps that end far below the tolerance do not say how far
-          least_error = least_error.cwiseMax(resolution(rtol));
         }
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
                     linear_->imbalance(stages_.laws(), state, residual),
