@@ -49,7 +49,7 @@ struct Solved {
 
 TEST(NewtonProposal, IsNeverDueWhereThereIsNoSuchMethod) {
   NewtonProposal none(Metric(Vector::Ones(3)), {}, {});
-  none.begin(true, 10);
+  none.begin(true, 10, 100);
   for (int i = 0; i < 100; ++i) {
     EXPECT_FALSE(none.due());
     none.count_step();
@@ -59,11 +59,27 @@ TEST(NewtonProposal, IsNeverDueWhereThereIsNoSuchMethod) {
 
 TEST(NewtonProposal, WaitsLongerFromElsewhereForItCostsMoreThere) {
   Solved from_zero;
-  from_zero.proposal.begin(true, 1000);
+  from_zero.proposal.begin(true, 1000, 500);
   EXPECT_EQ(from_zero.steps_until_due(), 2);
-  Solved from_elsewhere;
-  from_elsewhere.proposal.begin(false, 1000);
-  EXPECT_EQ(from_elsewhere.steps_until_due(), 52);
+  Solved small;
+  small.proposal.begin(false, 100, 500);
+  EXPECT_EQ(small.steps_until_due(), 52);
+  Solved large;  // and the method does not wait for ever
+  large.proposal.begin(false, 100000, 5000);
+  EXPECT_EQ(large.steps_until_due(), 302);
+  Solved few;
+  few.proposal.begin(false, 100000, 20);
+  EXPECT_EQ(few.steps_until_due(), 12);
+}
+
+TEST(NewtonProposal, IsHurriedOnce) {
+  Solved run;
+  run.proposal.begin(false, 1000, 500);
+  EXPECT_TRUE(run.proposal.hurry());
+  EXPECT_TRUE(run.proposal.due());
+  run.propose();
+  EXPECT_FALSE(run.proposal.hurry());
+  EXPECT_FALSE(NewtonProposal(Metric(Vector::Ones(3)), {}, {}).hurry());
 }
 
 TEST(NewtonProposal, ProposesAndIsFollowed) {

@@ -73,7 +73,7 @@ constexpr double least_scatter = 1e-6;
 constexpr double least_tolerance = 1e-12;
 
 /// A strain energy below this fraction of the work of the interface forces is that of a rigid motion.
-constexpr double strain_free = 1e-12;
+constexpr double strain_free = 1e-14;
 
 /// How much the displacements and strains of the bodies scatter between samples.
 class Scatter {

@@ -7,7 +7,7 @@ namespace latin::substructure {
 namespace {
 
 /// Below this fraction of the work of the interface forces a strain energy is rounding of a rigid motion.
-constexpr double strain_free = 1e-12;
+constexpr double strain_free = 1e-14;
 /// Rounding of displacements and forces, relative to the largest ones.
 constexpr double rounding = 1e-14;
 /// Displacements this many times larger than rounding are answers.
