@@ -483,8 +483,10 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
                                  const std::vector<SparseRows>& jumps) const {
   const std::vector<Member>& members = description.members;
   const Index loads = members.empty() ? 0 : members.front().load.cols();
+  // what is not strained is not where u = 0: prescribed displacements, and springs that are too long
   const bool shifted =
-      std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
+      std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; }) ||
+      std::ranges::any_of(description.springs, [](const Spring& s) { return !s.jump.isZero(0.0); });
   Loads sum{Matrix::Zero(size_, loads), Matrix::Zero(shifted ? size_ : 0, loads),
             Matrix::Zero(loads, loads)};
   for (std::size_t e = 0; e < members.size(); ++e) {
@@ -499,7 +501,7 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
   for (std::size_t i = 0; i < jumps.size(); ++i) {
     const Spring& spring = description.springs[i];
     if (shifted) {
-      Matrix of_offsets = Matrix::Zero(spring.stiffness.size(), loads);
+      Matrix of_offsets = -spring.jump;
       for (std::size_t s = 0; s < spring.members.size(); ++s) {
         const Matrix& offset = members[static_cast<std::size_t>(spring.members[s])].offset;
         if (offset.size() > 0) {
@@ -509,7 +511,6 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
       sum.of_offset += jumps[i].transpose() * (spring.stiffness.asDiagonal() * of_offsets);
       sum.offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
     }
-    sum.load += jumps[i].transpose() * (spring.stiffness.asDiagonal() * spring.jump);
   }
   if (shifted) {
     sum.load -= sum.of_offset;

@@ -190,9 +190,9 @@ class Body {
   friend class ScaledBody;
   /// Right-hand sides while the body is built, one column per load pattern.
   struct Loads {
-    Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
-    Matrix of_offset;      ///< Z^T K u0, empty without offsets
-    Matrix offset_energy;  ///< u0^T K u0
+    Matrix load;           ///< Z^T F, less `of_offset`
+    Matrix of_offset;      ///< Z^T K u0 + B^T kappa (B0 - Delta), empty without offsets
+    Matrix offset_energy;  ///< u0^T K u0 + (B0 - Delta)^T kappa (B0 - Delta)
   };
   // what the constructor does, in this order
   void order_active_last(const std::vector<BodySide>& sides);
@@ -253,7 +253,7 @@ class Body {
   Matrix active_patterns_;
   Vector active_stiffness_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
-  Matrix offset_energy_;  ///< u0^T K u0
+  Matrix offset_energy_;  ///< of u0 and of the offsets of springs
   Matrix offset_traces_;  ///< T u0
   LoadResponse response_;
   BodyCost cost_;
