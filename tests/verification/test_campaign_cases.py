@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import subprocess
 import sys
@@ -109,3 +110,22 @@ def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
     finally:
         seat.close()
     assert outcome == "right", what
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_three_hundred_drawn_scenes(tmp_path: Path) -> None:
+    """The goal is none that is wrong; campaigns of thousands of scenes find 0.5 %, of which this is no more."""
+    table = tmp_path / "campaign.json"
+    call = [sys.executable, str(BENCHMARKS / "campaign.py"), "--scenes", "300", "--seed", "300", "--jobs", "2"]
+    run = subprocess.run(
+        [*call, "--time-limit", "300", "--json", str(table)], capture_output=True, text=True, timeout=1700
+    )
+    assert run.returncode == 0, run.stderr
+    found = json.loads(table.read_text())
+    said = "\n".join(f"{one['seed']} {one['outcome']}: {one['what']}" for one in found["failures"])
+    assert found["scenes"] == 300
+    assert found["raised"] == found["crashed"] == 0, said
+    assert found["wrong"] <= 3, said
+    assert found["not_converged"] <= 6, said
+    assert found["estimate_within"] >= 0.9, said
