@@ -6,7 +6,7 @@ parameter sets, ``monte_carlo`` and its kin for points of the germs; ``errors`` 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, overload
 
@@ -227,9 +227,37 @@ def solve(
             estimator=errors,
             **settings,
         )
-    if plan is None:
-        plan = make_plan(problem, method, vary=(), **settings)
-    return solve_once(problem, plan, start, callback, progress, errors)
+    if plan is not None:
+        return solve_once(problem, plan, start, callback, progress, errors)
+    plan = make_plan(problem, method, vary=(), **settings)
+    others = () if method == "latin" else _other_plans(problem, **settings)
+    return solve_once(problem, plan, start, callback, progress, errors, others)
+
+
+_SOFTER = 0.1
+"""A search direction that suits soft contacts, where the default does not do."""
+
+
+def _other_plans(
+    problem: Problem,
+    *,
+    times: npt.ArrayLike | None,
+    active: Sequence[str] | Literal["all"] | None,
+    direction: Direction | float | None,
+    options: Options | None,
+) -> Iterator[Plan]:
+    """Plans of what is solved in another way where a run gives up, made when they are asked for."""
+    default = Options()
+    own = options or default
+    if own.criterion == "indicator" or own.max_iterations < default.max_iterations:
+        return
+    ways = ("acceleration", "relaxation", "newton", "macro", "directions", "precision")
+    ordinary = own.with_(**{name: getattr(default, name) for name in ways})
+    if direction is not None or own != ordinary:
+        yield make_plan(problem, vary=(), times=times, active=active, options=ordinary)
+    if active is not None:
+        yield make_plan(problem, vary=(), times=times, options=ordinary)
+    yield make_plan(problem, vary=(), times=times, direction=_SOFTER, options=ordinary)
 
 
 class SampleSettings(TypedDict, total=False):

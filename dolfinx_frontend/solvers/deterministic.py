@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import cast
 
-from latin_core import Iteration, State
+from latin_core import Iteration, NumericalError, State
 
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import agreement
@@ -20,7 +20,7 @@ from dolfinx_frontend.results.accuracy import Accuracy, accuracy_of_run
 from dolfinx_frontend.results.errors import Estimator, not_measured
 from dolfinx_frontend.results.result import HistoryResult, Result
 from dolfinx_frontend.solvers.refinement import corrected
-from dolfinx_frontend.solvers.support import check_support
+from dolfinx_frontend.solvers.support import check_balance, check_support
 
 __all__ = ["check_start", "solve_on", "solve_once", "start_states"]
 
@@ -34,20 +34,62 @@ def solve_once(
     callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
     estimator: Estimator = not_measured,
+    others: Iterable[Plan] = (),
 ) -> Result:
-    """Build what a plan says and run its iteration; arguments as for :func:`dolfinx_frontend.solve`."""
+    """Build what a plan says and run its iteration; arguments as for :func:`dolfinx_frontend.solve`.
+
+    A run that gives up is made again from nothing by the other plans, one after the other until one of them
+    converges.
+    """
     began = perf_counter()
     given = start_states(start)
     solver = Solver(problem, plan)
     setup = perf_counter() - began
     check_start(given, solver, plan.columns)
     result = _run(solver, plan, given, setup, callback, progress, estimator)
+    if result.status in _WORTH_ANOTHER and plan.active:
+        result = _by_another(result, others, callback, progress)
     if not result.converged and problem.rank == 0:
         # logged as for the points of a sweep: the answer is there, with its estimated error
         _log.warning("the %s ended as %s", "iteration" if plan.active else "direct solution", result.ended)
     if result.status != "interrupted":  # which is returned, whatever it is
         check_support(result)
     return result
+
+
+_WORTH_ANOTHER = ("stagnated", "inexact", "max_iterations")
+
+
+def _by_another(
+    first: Result,
+    others: Iterable[Plan],
+    callback: Callable[[Iteration], None] | None,
+    progress: bool,
+) -> Result:
+    """The first answer of other plans that converges, else the one there is."""
+    check_balance(first)
+    spent = first.seconds
+    for plan in others:
+        began = perf_counter()
+        try:
+            solver = Solver(first.problem, plan)
+            setup = perf_counter() - began
+            again = _run(solver, plan, (), setup, callback, progress, first.estimator)
+        except (SceneError, NumericalError):
+            continue  # there is an answer of some kind, and this is no way to a better one
+        spent = {name: spent[name] + seconds for name, seconds in again.seconds.items()}
+        if again.status == "interrupted":
+            break
+        if again.converged:
+            if first.problem.rank == 0:
+                _log.warning(
+                    "the iteration ended as %s; it converged after %d iterations with %s",
+                    first.ended,
+                    again.iterations,
+                    f"direction={plan.direction.factor:g}" if plan.direction.factor else "default settings",
+                )
+            return again.with_notes(seconds=spent)
+    return first.with_notes(seconds=spent)
 
 
 def solve_on(result: Result, rtol: float) -> Result:

@@ -45,7 +45,7 @@ from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.results.result import Result
 
-__all__ = ["check_support"]
+__all__ = ["check_balance", "check_support"]
 
 _CERTAIN = 1e-6
 """Fraction of the loads that must be out of balance for an error: more than rounding can cause."""
@@ -449,13 +449,7 @@ def check_support(result: Result) -> None:
         return
     if not result.converged:
         _tell_motion(result, checks)
-
-    def loads_are_balanced() -> None:
-        for k, each in sorted(checks.items()):
-            balance = each.balance
-            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0])
-
-    _decide(problem, loads_are_balanced)
+    _check_balance(problem, steps, checks)
     if result.status == "diverged":
         return  # its forces mean nothing
     answers = problem.gather(
@@ -520,6 +514,31 @@ def _checks(problem: Problem, contacts: list[str], steps: Sequence[_Step]) -> di
             balance = _Balance(_grips(now, jumps), *_loads(now, motions, time))
             checks[k] = _Check(motions, resistances, balance)
     return checks
+
+
+def check_balance(result: Result) -> None:
+    """Look for loads that nothing balances, whatever the answer.
+
+    Raises
+    ------
+    SceneError
+        No admissible forces of the interfaces balance the loads: there is no equilibrium.
+    """
+    problem = result.problem
+    contacts = [name for name, i in problem.interfaces.items() if i.law.unilateral]
+    if contacts:
+        steps = _steps(result)
+        _check_balance(problem, steps, _checks(problem, contacts, steps))
+
+
+def _check_balance(problem: Problem, steps: Sequence[_Step], checks: Mapping[int, _Check]) -> None:
+    def loads_are_balanced() -> None:
+        for k, each in sorted(checks.items()):
+            balance = each.balance
+            _check_loads(each.motions, balance.grips, balance.work, balance.size, steps[k][0])
+
+    if checks:
+        _decide(problem, loads_are_balanced)
 
 
 def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:

@@ -27,6 +27,7 @@ from typing import Any
 
 OUTCOMES = ("right", "wrong", "not_converged", "raised", "crashed")
 OTHERS = ("refused", "rounding", "unchecked")
+PERCENTILES = (1, 5, 10, 25, 50, 75, 90, 95, 99)
 WITHIN = (1.0 / 3.0, 5.0)
 
 
@@ -48,6 +49,9 @@ def tally(verdicts: list[dict[str, Any]], given: dict[str, Any], seconds: float)
     record |= {name: counts[name] for name in (*OUTCOMES, *OTHERS)}
     record["estimate_within"] = within / len(ratios) if ratios else None
     record["estimates"] = len(ratios)
+    record["estimate_percentiles"] = {
+        mark: sorted(ratios)[mark * (len(ratios) - 1) // 100] for mark in PERCENTILES if ratios
+    }
     about = ("seed", "ratio", "said", "true", "kind", "rtol", "status", "outcome")
     record["estimates_outside"] = [
         {name: v.get(name) for name in about}

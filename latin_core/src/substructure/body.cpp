@@ -483,12 +483,10 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
                                  const std::vector<SparseRows>& jumps) const {
   const std::vector<Member>& members = description.members;
   const Index loads = members.empty() ? 0 : members.front().load.cols();
-  // what is not strained is not where u = 0: prescribed displacements, and springs that are too long
   const bool shifted =
-      std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; }) ||
-      std::ranges::any_of(description.springs, [](const Spring& s) { return !s.jump.isZero(0.0); });
+      std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
   Loads sum{Matrix::Zero(size_, loads), Matrix::Zero(shifted ? size_ : 0, loads),
-            Matrix::Zero(loads, loads)};
+            Matrix::Zero(loads, loads), {}, {}};
   for (std::size_t e = 0; e < members.size(); ++e) {
     const Member& member = members[e];
     sum.load += prolongations_[e].transpose() * member.load;
@@ -500,8 +498,8 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
   }
   for (std::size_t i = 0; i < jumps.size(); ++i) {
     const Spring& spring = description.springs[i];
+    Matrix of_offsets = Matrix::Zero(spring.stiffness.size(), loads);
     if (shifted) {
-      Matrix of_offsets = -spring.jump;
       for (std::size_t s = 0; s < spring.members.size(); ++s) {
         const Matrix& offset = members[static_cast<std::size_t>(spring.members[s])].offset;
         if (offset.size() > 0) {
@@ -511,6 +509,20 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
       sum.of_offset += jumps[i].transpose() * (spring.stiffness.asDiagonal() * of_offsets);
       sum.offset_energy += of_offsets.transpose() * spring.stiffness.asDiagonal() * of_offsets;
     }
+    if (spring.jump.isZero(0.0)) {
+      continue;
+    }
+    if (sum.of_jumps.size() == 0) {
+      sum.of_jumps = Matrix::Zero(size_, loads);
+      sum.jump_energy = Matrix::Zero(loads, loads);
+    }
+    const Matrix forces = spring.stiffness.asDiagonal() * spring.jump;
+    const Matrix mixed = of_offsets.transpose() * forces;
+    sum.of_jumps += jumps[i].transpose() * forces;
+    sum.jump_energy += spring.jump.transpose() * forces - mixed - mixed.transpose();
+  }
+  if (sum.of_jumps.size() > 0) {
+    sum.load += sum.of_jumps;
   }
   if (shifted) {
     sum.load -= sum.of_offset;
@@ -590,7 +602,12 @@ void Body::keep_loads(const Loads& loads, const std::vector<BodySide>& sides) {
     active_patterns_ += loads.of_offset.bottomRows(active_);
     work_ = loads.load + 2.0 * loads.of_offset;
   }
+  if (loads.of_jumps.size() > 0) {
+    active_patterns_ -= loads.of_jumps.bottomRows(active_);
+  }
   offset_energy_ = loads.offset_energy;
+  of_jumps_ = loads.of_jumps;
+  jump_energy_ = loads.jump_energy;
 }
 
 LoadResponse Body::respond(Matrix extra) const {
@@ -617,6 +634,14 @@ LoadResponse Body::respond(Matrix extra) const {
   answer.work_loads = (shifted ? work : load).transpose() * response + offset_energy_;
   answer.work_traces =
       weights_.asDiagonal() * (traces_ * (shifted && rows() > 0 ? factor_->solve(work) : response));
+  if (of_jumps_.size() > 0) {
+    const Matrix mixed = of_jumps_.transpose() * response;
+    answer.jump_loads = jump_energy_ - mixed - mixed.transpose();
+    answer.jump_traces = Matrix::Zero(rows(), this->loads());
+    if (rows() > 0) {
+      answer.jump_traces = -2.0 * (weights_.asDiagonal() * (traces_ * factor_->solve(of_jumps_)));
+    }
+  }
   if (rows() == 0) {
     answer.unknowns = std::move(response);
   }
@@ -937,6 +962,14 @@ Vector Body::energies(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrixRef
         of_loads.col(0).noalias() += loads.work_traces.transpose() * data.col(column);
       }
       energies(column) += of_loads.col(0).dot(amplitudes.col(column));
+    }
+    if (loads.jump_loads.size() > 0) {
+      of_loads.col(0).noalias() = loads.jump_loads * amplitudes.col(column);
+      if (rows() > 0) {
+        of_loads.col(0).noalias() += loads.jump_traces.transpose() * data.col(column);
+      }
+      // neither jumps that strain nothing nor prestress that is no answer's may be its size
+      energies(column) += std::min(of_loads.col(0).dot(amplitudes.col(column)), 0.0);
     }
   }
   return energies;

@@ -78,6 +78,9 @@ struct LoadResponse {
   // energy = a^T work_loads a + a^T work_traces^T s + (w - T u0)^T W f, see Body::energies()
   Matrix work_loads;
   Matrix work_traces;
+  // what it is less where springs are measured from their jumps, a^T jump_loads a + a^T jump_traces^T s; empty: none
+  Matrix jump_loads;
+  Matrix jump_traces;
   Matrix unknowns;  ///< (n_body, l): the solution itself where nothing is active; else empty
 };
 
@@ -190,9 +193,11 @@ class Body {
   friend class ScaledBody;
   /// Right-hand sides while the body is built, one column per load pattern.
   struct Loads {
-    Matrix load;           ///< Z^T F, less `of_offset`
-    Matrix of_offset;      ///< Z^T K u0 + B^T kappa (B0 - Delta), empty without offsets
-    Matrix offset_energy;  ///< u0^T K u0 + (B0 - Delta)^T kappa (B0 - Delta)
+    Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
+    Matrix of_offset;      ///< Z^T K u0, empty without offsets
+    Matrix offset_energy;  ///< u0^T K u0
+    Matrix of_jumps;       ///< B^T kappa Delta, part of `load`; empty without jumps
+    Matrix jump_energy;    ///< (Delta - B0)^T kappa (Delta - B0) - B0^T kappa B0
   };
   // what the constructor does, in this order
   void order_active_last(const std::vector<BodySide>& sides);
@@ -253,7 +258,9 @@ class Body {
   Matrix active_patterns_;
   Vector active_stiffness_;
   Matrix work_;           ///< load + 2 Z^T K u0; empty where there are no offsets
-  Matrix offset_energy_;  ///< of u0 and of the offsets of springs
+  Matrix offset_energy_;  ///< u0^T K u0
+  Matrix of_jumps_;       ///< forces of the jumps of springs, (n_body, l); empty: none
+  Matrix jump_energy_;    ///< what these do
   Matrix offset_traces_;  ///< T u0
   LoadResponse response_;
   BodyCost cost_;
