@@ -247,7 +247,9 @@ def galerkin_truth(case: Case, problem: Any, found: Found, model: Model) -> list
     return [galerkin(model, laws_of, case.random, points, np.asarray(rule.weights), psi)]
 
 
-def tight_truth(case: Case, problem: Any, found: Found, same: bool = False) -> list[list[Answer]]:
+def tight_truth(
+    case: Case, problem: Any, found: Found, same: bool = False
+) -> list[list[Answer]]:
     """Where no reference exists: runs of the library at a tolerance of 1e-11, two that agree.
 
     Their search directions (and coarse problem) are others than those of the run, or the same: a nonlinear law
@@ -266,7 +268,8 @@ def tight_truth(case: Case, problem: Any, found: Found, same: bool = False) -> l
     options = lf.Options(rtol=TIGHT, max_iterations=4000, directions="diagonal", macro="none", newton=0)
     if same:
         options = options.with_(directions=found.plan.options.directions, macro=found.plan.options.macro)
-    for factor, start in ((own, None), (own, result)) if same else [(f, None) for f in (4.0, 0.7, 1.7, 12.0)]:
+    others = [(f, None) for f in (4.0, 0.7, 1.7, 12.0)]
+    for factor, start in [(own, None), (own, result)] if same else others:
 
         def again(problem: Any, factor: Any = factor, start: Any = start) -> Any:
             return lf.solve(
