@@ -317,10 +317,10 @@ class Integrator {
         second_(second),
         chi_(multipliers.coefficients.front()),
         monomials_(first.shape(), multipliers.degree),
-        products_(first.shape(),
-                  multipliers.degree +
-                      std::max(multipliers.degree, first.shape_monomials().degree()),
-                  highest_product),
+        products_(
+            first.shape(),
+            multipliers.degree + std::max(multipliers.degree, first.shape_monomials().degree()),
+            highest_product),
         rule_(rule),
         measure_(rule.weights.sum()),
         plane_(plane),
@@ -370,7 +370,11 @@ class Integrator {
   /// Integrate over one intersection. @return the largest distance
   double over(const Polygon& common, const Face::Piece& one, const Face::Piece& two,
               const Plane& plane, const PlaneMap& map1, const Polygon& subject) {
-    const Pair pair{one, two, plane, map1, PlaneMap(subject, two.reference),
+    const Pair pair{one,
+                    two,
+                    plane,
+                    map1,
+                    PlaneMap(subject, two.reference),
                     second_.curved() && !(flat1_ && second_.affine(two.facet))};
     if (pair.drop) {
       in_plane(second_, two.facet, plane, other_map_);
@@ -461,9 +465,9 @@ class Integrator {
       }
       if (!plane_) {
         spread(out.own_normal.data() + facet * own.size() * 3, c,
-               flat1_ ? RowMajor(normal[c] * own)
-                      : RowMajor(chi_ * moments(c + 1, own_at_, shapes.cols()) *
-                                 shapes.transpose()));
+               flat1_
+                   ? RowMajor(normal[c] * own)
+                   : RowMajor(chi_ * moments(c + 1, own_at_, shapes.cols()) * shapes.transpose()));
       }
     }
     for (Index k = 0; k < count_; ++k) {
@@ -513,7 +517,8 @@ class Integrator {
       weight *= size * here.stretch;
       above = pair.plane.flatten(x);
     }
-    const Point2 s2 = pair.drop ? dropped(second_, other_map_, above, pair.map2.near(y)) : pair.map2.at(y).s;
+    const Point2 s2 =
+        pair.drop ? dropped(second_, other_map_, above, pair.map2.near(y)) : pair.map2.at(y).s;
     if (rule_.around) {
       weight *= 2.0 * std::numbers::pi * x.x();
     }
@@ -614,8 +619,9 @@ class Integrator {
   const Rule& rule_;
   double measure_;
   bool plane_;
-  bool flat1_ = false;    ///< the facet of side 1 is
-  bool uneven1_ = false;  ///< but its map is not affine: places are where it meets points of the plane
+  bool flat1_ = false;  ///< the facet of side 1 is
+  bool uneven1_ =
+      false;  ///< but its map is not affine: places are where it meets points of the plane
   Index fields_ = 1;
   Index wide_own_;
   Index wide_other_;
@@ -630,8 +636,8 @@ class Integrator {
   std::vector<double> powers_own_;
   std::vector<double> powers_other_;
   std::vector<double> places_;
-  std::vector<double> own_, other_, place_;     ///< of the last intersection
-  std::vector<double> own_sum_, place_sum_;     ///< of the facet of side 1
+  std::vector<double> own_, other_, place_;  ///< of the last intersection
+  std::vector<double> own_sum_, place_sum_;  ///< of the facet of side 1
   std::vector<Other> pairs_;
   Index count_ = 0;  ///< of pairs of this facet
   RowMajor left_;

@@ -46,7 +46,9 @@ class Monomials {
   }
   /// Largest power of s_1 beside a power of s_0.
   [[nodiscard]] int most(int a) const {
-    return shape_ == FacetShape::interval ? 0 : shape_ == FacetShape::triangle ? degree_ - a : degree_;
+    return shape_ == FacetShape::interval   ? 0
+           : shape_ == FacetShape::triangle ? degree_ - a
+                                            : degree_;
   }
   /// Values at a point, `size()` of them.
   void values(const Point2& s, double* out) const;
