@@ -141,7 +141,7 @@ def piece_degree(facets: FacetMap, degree: int) -> int:
         least = degree + more
         # the inverse of a map whose middle is off by u is analytic in a region that grows like 1 / 2 u
         uneven = float(facets.uneven.max())
-        if uneven > _EVEN:
+        if uneven > _EVEN and facets.plane:
             least = max(least, 2 * degree + _more(0.5 / uneven))
     if quadrilateral and (facets.order == 1 or facets.plane):
         # the inverse of a bilinear map is analytic in a region that grows like 1 / twist

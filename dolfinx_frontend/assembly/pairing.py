@@ -51,8 +51,8 @@ _STRAIGHT = 1e-9
 _OFF_THE_MIDDLE = 0.05
 """Distance of the middle of curved edges from where it should be, relative to the edge, that is told.
 
-Measured (rings, pressures, relative): 0.01 to 0.03 with 0.05, 0.07 to 0.18 with 0.15, on coarse meshes; edges that
-are curved in a plane face: 1e-4 and 3e-3."""
+Measured (rings, pressures, relative): 0.01 to 0.03 with 0.05, 0.07 to 0.18 with 0.15, on coarse meshes;
+edges that are curved in a plane face: 1e-4 and 3e-3."""
 
 ROUNDING = 32.0 * float(np.finfo(np.float64).eps)
 """Distances below this, relative to the coordinates, are none."""
@@ -283,10 +283,10 @@ _PLACED = 1e-7
 
 
 def _apart(pair: _Pair) -> float:
-    """How far curved faces are apart (length; below 0: inside each other) that are so within their sag.
+    """How far curved faces are apart, length (below 0: inside each other), that are so within their sag.
 
-    Vertices are on the faces for which facets stand, and facets are beside these on one side of them. Of two
-    meshes of one face, therefore, the vertices of each see the facets of the other one in opposite directions;
+    Vertices are on the faces for which facets stand, and facets are beside these, on one side. Of two meshes
+    of one face, therefore, the vertices of each see the facets of the other one in opposite directions:
     where most see them in the same one, the faces are apart. 0: they are not, or too little to be told.
     """
     corners = np.asarray(basix.geometry(pair.faces[0].facet_cell))

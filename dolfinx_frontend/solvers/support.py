@@ -559,7 +559,7 @@ def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:
 
 
 def _tell_corners(result: Result, contacts: Sequence[str]) -> None:
-    """Log that parts that only contact holds rest on a few corners of straight facets, about which they roll."""
+    """Log that parts that only contact holds rest on a few corners of straight facets: they may roll."""
     if result.problem.distribution is not None or result.status == "diverged":
         return
     for name in contacts:
@@ -568,8 +568,8 @@ def _tell_corners(result: Result, contacts: Sequence[str]) -> None:
         count = int(closed.sum())
         if 0 < count <= i.dim and np.any(i.chords[closed]):
             _log.warning(
-                "interface %r: at the end %d of %d points touch, corners of straight facets that stand for round "
-                "faces: on so few a part can roll, which the round faces do not let it; %s",
+                "interface %r: at the end %d of %d points touch, corners of straight facets that stand for "
+                "round faces: on so few a part can roll, which the round faces do not let it; %s",
                 name,
                 count,
                 i.num_points,

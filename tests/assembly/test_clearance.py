@@ -195,7 +195,8 @@ def test_a_clearance_within_the_sag_of_curved_cells_is_told(cell: str, counts: t
 def test_a_pin_at_one_side_of_its_hole_has_a_clearance() -> None:
     """It touches at one place, and is apart by up to twice the radial clearance at the opposite one."""
     radius, clearance, scene = 1.5, 8e-7, Scene()
-    for name, ends, n, shift in (("pin", (1.0, radius), 36, 0.0), ("hub", (radius + clearance, 2.0), 24, clearance)):
+    hole = ("hub", (radius + clearance, 2.0), 24, clearance)
+    for name, ends, n, shift in (("pin", (1.0, radius), 36, 0.0), hole):
 
         def bend(x: Any, shift: float = shift) -> Any:
             angle = np.pi * x[:, 1]

@@ -353,7 +353,8 @@ def uneven(cell, off, along):
 
         low = np.zeros(d)
         low[-1] = base
-        scene.substructure(name, block(cell, [n] * d, low, low + 1, moved, 2), LinearElastic(1.0, 0.3), degree=2)
+        part = block(cell, [n] * d, low, low + 1, moved, 2)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
         scene.symmetry([f"{name}:{axis}0" for axis in "xy"[: d - 1]])
     end = "xyz"[d - 1]
     scene.interface("joint", f"a:{end}1", f"b:{end}0", Contact())
@@ -373,7 +374,8 @@ def test_nodes_off_the_middle_of_straight_edges_pass_the_patch_test(cell, off):
 
 def test_nodes_off_the_middle_of_curved_edges_are_told():
     """Diagonals of tetrahedra that are no longer straight: facets are cut along chords, beside them."""
-    with pytest.warns(SceneWarning, match=r"'joint': middle nodes of .* up to 1\d % .* wrong by 0\.\d %") as told:
+    message = r"'joint': middle nodes of .* up to 1\d % .* wrong by 0\.\d %"
+    with pytest.warns(SceneWarning, match=message) as told:
         problem = uneven("tetrahedron", 0.15, 0.6)
     assert len(told) == 2  # of each side
     off = np.abs(solve(problem, options=TIGHT).force("joint")[:, 0] + 1.0).max()

@@ -113,7 +113,7 @@ def test_a_run_without_an_answer_says_what_floats(caplog):
 @pytest.mark.filterwarnings("ignore:interface 'seat'. the areas")
 @pytest.mark.parametrize(("order", "pin", "hub"), [(1, 8, 12), (2, 24, 16)])
 def test_a_pin_that_rests_on_a_corner_of_straight_facets_says_so(order, pin, hub, caplog):
-    """A pin with friction in a hole that is 5 % larger: straight facets touch at one corner, curved ones at more."""
+    """A pin with friction in a hole that is 5 % larger: straight ones touch at one corner, curved at more."""
     caplog.set_level(logging.WARNING)
     scene = Scene()
     for name, ends, n, drop in (("pin", (0.3, 0.95), pin, 0.05), ("hub", (1.0, 2.0), hub, 0.0)):

@@ -132,10 +132,10 @@ class Contact(Law):
             if apart:
                 how = "apart by" if apart > 0.0 else "inside each other by"
                 warn(
-                    f"interface {points.name!r}: the faces are meshed {how} about {abs(apart):.3g}, which is less "
-                    f"than half of what curved facets may be beside the round faces that they stand for "
-                    f"({sag.max():.3g}): they are taken as touching; state it, gap={apart:.3g} (gap=0.0 for faces "
-                    "that fit), or use smaller cells, which tell it",
+                    f"interface {points.name!r}: the faces are meshed {how} about {abs(apart):.3g}, which is "
+                    "less than half of what curved facets may be beside the round faces that they stand for "
+                    f"({sag.max():.3g}): they are taken as touching; state it, gap={apart:.3g} (gap=0.0 for "
+                    "faces that fit), or use smaller cells, which tell it",
                     SceneWarning,
                 )
             return
