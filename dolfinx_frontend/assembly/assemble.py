@@ -58,7 +58,7 @@ _log = logging.getLogger(__name__)
 def _check_law(interface: Interface) -> None:
     """Evaluate the values of a law once, so that mistakes are reported here."""
     law = interface.law.nominal
-    law.check_faces(interface, interface.sag, interface.chords)
+    law.check_faces(interface, interface.sag, interface.chords, interface.apart)
     if law.linear:
         law.fields(interface)
 

@@ -387,15 +387,44 @@ class FacetMap:
         """
         return np.asarray(self.sizes * self._turns[0] / 8.0, dtype=np.float64)
 
-    @cached_property
-    def bend(self) -> float:
-        """How far the middles of edges are from those of straight ones, relative to the size of facets."""
+    def _middles(self) -> tuple[Array, Array]:
+        """(facets, edges, d) each: middles of edges from those of straight ones, and the straight ones."""
         corners = np.asarray(basix.geometry(self.facet_cell))
         pairs = np.array(basix.topology(self.facet_cell)[1])
         x = self.alike(corners)
         middle = self.alike(corners[pairs].mean(axis=1))
-        off = np.linalg.norm(middle - x[:, pairs].mean(axis=2), axis=2).max(axis=1)
+        return middle - x[:, pairs].mean(axis=2), x[:, pairs[:, 1]] - x[:, pairs[:, 0]]
+
+    @cached_property
+    def bend(self) -> float:
+        """How far the middles of edges are from those of straight ones, relative to the size of facets."""
+        off = np.linalg.norm(self._middles()[0], axis=2).max(axis=1)
         return float((off / self.sizes).max())
+
+    @cached_property
+    def uneven(self) -> Array:
+        """(facets,), how far the middles of edges are off the middle along them, relative to their length."""
+        if self.order == 1:
+            return np.zeros(len(self))
+        off, edge = self._middles()
+        along = np.abs((off * edge).sum(axis=2)) / np.maximum((edge * edge).sum(axis=2), 1e-300)
+        return np.asarray(along.max(axis=1), dtype=np.float64)
+
+    @cached_property
+    def edges_bend(self) -> Array:
+        """(facets,), how far the middles of edges are beside straight ones, relative to these."""
+        if self.order == 1:
+            return np.zeros(len(self))
+        off, edge = self._middles()
+        squared = np.maximum((edge * edge).sum(axis=2, keepdims=True), 1e-300)
+        beside = off - (off * edge).sum(axis=2, keepdims=True) / squared * edge
+        out: Array = np.sqrt((beside * beside).sum(axis=2) / squared[:, :, 0]).max(axis=1)
+        return out
+
+    @property
+    def plane(self) -> bool:
+        """Whether all facets have one normal."""
+        return max(float(turn.max(initial=0.0)) for turn in self._turns) < _KINK
 
     @cached_property
     def chords(self) -> Array:

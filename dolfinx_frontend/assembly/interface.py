@@ -143,6 +143,9 @@ class Interface(PointFrames):
         between facets, see :meth:`FacetMap.sags`.
     chords
         (m,), the same where facets are straight and the face is not; 0 elsewhere.
+    apart
+        Distance of faces of curved cells that are taken as touching (:attr:`fits`), where their vertices tell
+        one, length; negative: they are inside each other.
     matching
         None, or (nn, 2) nodes of side 1 and 2 at the same place, if the traces agree columnwise.
     tangent_axis
@@ -183,6 +186,7 @@ class Interface(PointFrames):
     space: Space = "points"
     sag: Array = field(default_factory=lambda: np.zeros(1), repr=False)
     chords: Array = field(default_factory=lambda: np.zeros(1), repr=False)
+    apart: float = field(default=0.0, repr=False)
     why: str = field(default="", repr=False)
     carrier: int = 0
     facets: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64), repr=False)

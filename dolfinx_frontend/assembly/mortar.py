@@ -183,13 +183,13 @@ def multipliers(
         seen.append((other, of_pairs, pairs, found.second[pairs], here, found.other, found.other_normal))
     for (face, psi, taken, which, rows, few, several), v in zip(seen, spaces, strict=True):
         nodes, count = closure_nodes(face, v)[which], v.dofmap.index_map.size_local
-        shapes.append((inverse @ _assembled(psi @ few[taken], rows, nodes, m, count)).tocsr())
+        shapes.append(_product(inverse, _assembled(psi @ few[taken], rows, nodes, m, count)))
         if plane:
             continue
         several = several[taken, :, :, :d]
         several = psi @ several.reshape(*several.shape[:2], -1)
         unknowns = (d * nodes[:, :, None] + np.arange(d)).reshape(len(nodes), -1)
-        along.append((inverse @ _assembled(several, rows, unknowns, m, d * count)).tocsr())
+        along.append(_product(inverse, _assembled(several, rows, unknowns, m, d * count)))
     areas = sp.csr_matrix(
         (
             found.mean[facets].ravel(),
@@ -238,6 +238,15 @@ def _assembled(blocks: Array, rows: Ints, columns: Ints, m: int, n: int) -> sp.c
     """(m, n): the sum of blocks (b, r, c) at rows (b, r) and columns (b, c)."""
     starts, indices, data = kernel.sum_of(blocks, rows, columns, (m, n))
     return sp.csr_matrix((data, indices, starts), shape=(m, n))
+
+
+def _product(left: sp.csr_matrix, right: sp.csr_matrix) -> sp.csr_matrix:
+    """left @ right; where left is diagonal, the columns of right stay in their order."""
+    m = left.shape[0]
+    if left.shape[1] == m == left.nnz and np.array_equal(left.indices, np.arange(m)):
+        data = right.data * np.repeat(left.data, np.diff(right.indptr))
+        return sp.csr_matrix((data, right.indices, right.indptr), shape=right.shape)
+    return (left @ right).tocsr()
 
 
 def _merging(corners: Ints, alone: Flags) -> sp.csr_matrix:

@@ -53,6 +53,9 @@ _DIGITS, _REGION, _MOST = 11.0, 1.3, 20
 plane coordinates: each degree beyond 2 p gains log10(_REGION / twist) of the _DIGITS that lack
 (measured: errors of 1e-15 up to twist = 0.2, 1e-12 at 0.4, with at most _MOST degrees)."""
 
+_EVEN = 1e-6
+"""Middles of edges that are off by less, relative to the edge, are in the middle."""
+
 _CURVED = 2
 """Degrees added on curved facets: the error is that of the flat polygons."""
 
@@ -130,20 +133,28 @@ def _face(facets: FacetMap, space: Any) -> mortar.Face:
 
 def piece_degree(facets: FacetMap, degree: int) -> int:
     """Degree on pieces, in plane coordinates, for functions of a degree on a face."""
+    quadrilateral = facets.facet_cell == basix.CellType.quadrilateral
+    least = degree
     if facets.order > 1:
         bend = facets.bend if facets.facet_cell == basix.CellType.triangle and facets.order == 2 else 1.0
         more = next((more for most, more in _NEARLY_STRAIGHT if bend <= most), degree + _CURVED)
-        return degree + more
-    if facets.facet_cell != basix.CellType.quadrilateral:
-        return degree
-    # the inverse of a bilinear map is analytic in a region that grows like 1 / twist
-    c = facets.alike(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
-    size = np.ptp(c, axis=1).max(axis=1)
-    twist = float((np.abs(c[:, 0] - c[:, 1] + c[:, 2] - c[:, 3]).max(axis=1) / size).max())
-    if twist < 1e-13:
-        return 2 * degree
-    gain = np.log10(max(_REGION / twist, 1.5))
-    return 2 * degree + min(int(np.ceil(_DIGITS / gain)), _MOST)
+        least = degree + more
+        # the inverse of a map whose middle is off by u is analytic in a region that grows like 1 / 2 u
+        uneven = float(facets.uneven.max())
+        if uneven > _EVEN and facets.plane:
+            least = max(least, 2 * degree + _more(0.5 / uneven))
+    if quadrilateral and (facets.order == 1 or facets.plane):
+        # the inverse of a bilinear map is analytic in a region that grows like 1 / twist
+        c = facets.alike(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
+        size = np.ptp(c, axis=1).max(axis=1)
+        twist = float((np.abs(c[:, 0] - c[:, 1] + c[:, 2] - c[:, 3]).max(axis=1) / size).max())
+        least = max(least, 2 * degree + (_more(_REGION / twist) if twist >= 1e-13 else 0))
+    return least
+
+
+def _more(region: float) -> int:
+    """Degrees for what is analytic in a region of such a size, not polynomial."""
+    return min(int(np.ceil(_DIGITS / np.log10(max(region, 1.5)))), _MOST)
 
 
 def common(

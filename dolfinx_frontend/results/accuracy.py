@@ -43,7 +43,7 @@ INEXACT = "inexact"
 
 _REMEDIES = {
     "max_iterations": "allow more with Options(max_iterations=...)",
-    "stagnated": "give another search direction, e.g. direction=10",
+    "stagnated": "give another search direction, e.g. direction=0.1 or direction=10",
     "diverged": "check that every part is held where contacts slip or open",
     "interrupted": "go on from here with start=result",
     INEXACT: "rounding leaves no more: make stiffnesses less different",

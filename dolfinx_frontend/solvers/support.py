@@ -44,6 +44,7 @@ from dolfinx_frontend.assembly.rigid import FreeMotions, Resistance, free_motion
 from dolfinx_frontend.common.arrays import Array, Flags
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
 from dolfinx_frontend.results.result import Result
+from dolfinx_frontend.scene.laws.contact import CURVED
 
 __all__ = ["check_balance", "check_support"]
 
@@ -449,6 +450,7 @@ def check_support(result: Result) -> None:
         return
     if not result.converged:
         _tell_motion(result, checks)
+        _tell_corners(result, contacts)
     _check_balance(problem, steps, checks)
     if result.status == "diverged":
         return  # its forces mean nothing
@@ -573,6 +575,25 @@ def _tell_motion(result: Result, checks: Mapping[int, _Check]) -> None:
         left * size,
         _MEND,
     )
+
+
+def _tell_corners(result: Result, contacts: Sequence[str]) -> None:
+    """Log that parts that only contact holds rest on a few corners of straight facets: they may roll."""
+    if result.problem.distribution is not None or result.status == "diverged":
+        return
+    for name in contacts:
+        i = result.problem.interfaces[name]
+        closed = result.force(name).reshape(-1, i.num_points, i.law.count(i.dim))[-1, :, 0] < 0.0
+        count = int(closed.sum())
+        if 0 < count <= i.dim and np.any(i.chords[closed]):
+            _log.warning(
+                "interface %r: at the end %d of %d points touch, corners of straight facets that stand for "
+                "round faces: on so few a part can roll, which the round faces do not let it; %s",
+                name,
+                count,
+                i.num_points,
+                CURVED,
+            )
 
 
 def _rounded(motion: Array, motions: FreeMotions) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -168,3 +169,42 @@ def test_interference_below_the_sag_is_refused() -> None:
         shrunk(1, 24, depth, Contact(interference=True))
     # what is stated is not asked of the mesh
     shrunk(1, 3, depth, Contact(gap=-depth))
+
+
+@pytest.mark.parametrize("counts", [(6, 4), (4, 6), (7, 7), (16, 10)])
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_clearance_within_the_sag_of_curved_cells_is_told(cell: str, counts: tuple[int, int]) -> None:
+    """It is taken for none, which a warning says with the clearance; two meshes of one face give none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fit = rings(cell, 2, counts, "auto").interfaces["fit"]
+    assert fit.fits and fit.apart == 0.0
+    noise = float(np.abs(fit.gap).max())
+    for clearance in (0.15 * fit.sag.min() + noise, -0.15 * fit.sag.min() - noise):
+        how = "apart by" if clearance > 0.0 else "inside each other by"
+        message = rf"'fit': the faces are meshed {how} about .* taken as touching; state it, gap="
+        with pytest.warns(SceneWarning, match=message):
+            joint = rings(cell, 2, counts, "auto", -clearance).interfaces["fit"]
+        assert joint.fits and not joint.clearance.any()
+        assert abs(joint.apart - clearance) < noise + 1e-12
+        with warnings.catch_warnings():  # what is stated is not asked of the mesh
+            warnings.simplefilter("error")
+            rings(cell, 2, counts, "auto", -clearance, Contact(gap=clearance))
+
+
+def test_a_pin_at_one_side_of_its_hole_has_a_clearance() -> None:
+    """It touches at one place, and is apart by up to twice the radial clearance at the opposite one."""
+    radius, clearance, scene = 1.5, 8e-7, Scene()
+    hole = ("hub", (radius + clearance, 2.0), 24, clearance)
+    for name, ends, n, shift in (("pin", (1.0, radius), 36, 0.0), hole):
+
+        def bend(x: Any, shift: float = shift) -> Any:
+            angle = np.pi * x[:, 1]
+            return np.column_stack([x[:, 0] * np.cos(angle) + shift, x[:, 0] * np.sin(angle)])
+
+        part = block("triangle", [1, n], np.array([ends[0], 0.0]), np.array([ends[1], 1.0]), bend, 2)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
+        scene.fix(f"{name}:{'x0' if name == 'pin' else 'x1'}")
+    scene.interface("fit", "pin:x1", "hub:x0", Contact())
+    with pytest.warns(SceneWarning, match=r"apart by about 1\.\d+e-06"):
+        assemble(scene)

@@ -329,3 +329,54 @@ def test_round_parts_that_touch_in_a_line_or_a_point():
         r = np.linalg.norm(i.points[:, : d - 1], axis=1)
         assert np.all(pressure >= -1e-9) and r[pressure > 1e-6].max() < 0.3
         assert r[np.argmax(pressure)] < 0.1
+
+
+# ---------------------------------------------------------------------------------------------
+# Nodes off the middle of quadratic edges
+# ---------------------------------------------------------------------------------------------
+def uneven(cell, off, along):
+    """Two blocks of quadratic cells, pressed evenly; nodes between vertices are moved within the plane.
+
+    Each by off edges in the first direction and off * along in the second one: diagonals stay straight if
+    along is 1.
+    """
+    d = DIMENSION[cell]
+    scene = Scene()
+    for name, base, n, sign in (("a", 0.0, 3, 1.0), ("b", 1.0, 2, -0.7)):
+
+        def moved(x, n=n, sign=sign):
+            out = x.copy()
+            for j, factor in zip(range(d - 1), (1.0, along)):
+                between = np.round(2 * n * x[:, j]).astype(int) % 2 == 1
+                out[between, j] += sign * off * factor / n
+            return out
+
+        low = np.zeros(d)
+        low[-1] = base
+        part = block(cell, [n] * d, low, low + 1, moved, 2)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=2)
+        scene.symmetry([f"{name}:{axis}0" for axis in "xy"[: d - 1]])
+    end = "xyz"[d - 1]
+    scene.interface("joint", f"a:{end}1", f"b:{end}0", Contact())
+    scene.symmetry(f"a:{end}0")
+    scene.pressure(f"b:{end}1", 1.0)
+    return assemble(scene)
+
+
+@pytest.mark.parametrize("off", [0.02, 0.15])
+@pytest.mark.parametrize("cell", CELLS)
+def test_nodes_off_the_middle_of_straight_edges_pass_the_patch_test(cell, off):
+    problem = uneven(cell, off, 1.0)
+    assert problem.interfaces["joint"].area == pytest.approx(1.0, rel=1e-13)
+    result = solve(problem, options=TIGHT)
+    assert np.abs(result.force("joint")[:, 0] + 1.0).max() < 1e-10
+
+
+def test_nodes_off_the_middle_of_curved_edges_are_told():
+    """Diagonals of tetrahedra that are no longer straight: facets are cut along chords, beside them."""
+    message = r"'joint': middle nodes of .* up to 1\d % .* wrong by 0\.\d %"
+    with pytest.warns(SceneWarning, match=message) as told:
+        problem = uneven("tetrahedron", 0.15, 0.6)
+    assert len(told) == 2  # of each side
+    off = np.abs(solve(problem, options=TIGHT).force("joint")[:, 0] + 1.0).max()
+    assert off < 0.15 * 0.15**2 * 2  # twice what is told

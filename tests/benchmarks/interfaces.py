@@ -4,8 +4,9 @@
 solution; rings: split Lame ring or tube), ``cell``, ``law``, ``degree``, ``space``, ``finer_first`` (whether
 the facets of side 1, on which the law holds, are the smaller ones), ``n`` of the meshes, and by mesh
 ``energy`` (error of the displacement in the energy norm), ``force`` (rms over the interface), ``resultant``,
-all relative, ``status`` and ``iterations``; ``patch``, ``uneven`` and ``overlap`` likewise. The tables of
-docs/interfaces.md are the output of ``./run bench interfaces --markdown``.
+all relative, ``status`` and ``iterations``; ``patch``, ``uneven``, ``overlap`` and ``getfem``
+(:mod:`mortar_getfem`) likewise. The tables of docs/interfaces.md are the output of ``./run bench interfaces
+--markdown``.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import common
+import mortar_getfem
 import numpy as np
 
 from dolfinx_frontend.scene.laws import Contact, Perfect
@@ -195,6 +197,9 @@ def report(record: dict[str, Any], markdown: bool) -> None:
     ]
     header = ["cell", "space", "unknowns", "in L2", "largest", "iterations"]
     _show("Pressure of rings that slide: errors relative to its mean", header, rows, markdown)
+    header, lines = mortar_getfem.table_of(record["getfem"])
+    _show("Beside GetFEM: errors of the pressure relative to its mean", header, lines, markdown)
+    mortar_getfem.tell_what_is_missing(record["getfem"])
     rows = [
         [r["degree"], r["space"], *(f"{e:.1e}" for e in r["energy"]), f"{r['rate']:.1f}"]
         for r in record["overlap"]
@@ -211,7 +216,13 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # of locking: that is what is measured
     record: dict[str, Any] = {"environment": common.environment()}
-    parts = (("convergence", convergence), ("patch", patches), ("uneven", uneven), ("overlap", overlaps))
+    parts: tuple[tuple[str, Callable[[bool], Any]], ...] = (
+        ("convergence", convergence),
+        ("patch", patches),
+        ("uneven", uneven),
+        ("getfem", mortar_getfem.measure),
+        ("overlap", overlaps),
+    )
     for name, measure in parts:
         record[name] = measure(options.quick)
     report(record, options.markdown)

@@ -5,7 +5,7 @@ displacements, and for ``ours`` (space ``"mortar"``) and ``getfem`` (its integra
 multipliers P1 on the side with the smaller facets) the error of the pressure at the vertices of that side
 in L2 and the largest one, relative to the mean pressure. Meshes and displacements (quadratic triangles)
 are the same. Where GetFEM is missing its numbers are null and ``reason`` says so. The table of
-docs/interfaces.md is the output with ``--markdown``.
+docs/interfaces.md is the output with ``--markdown``, and one of those of ``./run bench interfaces``.
 
 Scenes: ``patch``, two squares between guides, pressed evenly; ``rings``, a quarter of two rings under an even
 pressure (Lame);
@@ -142,6 +142,23 @@ def measure(quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
+def table_of(rows: list[dict[str, Any]]) -> tuple[list[str], list[list[Any]]]:
+    """Header and lines."""
+
+    def shown(value: float | None) -> str:
+        return "-" if value is None else f"{value:.1e}"
+
+    columns = [(who, key) for key in ("l2", "largest") for who in ("ours", "getfem")]
+    table = [[r["scene"], r["unknowns"], *(shown(r[who][key]) for who, key in columns)] for r in rows]
+    return ["scene", "unknowns", "in L2", "GetFEM", "largest", "GetFEM"], table
+
+
+def tell_what_is_missing(rows: list[dict[str, Any]]) -> None:
+    """Why there are no numbers of GetFEM."""
+    for reason in {r["getfem"]["reason"] for r in rows if "reason" in r["getfem"]}:
+        print(f"GetFEM: {reason}")
+
+
 def main() -> None:
     """Measure and report."""
     parser = common.parser("mortar_getfem", __doc__)
@@ -150,19 +167,13 @@ def main() -> None:
     options = parser.parse_args()
     rows = measure(options.quick)
 
-    def shown(value: float | None) -> str:
-        return "-" if value is None else f"{value:.1e}"
-
-    columns = [(who, key) for key in ("l2", "largest") for who in ("ours", "getfem")]
-    table = [[r["scene"], r["unknowns"], *(shown(r[who][key]) for who, key in columns)] for r in rows]
-    header = ["scene", "unknowns", "in L2", "GetFEM", "largest", "GetFEM"]
+    header, table = table_of(rows)
     if options.markdown:
         print(common.markdown_table(header, table))
     else:
         for row in [header, *table]:
             print("  ".join(f"{cell!s:>14}" for cell in row))
-    for reason in {r["getfem"]["reason"] for r in rows if "reason" in r["getfem"]}:
-        print(f"GetFEM: {reason}")
+    tell_what_is_missing(rows)
     common.write_json({"rows": rows}, options.json)
 
 

@@ -23,6 +23,7 @@ from dolfinx_frontend import (
     solve,
 )
 from dolfinx_frontend.assembly.problem import Problem
+from tests.helpers import block
 
 MU, PRELOAD, GAP = 0.1, 50e3, 1.0
 LIMIT = MU * PRELOAD
@@ -107,3 +108,26 @@ def test_a_run_without_an_answer_says_what_floats(caplog):
     assert not result.converged and "inf" not in caplog.text
     assert f"ended as {result.status}" in caplog.text
     assert "the last iterate has moved 'bracket' by translation along" in caplog.text
+
+
+@pytest.mark.filterwarnings("ignore:interface 'seat'. the areas")
+@pytest.mark.parametrize(("order", "pin", "hub"), [(1, 8, 12), (2, 24, 16)])
+def test_a_pin_that_rests_on_a_corner_of_straight_facets_says_so(order, pin, hub, caplog):
+    """A pin with friction in a hole that is 5 % larger: straight ones touch at one corner, curved at more."""
+    caplog.set_level(logging.WARNING)
+    scene = Scene()
+    for name, ends, n, drop in (("pin", (0.3, 0.95), pin, 0.05), ("hub", (1.0, 2.0), hub, 0.0)):
+
+        def bend(x, drop=drop):
+            angle = np.pi * (x[:, 1] - 0.5)
+            return np.column_stack([x[:, 0] * np.sin(angle), -x[:, 0] * np.cos(angle) - drop])
+
+        part = block("quadrilateral", [2, n], [ends[0], 0.0], [ends[1], 1.0], bend, order)
+        scene.substructure(name, part, LinearElastic(1.0, 0.3), degree=order)
+    scene.interface("seat", "pin:x1", "hub:x0", Contact(friction=0.3))
+    scene.fix("hub:x1")
+    scene.traction("pin:x0", (0.0, -1e-3))
+    result = solve(assemble(scene), options=Options(max_iterations=60 if order == 1 else 1000))
+    assert result.converged == (order == 2)
+    told = "'seat': at the end 1 of 13 points touch, corners of straight facets" in caplog.text
+    assert told == (order == 1)

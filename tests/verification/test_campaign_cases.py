@@ -115,12 +115,11 @@ def test_scenes_that_later_campaigns_failed_at(file: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_three_hundred_drawn_scenes(tmp_path: Path) -> None:
-    """The goal is none that is wrong; campaigns of thousands of scenes find 0.5 %, of which this is no more."""
+    """The goal is none that is wrong; campaigns of thousands find 0.5 to 1 %, of which this is no more."""
     table = tmp_path / "campaign.json"
-    call = [sys.executable, str(BENCHMARKS / "campaign.py"), "--scenes", "300", "--seed", "300", "--jobs", "2"]
-    run = subprocess.run(
-        [*call, "--time-limit", "300", "--json", str(table)], capture_output=True, text=True, timeout=1700
-    )
+    call = [sys.executable, str(BENCHMARKS / "campaign.py"), "--json", str(table)]
+    drawn = ["--scenes", "300", "--seed", "300", "--jobs", "2", "--time-limit", "300"]
+    run = subprocess.run([*call, *drawn], capture_output=True, text=True, timeout=1700)
     assert run.returncode == 0, run.stderr
     found = json.loads(table.read_text())
     said = "\n".join(f"{one['seed']} {one['outcome']}: {one['what']}" for one in found["failures"])

@@ -516,7 +516,7 @@ class Law:
         """Imposed jump (nodes, d) in the local frame of glued nodes, length."""
         return np.zeros_like(nodes)
 
-    def check_faces(self, points: Points, sag: Array, chords: Array) -> None:
+    def check_faces(self, points: Points, sag: Array, chords: Array, apart: float = 0.0) -> None:
         """Raise or warn if the faces as meshed cannot tell what the law takes from them.
 
         Parameters
@@ -525,6 +525,8 @@ class Law:
             (m,), how far they may be from the smooth ones, length.
         chords
             (m,), the same where facets are straight and the face is not; 0 elsewhere.
+        apart
+            How far faces are apart that are taken as touching, length; 0: they touch.
         """
 
     # --- what it holds ----------------------------------------------------------------------------

@@ -124,11 +124,20 @@ class Contact(Law):
             )
         return gap
 
-    def check_faces(self, points: Points, sag: Array, chords: Array) -> None:
+    def check_faces(self, points: Points, sag: Array, chords: Array, apart: float = 0.0) -> None:
         if self.gap is not None or len(points.sides) == 1:
             return
         if not self.interference:
             self._check_gap(points, chords)
+            if apart:
+                how = "apart by" if apart > 0.0 else "inside each other by"
+                warn(
+                    f"interface {points.name!r}: the faces are meshed {how} about {abs(apart):.3g}, which is "
+                    "less than half of what curved facets may be beside the round faces that they stand for "
+                    f"({sag.max():.3g}): they are taken as touching; state it, gap={apart:.3g} (gap=0.0 for "
+                    "faces that fit), or use smaller cells, which tell it",
+                    SceneWarning,
+                )
             return
         deepest = int(np.argmin(points.gap))
         depth, beside = -float(points.gap[deepest]), float(sag[points.gap < 0.0].max(initial=0.0))

@@ -55,7 +55,7 @@ class Overlap(NamedTuple):
     gap
         (n1, chi), int chi (x_2 - x_1) . n_1.
     first, second
-        (pairs,), facets that have a part in common; curved ones come several times.
+        (pairs,), facets that have a part in common; each pair comes once.
     area, distance
         (pairs,), area of that part, and the largest distance within it.
     other, other_normal

@@ -12,10 +12,12 @@ namespace latin::mortar {
 namespace {
 
 using Eigen::Vector3d;
-using Powers = std::array<double, highest_degree + 1>;
+using Powers = std::array<double, highest_product + 1>;
 
 /// Maps whose other coefficients are below this part of the linear ones are linear.
 constexpr double straight = 1e-12;
+/// Facets that leave their plane, or edges that leave their line, by less than this part of their size do not.
+constexpr double level_enough = 1e-11;
 
 /// Integer powers 0 ... degree.
 void powers_of(double x, int degree, Powers& out) {
@@ -65,43 +67,6 @@ std::vector<Polygon> lattice(FacetShape shape, int parts) {
   return out;
 }
 
-struct Vertices {
-  std::array<double, 4> values;
-  std::array<double, 4> first;
-  std::array<double, 4> second;
-};
-
-/// Functions of the corners of a unit polygon, with derivatives.
-Vertices vertices(std::size_t corners, const Point2& s) {
-  const double a = s.x();
-  const double b = s.y();
-  if (corners == 2) {
-    return {{1.0 - a, a, 0.0, 0.0}, {-1.0, 1.0, 0.0, 0.0}, {}};
-  }
-  if (corners == 3) {
-    return {{1.0 - a - b, a, b, 0.0}, {-1.0, 1.0, 0.0, 0.0}, {-1.0, 0.0, 1.0, 0.0}};
-  }
-  return {{(1.0 - a) * (1.0 - b), a * (1.0 - b), a * b, (1.0 - a) * b},
-          {b - 1.0, 1.0 - b, b, -b},
-          {a - 1.0, -a, a, 1.0 - a}};
-}
-
-double cross(const Point2& a, const Point2& b) { return a.x() * b.y() - a.y() * b.x(); }
-
-struct Tangents {
-  Point2 first = Point2::Zero();
-  Point2 second = Point2::Zero();
-};
-
-Tangents tangents(const Polygon& corners, const Vertices& v) {
-  Tangents out;
-  for (std::size_t k = 0; k < corners.size(); ++k) {
-    out.first += v.first[k] * corners[k];
-    out.second += v.second[k] * corners[k];
-  }
-  return out;
-}
-
 void check(const Functions& functions, const Monomials& monomials, const std::string& name) {
   if (functions.coefficients.empty()) {
     throw InputError("face: no coefficients of the " + name);
@@ -132,77 +97,28 @@ FacetShape facet_shape(const std::string& name) {
   throw InputError("facets of shape '" + name + "': they are interval, triangle or quadrilateral");
 }
 
-Monomials::Monomials(FacetShape shape, int degree) : degree_(degree) {
-  if (degree < 0 || degree > highest_degree) {
+Monomials::Monomials(FacetShape shape, int degree, int highest) : shape_(shape), degree_(degree) {
+  if (degree < 0 || degree > highest) {
     throw InputError("monomials of degree " + std::to_string(degree) + ": 0 to " +
-                     std::to_string(highest_degree) + " are possible");
+                     std::to_string(highest) + " are possible");
   }
   for (int a = 0; a <= degree; ++a) {
-    const int most = shape == FacetShape::interval   ? 0
-                     : shape == FacetShape::triangle ? degree - a
-                                                     : degree;
-    for (int b = 0; b <= most; ++b) {
+    for (int b = 0; b <= most(a); ++b) {
       powers_.push_back({a, b});
     }
   }
 }
 
-void Monomials::values(const Point2& s, Values& out) const {
-  Powers p;  // NOLINT: filled up to the degree
-  Powers q;  // NOLINT
-  powers_of(s.x(), degree_, p);
-  powers_of(s.y(), degree_, q);
-  out.resize(size());
-  for (Index k = 0; k < size(); ++k) {
-    out[k] = p[powers_[k].a] * q[powers_[k].b];
-  }
-}
-
-void Monomials::gradients(const Point2& s, Values& first, Values& second) const {
-  Powers p;  // NOLINT: filled up to the degree
-  Powers q;  // NOLINT
-  powers_of(s.x(), degree_, p);
-  powers_of(s.y(), degree_, q);
-  first.resize(size());
-  second.resize(size());
-  for (Index k = 0; k < size(); ++k) {
-    const auto [a, b] = powers_[k];
-    first[k] = a > 0 ? a * p[a - 1] * q[b] : 0.0;
-    second[k] = b > 0 ? b * p[a] * q[b - 1] : 0.0;
-  }
-}
-
-Point2 mapped(const Polygon& corners, const Point2& sigma) {
-  const Vertices v = vertices(corners.size(), sigma);
-  Point2 y = Point2::Zero();
-  for (std::size_t k = 0; k < corners.size(); ++k) {
-    y += v.values[k] * corners[k];
-  }
-  return y;
-}
-
-double stretch(const Polygon& corners, const Point2& sigma) {
-  const Tangents t = tangents(corners, vertices(corners.size(), sigma));
-  return corners.size() == 2 ? std::abs(t.first.x()) : std::abs(cross(t.first, t.second));
-}
-
-Point2 inverted(const Polygon& corners, const Point2& y) {
-  if (corners.size() == 2) {
-    return {(y.x() - corners[0].x()) / (corners[1].x() - corners[0].x()), 0.0};
-  }
-  const bool affine = corners.size() == 3;
-  Point2 sigma = affine ? Point2(1.0 / 3.0, 1.0 / 3.0) : Point2(0.5, 0.5);
-  for (int round = 0; round < (affine ? 2 : 20); ++round) {
-    const Tangents t = tangents(corners, vertices(corners.size(), sigma));
-    const Point2 r = y - mapped(corners, sigma);
-    const double determinant = cross(t.first, t.second);
-    const Point2 step(cross(r, t.second) / determinant, cross(t.first, r) / determinant);
-    sigma = (sigma + step).cwiseMax(-0.5).cwiseMin(1.5);
-    if (step.cwiseAbs().maxCoeff() < 1e-14) {
-      break;
+void Monomials::values(const Point2& s, double* out) const {
+  Powers q;  // NOLINT: filled up to the degree
+  powers_of(s.y(), shape_ == FacetShape::interval ? 0 : degree_, q);
+  double p = 1.0;
+  for (int a = 0; a <= degree_; ++a) {
+    for (int b = 0; b <= most(a); ++b) {
+      *out++ = p * q[b];
     }
+    p *= s.x();
   }
-  return sigma;
 }
 
 Face::Face(FacetShape shape, int parts, const Matrix& nodes, std::vector<Index> variants,
@@ -227,14 +143,14 @@ Face::Face(FacetShape shape, int parts, const Matrix& nodes, std::vector<Index> 
   }
   const auto known =
       static_cast<Index>(std::min(map.coefficients.size(), shapes_.coefficients.size()));
-  maps_.reserve(variants_.size());
+  maps_.setZero(4, map_monomials_.size() * facets());
   for (Index f = 0; f < facets(); ++f) {
     const Index variant = variants_[f];
     if (variant < 0 || variant >= known) {
       throw InputError("face: facet " + std::to_string(f) + " has the number " +
                        std::to_string(variant) + " within its cell, of " + std::to_string(known));
     }
-    Eigen::Matrix3Xd x = Eigen::Matrix3Xd::Zero(3, map_monomials_.size());
+    auto x = maps_.middleCols(f * map_monomials_.size(), map_monomials_.size());
     x.topRows(d) = nodes.middleRows(count * f, count).transpose() * map.coefficients[variant];
     double linear = 0.0;
     double rest = 0.0;
@@ -244,9 +160,43 @@ Face::Face(FacetShape shape, int parts, const Matrix& nodes, std::vector<Index> 
       largest = order == 0 ? largest : std::max(largest, x.col(k).cwiseAbs().maxCoeff());
     }
     affine_.push_back(rest <= straight * linear ? 1 : 0);
-    maps_.push_back(std::move(x));
+  }
+  for (Index f = 0; f < facets(); ++f) {
+    level_.push_back(affine(f) || (curved() && straight_edged(f)) ? 1 : 0);
   }
   cut();
+}
+
+bool Face::straight_edged(Index facet) const {
+  const Polygon corners = rim(shape_);
+  const std::size_t edges = flat() ? 1 : corners.size();
+  const int between = 2 * parts_;
+  std::vector<Vector3d> x;
+  for (const Point2& s : corners) {
+    x.push_back(point(facet, s));
+  }
+  double size = 0.0;
+  double beside = 0.0;
+  for (std::size_t k = 0; k < edges; ++k) {
+    const std::size_t next = (k + 1) % corners.size();
+    const Vector3d edge = (x[next] - x[k]).normalized();
+    size = std::max(size, (x[next] - x[k]).norm());
+    for (int i = 1; i < between; ++i) {
+      const double t = static_cast<double>(i) / between;
+      const Vector3d off = point(facet, corners[k] + t * (corners[next] - corners[k])) - x[k];
+      beside = std::max(beside, (off - off.dot(edge) * edge).norm());
+    }
+  }
+  if (!flat()) {
+    const Vector3d normal = (x[1] - x[0]).cross(x.back() - x[0]).normalized();
+    for (int i = 0; i <= between; ++i) {
+      for (int j = 0; j <= (shape_ == FacetShape::triangle ? between - i : between); ++j) {
+        const Point2 s(static_cast<double>(i) / between, static_cast<double>(j) / between);
+        beside = std::max(beside, std::abs(normal.dot(point(facet, s) - x[0])));
+      }
+    }
+  }
+  return beside <= level_enough * size;
 }
 
 void Face::cut() {
@@ -264,40 +214,6 @@ void Face::cut() {
       pieces_.push_back(std::move(piece));
     }
   }
-}
-
-Face::Place Face::at(Index facet, const Point2& s) const {
-  Values values;
-  Values first;
-  Values second;
-  map_monomials_.values(s, values);
-  map_monomials_.gradients(s, first, second);
-  const Eigen::Matrix3Xd& map = maps_[facet];
-  Place place{Vector3d::Zero(), Vector3d::Zero(), Vector3d::Zero()};
-  for (Index k = 0; k < map.cols(); ++k) {
-    place.x += values[k] * map.col(k);
-    place.first += first[k] * map.col(k);
-    place.second += second[k] * map.col(k);
-  }
-  return place;
-}
-
-Vector3d Face::area_vector(Index facet, const Place& place) const {
-  if (flat()) {
-    return orientation_[facet] * Vector3d(-place.first.y(), place.first.x(), 0.0);
-  }
-  return orientation_[facet] * place.first.cross(place.second);
-}
-
-Vector3d Face::point(Index facet, const Point2& s) const {
-  Values values;
-  map_monomials_.values(s, values);
-  const Eigen::Matrix3Xd& map = maps_[facet];
-  Vector3d x = Vector3d::Zero();
-  for (Index k = 0; k < map.cols(); ++k) {
-    x += values[k] * map.col(k);
-  }
-  return x;
 }
 
 }  // namespace latin::mortar

@@ -17,30 +17,77 @@ enum class FacetShape { interval, triangle, quadrilateral };
 
 /// Largest degree of polynomials on facets.
 constexpr int highest_degree = 9;
-/// A value for each of a few functions; no memory is asked for.
-using Values =
-    Eigen::Matrix<double, Eigen::Dynamic, 1, 0, (highest_degree + 1) * (highest_degree + 1), 1>;
+/// Largest degree of a product of two of them.
+constexpr int highest_product = 2 * highest_degree;
 
 /// Monomials s_0^a s_1^b of a reference facet: a + b <= degree on triangles, a, b <= degree otherwise;
 /// the power of s_1 varies faster.
 class Monomials {
  public:
   Monomials() = default;
-  Monomials(FacetShape shape, int degree);
+  /// @throws InputError for a degree that is not 0 to `highest`
+  Monomials(FacetShape shape, int degree, int highest = highest_degree);
 
-  [[nodiscard]] Index size() const { return static_cast<Index>(powers_.size()); }
-  /// Sum of both powers of a monomial.
-  [[nodiscard]] int order(Index k) const { return powers_[k].a + powers_[k].b; }
-  /// Values at a point.
-  void values(const Point2& s, Values& out) const;
-  /// Derivatives with respect to s_0 and s_1.
-  void gradients(const Point2& s, Values& first, Values& second) const;
-
- private:
   struct Power {
     int a;
     int b;
   };
+
+  [[nodiscard]] Index size() const { return static_cast<Index>(powers_.size()); }
+  [[nodiscard]] int degree() const { return degree_; }
+  [[nodiscard]] Power power(Index k) const { return powers_[k]; }
+  /// Sum of both powers of a monomial.
+  [[nodiscard]] int order(Index k) const { return powers_[k].a + powers_[k].b; }
+  /// Number of the monomial with such powers; it must be one of them.
+  [[nodiscard]] Index number(int a, int b) const {
+    return shape_ == FacetShape::interval   ? a
+           : shape_ == FacetShape::triangle ? a * (2 * degree_ + 3 - a) / 2 + b
+                                            : a * (degree_ + 1) + b;
+  }
+  /// Largest power of s_1 beside a power of s_0.
+  [[nodiscard]] int most(int a) const {
+    return shape_ == FacetShape::interval   ? 0
+           : shape_ == FacetShape::triangle ? degree_ - a
+                                            : degree_;
+  }
+  /// Values at a point, `size()` of them.
+  void values(const Point2& s, double* out) const;
+  /// The polynomial with such coefficients, one column for each monomial, by Horner's scheme.
+  template <class Columns, class Vector>
+  void evaluate(const Columns& columns, const Point2& s, Vector& value) const {
+    Index k = columns.cols();
+    value.setZero();
+    for (int a = degree_; a >= 0; --a) {
+      Vector inner = columns.col(--k);
+      for (int b = most(a); b > 0; --b) {
+        inner = inner * s.y() + columns.col(--k);
+      }
+      value = value * s.x() + inner;
+    }
+  }
+  /// The same with its derivatives with respect to s_0 and s_1.
+  template <class Columns, class Vector>
+  void evaluate(const Columns& columns, const Point2& s, Vector& value, Vector& first,
+                Vector& second) const {
+    Index k = columns.cols();
+    value.setZero();
+    first.setZero();
+    second.setZero();
+    for (int a = degree_; a >= 0; --a) {
+      Vector inner = columns.col(--k);
+      Vector slope = Vector::Zero();
+      for (int b = most(a); b > 0; --b) {
+        slope = slope * s.y() + inner;
+        inner = inner * s.y() + columns.col(--k);
+      }
+      first = first * s.x() + value;
+      value = value * s.x() + inner;
+      second = second * s.x() + slope;
+    }
+  }
+
+ private:
+  FacetShape shape_ = FacetShape::interval;
   int degree_ = 0;
   std::vector<Power> powers_;
 };
@@ -89,12 +136,34 @@ class Face {
   [[nodiscard]] Index functions() const { return shapes_.coefficients.front().rows(); }
   [[nodiscard]] const std::vector<Piece>& pieces() const { return pieces_; }
 
-  [[nodiscard]] Place at(Index facet, const Point2& s) const;
-  [[nodiscard]] Eigen::Vector3d point(Index facet, const Point2& s) const;
+  /// Coefficients of the coordinates, (4, monomials of the map); the last row is 0.
+  [[nodiscard]] auto map(Index facet) const {
+    return maps_.middleCols(facet * map_monomials_.size(), map_monomials_.size());
+  }
+  [[nodiscard]] const Monomials& map_monomials() const { return map_monomials_; }
+  [[nodiscard]] Place at(Index facet, const Point2& s) const {
+    Eigen::Vector4d x;
+    Eigen::Vector4d first;
+    Eigen::Vector4d second;
+    map_monomials_.evaluate(map(facet), s, x, first, second);
+    return {x.head<3>(), first.head<3>(), second.head<3>()};
+  }
+  [[nodiscard]] Eigen::Vector3d point(Index facet, const Point2& s) const {
+    Eigen::Vector4d x;
+    map_monomials_.evaluate(map(facet), s, x);
+    return x.head<3>();
+  }
   /// Whether its map is linear.
   [[nodiscard]] bool affine(Index facet) const { return affine_[facet] != 0; }
+  /// Whether it is plane: its map is linear, or is one of the plane to itself between straight edges.
+  [[nodiscard]] bool level(Index facet) const { return level_[facet] != 0; }
   /// Area (length in 2D) per area of the reference facet, times the unit normal out of the part.
-  [[nodiscard]] Eigen::Vector3d area_vector(Index facet, const Place& place) const;
+  [[nodiscard]] Eigen::Vector3d area_vector(Index facet, const Place& place) const {
+    if (flat()) {
+      return orientation_[facet] * Eigen::Vector3d(-place.first.y(), place.first.x(), 0.0);
+    }
+    return orientation_[facet] * place.first.cross(place.second);
+  }
   /// Shape functions of the displacement: coefficients (functions, monomials) of such monomials.
   [[nodiscard]] const Matrix& coefficients(Index facet) const {
     return shapes_.coefficients[variants_[facet]];
@@ -103,24 +172,19 @@ class Face {
 
  private:
   void cut();
+  [[nodiscard]] bool straight_edged(Index facet) const;
 
   FacetShape shape_;
   int parts_;
   std::vector<Index> variants_;
   std::vector<double> orientation_;
   Monomials map_monomials_;
-  std::vector<Eigen::Matrix3Xd> maps_;  ///< coefficients of the coordinates, by facet
+  Eigen::Matrix4Xd maps_;  ///< facet by facet; four rows, which are added two at a time
   std::vector<char> affine_;
+  std::vector<char> level_;
   Functions shapes_;
   Monomials shape_monomials_;
   std::vector<Piece> pieces_;
 };
-
-/// Coordinates of a point in the unit polygon of a flat one with 2 (interval), 3 or 4 corners.
-[[nodiscard]] Point2 inverted(const Polygon& corners, const Point2& y);
-/// The point of a polygon's map at such coordinates.
-[[nodiscard]] Point2 mapped(const Polygon& corners, const Point2& sigma);
-/// Area per area of the unit polygon there.
-[[nodiscard]] double stretch(const Polygon& corners, const Point2& sigma);
 
 }  // namespace latin::mortar

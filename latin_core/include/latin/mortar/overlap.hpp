@@ -36,10 +36,9 @@ struct Overlap {
   std::vector<double> offset;      ///< (n1, chi, 3) int chi (x_2 - x_1)
   std::vector<double> gap;         ///< (n1, chi) int chi (x_2 - x_1) . n_1
   std::vector<Index> first;        ///< (pairs) facets of side 1
-  std::vector<Index>
-      second;  ///< (pairs) facets of side 2; a pair of curved facets comes several times
-  std::vector<double> area;   ///< (pairs) area of the polygons
-  std::vector<double> other;  ///< (pairs, chi, N_2) int chi N_2
+  std::vector<Index> second;       ///< (pairs) facets of side 2
+  std::vector<double> area;        ///< (pairs) area of the polygons
+  std::vector<double> other;       ///< (pairs, chi, N_2) int chi N_2
   std::vector<double>
       other_normal;              ///< (pairs, chi, N_2, 3) int chi N_2 n_1; empty if side 1 is plane
   std::vector<double> distance;  ///< (pairs) largest |x_2 - x_1|
