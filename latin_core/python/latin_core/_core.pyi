@@ -56,6 +56,9 @@ class Member:
         prolongation: Sparse | None = None,  # (n, unknowns of the body); None: the identity
         offset: npt.ArrayLike | None = None,  # (n, loads), length
         of_stiffness: npt.ArrayLike | None = None,  # (n, loads), force: of `load`, what comes from the stiffness
+        stretch: Sparse | None = None,  # B (points * components, n), B^T B = K
+        stretch_points: int = 0,
+        initial_stretch: npt.ArrayLike | None = None,  # g (points * components, loads)
     ) -> None: ...
 
 class Spring:
@@ -190,7 +193,7 @@ class Laws:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int | None = None,
-        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | stochastic.Coupling] | None = None,
     ) -> Laws: ...
 
 class Structure:
@@ -233,7 +236,7 @@ class Structure:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int = 1,
-        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | stochastic.Coupling] | None = None,
     ) -> Laws: ...
     def solve(
         self,

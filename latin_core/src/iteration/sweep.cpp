@@ -347,16 +347,17 @@ class Sweep {
     }
     std::map<std::string, substructure::StiffnessFactors> factors;
     for (const SweptParameter* each : stiffness_) {
-      factors[each->interface].values = each->pattern * each->values.col(points.front());
+      substructure::StiffnessFactors& own = factors[each->interface];
+      own.field = each->values.col(points.front());
+      own.values = own.field.col(0);
     }
     return base.with_parameters(changes).with_stiffness(factors);
   }
 
   /// @throws InputError if it is not one number for each point
   static void check_stiffness(const SweptParameter& each) {
-    if (each.pattern.size() != 1 || each.columns != 1) {
-      throw InputError("sweep: the stiffness of '" + each.interface +
-                       "' takes one factor for each point");
+    if (each.pattern.size() != 1 || each.pattern(0, 0) != 1.0 || each.columns != 1) {
+      throw InputError("sweep: the stiffness of '" + each.interface + "' takes no pattern");
     }
   }
 
