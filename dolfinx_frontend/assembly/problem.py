@@ -13,6 +13,7 @@ import numpy as np
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
+from dolfinx_frontend.assembly.stretch import Stretch, check_alone, stretch_of
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -28,7 +29,7 @@ from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm, Term
-from dolfinx_frontend.scene.values import is_uncertain
+from dolfinx_frontend.scene.values import is_field, is_uncertain
 
 __all__ = ["Problem", "check_is_problem"]
 
@@ -258,6 +259,38 @@ class Problem(OneProcess):
     def factors(self) -> Mapping[str, Any]:
         """Part -> random number, with the mean 1, that its stiffness is multiplied with."""
         return ReadOnlyDict({n: s.factor for n, s in self.substructures.items() if is_uncertain(s.factor)})
+
+    @cached_property
+    def fields(self) -> Mapping[str, Any]:
+        """Part -> random field, with the mean 1, that its stiffness is multiplied with."""
+        found = {n: s.factor for n, s in self.substructures.items() if is_field(s.factor)}
+        check_alone(list(found.items()))
+        return ReadOnlyDict(found)
+
+    @cached_property
+    def _stretches(self) -> dict[str, Stretch]:
+        return {}
+
+    def stretch(self, part: str) -> Stretch:
+        """The stiffness of a part cell by cell, made when it is first asked for."""
+        if part not in self._stretches:
+            self._stretches[part] = stretch_of(self.substructures[part])
+        return self._stretches[part]
+
+    def initial_stretch(
+        self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
+    ) -> Array:
+        """g (rows,) with :meth:`stiffness_load_on` = B^T g, see :class:`Stretch`."""
+        stretch = self.stretch(part)
+        total: Array = np.zeros(stretch.matrix.shape[0])
+        for each in self.loads.values():
+            for term in each.keys():
+                if term.parameter not in each.stresses or each.load.part != part:
+                    continue
+                if term.amplitude == amplitude and term not in without:
+                    own = stretch.initial(self.substructures[part], each.stresses[term.parameter])
+                    total += each.mean(term.parameter, amplitude) * own
+        return total
 
     def stiffness_load_on(
         self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()

@@ -143,7 +143,8 @@ def sample(
             options,
             times=times,
             loads=random.loads,
-            scaled=random.parts,
+            scaled=random.scaled,
+            fields=random.fields,
         )
     else:
         check_keeps("sampling", plan, random.interfaces, random.loads, random.parts)

@@ -244,8 +244,9 @@ Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameter
   if (!stiffness.is_none()) {
     for (const auto& [name, given] : to_entries(stiffness, "stiffness")) {
       const std::string where = "stiffness['" + name + "']";
-      if (py::isinstance<latin::stochastic::Coupling>(given)) {
-        factors[name].coupling = py::cast<std::shared_ptr<latin::stochastic::Coupling>>(given);
+      if (py::hasattr(given, "_native")) {  // as latin_core.stochastic has it
+        const py::object native = given.attr("_native");
+        factors[name].coupling = py::cast<std::shared_ptr<latin::stochastic::Coupling>>(native);
         continue;
       }
       const std::vector<py::object> both = to_items(given, where);

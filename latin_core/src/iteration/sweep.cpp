@@ -356,8 +356,9 @@ class Sweep {
 
   /// @throws InputError if it is not one number for each point
   static void check_stiffness(const SweptParameter& each) {
-    if (each.pattern.size() != 1 || each.pattern(0, 0) != 1.0 || each.columns != 1) {
-      throw InputError("sweep: the stiffness of '" + each.interface + "' takes no pattern");
+    if (each.pattern.rows() != 1 || !(each.pattern.array() == 1.0).all() || each.columns != 1) {
+      throw InputError("sweep: the stiffness of '" + each.interface +
+                       "' takes factors, with a pattern (1, factors) of ones");
     }
   }
 
