@@ -33,7 +33,10 @@ class Stretch:
     Attributes
     ----------
     points, weights
-        (m, d) midpoints and (m,) volumes of the cells.
+        (m, d) midpoints and (m,) volumes of the cells; areas or lengths where there is one layer or one row of
+        cells.
+    dimension
+        3, 2 or 1 accordingly.
     matrix
         B (m * components, n), the components of a cell one after the other, force^1/2 / length^1/2.
     components
@@ -42,6 +45,7 @@ class Stretch:
 
     points: Array
     weights: Array
+    dimension: int
     matrix: sp.csr_matrix = field(repr=False)
     components: int
     _roots: Array = field(repr=False)  # (m, components, unknowns of a cell) B of the cells
@@ -79,6 +83,15 @@ def _volumes(s: Substructure) -> Array:
     v = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0)))
     around = ring(mesh) if s.around else 1.0
     return np.array(fem.assemble_vector(fem.form(around * v * ufl.dx(domain=mesh))).array)
+
+
+def _across(s: Substructure, points: Array) -> tuple[float, int]:
+    """Thickness (or section) of a part with one layer (or row) of cells along the axes; number of other axes."""
+    extent = np.ptp(np.asarray(s.part.mesh.geometry.x)[:, : s.dim], axis=0)
+    single = np.ptp(points, axis=0) <= 1e-9 * extent
+    if single.all():
+        single[0] = False  # one cell
+    return float(np.prod(extent[single])), int(np.count_nonzero(~single))
 
 
 def _midpoints(s: Substructure) -> Array:
@@ -131,8 +144,18 @@ def stretch_of(s: Substructure) -> Stretch:
     expected = s.matrix @ x
     if np.linalg.norm(B.T @ (B @ x) - expected) > 1e-9 * np.linalg.norm(expected):
         raise SceneError(f"{where}, but it is no sum over its cells (facet terms?): give stiffness= a number")
+    points = _midpoints(s)
+    thickness, dimension = _across(s, points)
     return Stretch(
-        _midpoints(s), _volumes(s), B, components, of_cells, inverse[:, :, None] * rows, space, cells
+        points,
+        _volumes(s) / thickness,
+        dimension,
+        B,
+        components,
+        of_cells,
+        inverse[:, :, None] * rows,
+        space,
+        cells,
     )
 
 

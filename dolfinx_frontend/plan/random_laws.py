@@ -134,7 +134,7 @@ class RandomLaws:
         parts: dict[str, Source] = dict(problem.factors)
         for name, value in problem.fields.items():
             stretch = problem.stretch(name)
-            parts[name] = value.on(stretch.points, stretch.weights, stretch.points.shape[1])
+            parts[name] = value.on(stretch.points, stretch.weights, stretch.dimension)
         space = RandomSpace([*sources.values(), *of_loads, *parts.values()])
         return cls(problem, sources, tuple(dropped), space, loads, parts)
 
@@ -160,7 +160,7 @@ class RandomLaws:
         every = (s for s in (*self.sources.values(), *self.parts.values()) if isinstance(s, DiscretisedField))
         return {s.name: 1.0 - s.captured for s in every}
 
-    def factors(self, part: str, points: Array) -> Array:
+    def factors(self, part: str, points: Array, checked: bool = True) -> Array:
         """What the stiffness of a part is multiplied with at points (N, L) of the germs, (N,); of a field
         (N, cells).
 
@@ -175,7 +175,7 @@ class RandomLaws:
         field = isinstance(source, DiscretisedField)
         values: Array = np.atleast_2d(self.space.values(source, points))
         least = values.min(axis=0)
-        if not least.min() > 0.0:
+        if checked and not least.min() > 0.0:
             worst = int(least.argmin())
             at = ", ".join(
                 f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
@@ -195,7 +195,7 @@ class RandomLaws:
     def load_values(self, term: LoadTerm, points: Array) -> Array:
         """A number of a load at points (N, L) of the germs, (N,); see :data:`OF_STIFFNESS`."""
         if term.load == OF_STIFFNESS:
-            return self.factors(term.parameter, points)
+            return self.factors(term.parameter, points, checked=False)  # samples were, when they were solved
         total: Array = np.zeros(len(points))
         for each in self.problem.numbers_of(term):
             number = each.number

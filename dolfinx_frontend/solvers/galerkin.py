@@ -399,7 +399,7 @@ class Changes:
         collocations: Mapping[str, Collocation],
         plan: Plan,
         parts: Mapping[str, Galerkin],
-        fields: Mapping[str, stochastic.Coupling],
+        inside: Mapping[str, stochastic.Coupling],
     ) -> Changes:
         """Those of the active interfaces on this rank; `collocations` of the nonlinear ones."""
         steps = plan.amplitudes.shape[1]
@@ -416,7 +416,7 @@ class Changes:
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
         factors = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
-        return cls(steps, len(basis), parameters, columns, {**factors, **fields})
+        return cls(steps, len(basis), parameters, columns, {**factors, **inside})
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
