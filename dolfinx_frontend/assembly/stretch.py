@@ -28,13 +28,13 @@ _STRAINED = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """B with B^T B = K, whose rows belong to cells: K with a factor a in each cell is B^T a B.
+    """B with B^T B = K, whose rows belong to cells: with a factor a in each cell, K is B^T a B.
 
     Attributes
     ----------
     points, weights
-        (m, d) midpoints and (m,) volumes of the cells; areas or lengths where there is one layer or one row of
-        cells.
+        (m, d) midpoints and (m,) volumes of the cells; areas or lengths where there is one layer or one row
+        of cells.
     dimension
         3, 2 or 1 accordingly.
     matrix
@@ -82,11 +82,12 @@ def _volumes(s: Substructure) -> Array:
     mesh = s.part.mesh
     v = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0)))
     around = ring(mesh) if s.around else 1.0
-    return np.array(fem.assemble_vector(fem.form(around * v * ufl.dx(domain=mesh))).array)
+    nodal = fem.assemble_vector(fem.form(around * v * ufl.dx(domain=mesh)))
+    return np.array(nodal.array, dtype=np.float64)
 
 
 def _across(s: Substructure, points: Array) -> tuple[float, int]:
-    """Thickness (or section) of a part with one layer (or row) of cells along the axes; number of other axes."""
+    """Thickness (or section) of a part with one layer (or row) of cells; number of the other axes."""
     extent = np.ptp(np.asarray(s.part.mesh.geometry.x)[:, : s.dim], axis=0)
     single = np.ptp(points, axis=0) <= 1e-9 * extent
     if single.all():
@@ -97,7 +98,7 @@ def _across(s: Substructure, points: Array) -> tuple[float, int]:
 def _midpoints(s: Substructure) -> Array:
     mesh = s.part.mesh
     space = fem.functionspace(mesh, ("DG", 0))
-    return np.array(space.tabulate_dof_coordinates()[:, : s.dim])
+    return np.array(space.tabulate_dof_coordinates()[:, : s.dim], dtype=np.float64)
 
 
 def stretch_of(s: Substructure) -> Stretch:
@@ -126,7 +127,7 @@ def stretch_of(s: Substructure) -> Stretch:
     matrix.assemble()
     cells = _unknowns_of_cells(space, d)
     blocks = _blocks(csr(matrix), cells)
-    values, vectors = np.linalg.eigh(blocks)
+    values, vectors = (np.asarray(each, dtype=np.float64) for each in np.linalg.eigh(blocks))
     kept = values > _STRAINED * values[:, -1:]
     components = int(kept.sum(axis=1).max())
     values, kept = values[:, -components:], kept[:, -components:]
@@ -148,7 +149,7 @@ def stretch_of(s: Substructure) -> Stretch:
     thickness, dimension = _across(s, points)
     return Stretch(
         points,
-        _volumes(s) / thickness,
+        np.asarray(_volumes(s) / thickness, dtype=np.float64),
         dimension,
         B,
         components,
@@ -189,7 +190,7 @@ def check_alone(fields: Sequence[tuple[str, Any]]) -> None:
     for part, each in fields:
         if each.name in seen:
             raise SceneError(
-                f"substructure {part!r}: the random field {each.name!r} is that of {seen[each.name]!r}, too: a "
-                "field lives in one part; give each part a field with a name of its own"
+                f"substructure {part!r}: the random field {each.name!r} is that of {seen[each.name]!r}, too: "
+                "a field lives in one part; give each part a field with a name of its own"
             )
         seen[each.name] = part

@@ -240,10 +240,11 @@ def _errors_of_run(
 
 def lost_variance(result: Result | SampleResult) -> tuple[str, ...]:
     """What the modes of random fields leave out: it is in no other error."""
-    lost = result.random.lost if result.statistics in ("random", "qmc", "quadrature") else {}
+    random = getattr(result, "random", None)  # a deterministic answer has none
     return tuple(
-        f"random field {name!r}: its modes lose {100.0 * share:.3g} % of its variance, which is in no error above"
-        for name, share in lost.items()
+        f"random field {name!r}: its modes lose {100.0 * share:.3g} % of its variance, which is in no error "
+        "above"
+        for name, share in (random.lost if random is not None else {}).items()
     )
 
 

@@ -180,13 +180,13 @@ def _body(
     corrected: bool = False,
     scaled: Container[str] = (),
     without: Container[LoadTerm] = (),
-    fields: Container[str] = (),
+    cellwise: Container[str] = (),
 ) -> Values:
     """A body in the kernel's terms, for :func:`_made_body`; `patterns` are the body under each load pattern.
 
     Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected. `scaled` are parts
-    whose stiffness varies, `fields` those where it does so cell by cell, `without` the loads that have a pattern
-    of their own.
+    whose stiffness varies, `cellwise` those where it does so cell by cell, `without` the loads that have a
+    pattern of their own.
     """
     body = next(iter(patterns.values()))
     members = []
@@ -204,7 +204,7 @@ def _body(
         if name in scaled:
             columns = [_stiffness_load(problem, name, pattern, without) for pattern in patterns]
             members[-1]["of_stiffness"] = _side_by_side(columns)
-        if name in fields:
+        if name in cellwise:
             stretch = problem.stretch(name)
             initial = _side_by_side(_initial_stretch(problem, name, each, without) for each in patterns)
             members[-1] |= {
@@ -241,7 +241,9 @@ def _stiffness_load(problem: Problem, part: str, pattern: Pattern, without: Cont
     return np.zeros(problem.substructures[part].size) if nodal is None else nodal
 
 
-def _initial_stretch(problem: Problem, part: str, pattern: Pattern, without: Container[LoadTerm]) -> Array:
+def _initial_stretch(
+    problem: Problem, part: str, pattern: Pattern, without: Container[LoadTerm]
+) -> Array:
     """The same as stretches, see :class:`Stretch`."""
     if not isinstance(pattern, LoadTerm):
         return problem.initial_stretch(part, pattern, without)
@@ -351,7 +353,7 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
     reduced = _reduced(own, plan)
     bodies = [
         _body(
-            own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads, fields=plan.fields
+            own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads, cellwise=plan.fields
         )
         for patterns in reduced
     ]

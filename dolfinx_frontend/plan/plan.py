@@ -478,8 +478,8 @@ def _of_field(part: str, source: DiscretisedField, chaos: bool) -> Decision:
     )
     return Decision(
         f"stiffness of {part}",
-        f"{source.name}: {len(source.eigenvalues)} modes at {len(source.points)} cells, which lose {lost:.3g} % "
-        "of its variance",
+        f"{source.name}: {len(source.eigenvalues)} modes at {len(source.points)} cells, which lose "
+        f"{lost:.3g} % of its variance",
         f"a random field: {how}",
     )
 

@@ -232,7 +232,8 @@ class _System:
     def _assemble(self, body: Body) -> None:
         """Matrix of the fixed part and of the mean, products of the random springs."""
         fixed = body_matrix(self.problem, dataclasses.replace(body, springs=()))
-        mean, products = fixed, []
+        mean = fixed
+        products: list[tuple[sp.csr_matrix, Array, _Coupling]] = []
         for m in body.members:
             if m in self.fields:
                 stretch = self.problem.stretch(m)

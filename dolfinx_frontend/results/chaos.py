@@ -344,7 +344,7 @@ class ChaosResult(Result, StochasticResult):
         return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
 
     def stiffness_coupling(self, part: str) -> stochastic.Coupling | None:
-        """What a random field adds to 1 in the factor of the cells of a part, on the modes; None: no field."""
+        """What a random field adds to 1 in the factors of the cells of a part, on the modes; None: none."""
         source = self.random.fields.get(part)
         if source is None:
             return None

@@ -333,9 +333,9 @@ class Face(ABC):
             def of_modes(mean: Array, spread: Sequence[Array]) -> list[Array]:
                 return [stepped(each, self.times)[step] for each in (mean, *spread)]
 
-            every = [of_modes(self.load_number(a, b), self.load_spread(a, b)) for a, b, _ in loads]
+            numbers_of = [of_modes(self.load_number(a, b), self.load_spread(a, b)) for a, b, _ in loads]
             unknowns = of_modes(self.unknowns(part), self.spread(part))
-            modes = np.array([stress(u, [float(e[k]) for e in every]) for k, u in enumerate(unknowns)])
+            modes = np.array([stress(u, [float(e[k]) for e in numbers_of]) for k, u in enumerate(unknowns)])
             each_cell = modes[:, of_cells].reshape(len(modes), -1).T
             change = coupling.apply(np.ascontiguousarray(each_cell), of_cells.shape[1])
             total = (each_cell + change).reshape(*of_cells.shape, -1)

@@ -22,7 +22,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, is_field, is_plain, is_uncertain
+from dolfinx_frontend.scene.values import Parameter, is_random_field, is_plain, is_uncertain
 
 __all__ = [
     "LinearElastic",
@@ -108,7 +108,7 @@ class LinearElastic:
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
-        varies = is_uncertain(self.E) or is_field(self.E)
+        varies = is_uncertain(self.E) or is_random_field(self.E)
         if varies:
             if not self.E.mean > 0.0:
                 raise SceneError(
@@ -136,14 +136,14 @@ class LinearElastic:
     @property
     def factor(self) -> Any:
         """What the stiffness with E at its mean is multiplied with: 1, or random."""
-        if is_field(self.E):
+        if is_random_field(self.E):
             return self.E.relative
         return self.E / self.E.mean if is_uncertain(self.E) else 1.0
 
     @property
     def nominal(self) -> LinearElastic:
         """The material with E at its mean."""
-        return replace(self, E=self.E.mean) if is_uncertain(self.E) or is_field(self.E) else self
+        return replace(self, E=self.E.mean) if is_uncertain(self.E) or is_random_field(self.E) else self
 
     def check(self, dim: int) -> None:
         """Whether the material fits a part of `dim` dimensions.

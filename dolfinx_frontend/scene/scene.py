@@ -64,7 +64,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value, is_field, is_uncertain
+from dolfinx_frontend.scene.values import Value, is_random_field, is_uncertain
 
 __all__ = ["Scene"]
 
@@ -170,7 +170,7 @@ class Scene:
         spec = SubstructureSpec(
             name, part, material, degree, body_force, rank, self.axisymmetric, stiffness
         )
-        if is_uncertain(stiffness) or is_field(stiffness):
+        if is_uncertain(stiffness) or is_random_field(stiffness):
             if abs(stiffness.mean - 1.0) > 1e-9:
                 raise SceneError(
                     f"{where}: stiffness = {short(stiffness)} has the mean {stiffness.mean:g}: a factor of a "

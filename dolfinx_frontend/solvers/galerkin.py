@@ -173,14 +173,15 @@ def fields_of_parts(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[st
         worst = int(spread.argmax())
         least = 1.0 + float(np.linalg.eigvalsh(found[part].matrix(worst))[0])
         where = (
-            f"substructure {part!r}, random field {source.name!r} of its stiffness: with the standard deviation "
-            f"{spread[worst]:.4g} of its mean at {np.round(source.points[worst], 6).tolist()} its Galerkin matrix"
+            f"substructure {part!r}, random field {source.name!r} of its stiffness: with the standard "
+            f"deviation {spread[worst]:.4g} of its mean at {np.round(source.points[worst], 6).tolist()} its "
+            "Galerkin matrix"
         )
         remedy = "distribution='lognormal' stays positive at every order"
         if least <= 0.0:
             raise IndefiniteError(
-                f"{where} is indefinite, smallest eigenvalue {least:.4g} for a mean of 1; {remedy}; or take a "
-                "smaller cov, or a lower order"
+                f"{where} is indefinite, smallest eigenvalue {least:.4g} for a mean of 1; {remedy}; or take "
+                "a smaller cov, or a lower order"
             )
         if least < NEAR:
             warn(
@@ -739,7 +740,7 @@ def carry_on(result: ChaosResult, chaos: Chaos, rtol: float) -> ChaosResult:
         times=old.times,
         loads=random.loads,
         scaled=random.scaled,
-            fields=random.fields,
+        fields=random.fields,
     )
     steps = result.steps
     states = []

@@ -123,7 +123,7 @@ def karhunen_loeve(
     if kink:
         nodes, gauss = np.polynomial.legendre.leggauss(12)
         t = 0.5 * (nodes + 1.0)
-        # the mean distance in the piece is radius / 2 on a line, 2 radius / 3 in a disc, 3 radius / 4 in a ball
+        # the mean distance in the piece is radius / 2 on a line, 2 / 3 of it in a disc, 3 / 4 in a ball
         mean = (1.0 / 6.0, 0.228824, 0.266596)[dimension - 1]
         radius = (dimension + 1) / dimension * mean * w ** (1.0 / dimension)
         density = 0.5 * gauss * dimension * t ** (dimension - 1)

@@ -177,8 +177,8 @@ void bind_descriptions(py::module_& m) {
                                    : to_finite_matrix(initial, who + "initial_stretch")};
            }),
            py::kw_only(), "name"_a, "stiffness"_a, "load"_a, "prolongation"_a = py::none(),
-           "offset"_a = py::none(), "of_stiffness"_a = py::none(),
-           "stretch"_a = py::none(), "stretch_points"_a = 0, "initial_stretch"_a = py::none())
+           "offset"_a = py::none(), "of_stiffness"_a = py::none(), "stretch"_a = py::none(),
+           "stretch_points"_a = 0, "initial_stretch"_a = py::none())
       .def("__repr__", [](const Member& m) {
         return "Member(" + m.name + ", " + std::to_string(m.load.rows()) + " unknowns, " +
                std::to_string(m.load.cols()) + " loads)";

@@ -69,7 +69,8 @@ def test_a_rod_with_a_lognormal_modulus() -> None:
     found, (mean, deviation) = samples.quantity(end), end_of_rod(0.1)
     assert found.mean().value == pytest.approx(mean * unit, rel=5e-3)
     assert found.std().value == pytest.approx(deviation * unit, rel=5e-3)
-    assert f"lose {100 * samples.random.lost['E']:.3g} %" in str(samples.plan) and samples.random.lost["E"] < 0.03
+    lost = samples.random.lost["E"]
+    assert f"lose {100 * lost:.3g} %" in str(samples.plan) and lost < 0.03
 
 
 def test_the_stress_of_a_rod_is_not_random() -> None:
@@ -143,9 +144,12 @@ def test_chaos_is_ssfem(law: Any, cell: str, degree: int) -> None:
         assert probe(finer.at(germs)) == pytest.approx(samples.quantity(probe).values, rel=2e-2)
 
 
-@pytest.mark.parametrize("law", [lf.Perfect(), lf.Contact(friction=0.3), lf.Elastic(normal=3e3, tangential=1e3)])
+SPRING = lf.Elastic(normal=3e3, tangential=1e3)
+
+
+@pytest.mark.parametrize("law", [lf.Perfect(), lf.Contact(friction=0.3), SPRING])
 def test_samples_are_solutions_with_that_modulus(law: Any) -> None:
-    """Free of anything that the field is made of: the same scene with the modulus of the sample in its cells."""
+    """Free of anything that the field is made of: the same scene with the modulus of a sample in cells."""
 
     def heated(modulus: Any) -> lf.Problem:
         scene = beam(modulus, law)
@@ -182,13 +186,14 @@ def test_samples_are_solutions_with_that_modulus(law: Any) -> None:
         for part in "ab":
             size = np.abs(expected.unknowns(part)).max()
             assert block.displacement(part)[n] == pytest.approx(expected.unknowns(part), abs=1e-7 * size)
-        assert reactions[n] == pytest.approx(expected.quantity(expected.reaction("foot", "x")).values[0], rel=1e-6)
+        reaction = expected.quantity(expected.reaction("foot", "x")).values[0]
+        assert reactions[n] == pytest.approx(reaction, rel=1e-6)
         there = lf.AtPoint(alone, "a", (1.2, 1.0, 1.0), "stress", "xx")
         assert stresses[n] == pytest.approx(expected.quantity(there).values[0], rel=1e-6)
 
 
 def test_histories_and_contact() -> None:
-    """A history of a linear scene is its load times the amplitude; a chaos with contact tends to its samples."""
+    """A history of a linear scene is its load times the amplitude; a chaos with contact meets its samples."""
     scene = beam(E_A, lf.Elastic(normal=3e3, tangential=1e3))
     scene.force("b:x1", (0.0, 0.0, 1.0), name="push")
     once = lf.solve(lf.assemble(scene), chaos=2, options=TIGHT)
@@ -213,11 +218,13 @@ def test_bad_fields(tmp_path: Path) -> None:
     scene = beam(normal, lf.Perfect())
     scene.force("b:x1", (0.0, 0.0, 1.0))
     problem = lf.assemble(scene)
-    with pytest.raises(lf.SceneError, match=r"substructure 'a', random field 'E'.* is indefinite, smallest eig.*lognormal"):
+    indefinite = r"substructure 'a', random field 'E'.* is indefinite, smallest eig.*lognormal"
+    with pytest.raises(lf.SceneError, match=indefinite):
         lf.solve(problem, chaos=4)
     with pytest.raises(lf.SceneError, match="operator is not positive definite.*'a'"):
         ssfem(problem, lf.Chaos(4))
-    with pytest.raises(lf.SceneError, match=r"substructure 'a': 1 of 2 samples .*smallest factor -.*E\[0\] = -9"):
+    negative = r"substructure 'a': 1 of 2 samples .*smallest factor -.*E\[0\] = -9"
+    with pytest.raises(lf.SceneError, match=negative):
         lf.sample(problem, np.array([[0.0, 0.0], [-9.0, 0.0]]), progress=False)
     with pytest.raises(lf.SceneError, match="export: the stiffness of 'a' varies"):
         problem.export(tmp_path / "folder", chaos=1)

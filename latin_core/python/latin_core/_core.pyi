@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from latin_core.options import Options
+from latin_core.stochastic import Coupling
 from latin_core.sweep import SweptParameter
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -193,7 +194,7 @@ class Laws:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int | None = None,
-        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | stochastic.Coupling] | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | Coupling] | None = None,
     ) -> Laws: ...
 
 class Structure:
@@ -236,7 +237,7 @@ class Structure:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int = 1,
-        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | stochastic.Coupling] | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | Coupling] | None = None,
     ) -> Laws: ...
     def solve(
         self,

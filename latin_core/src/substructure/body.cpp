@@ -270,8 +270,8 @@ void check_members(const BodyDescription& body) {
     }
     const Index rows = member.stretch.rows();
     if (member.stretch_points < 0 || (member.stretch_points == 0 && rows > 0) ||
-        (member.stretch_points > 0 && (rows % member.stretch_points != 0 || rows == 0 ||
-                                       member.stretch.cols() != n)) ||
+        (member.stretch_points > 0 &&
+         (rows % member.stretch_points != 0 || rows == 0 || member.stretch.cols() != n)) ||
         (member.initial_stretch.size() > 0 &&
          (member.initial_stretch.rows() != rows || member.initial_stretch.cols() != loads))) {
       throw InputError("substructure '" + member.name + "': stretches " +

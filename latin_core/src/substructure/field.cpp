@@ -221,6 +221,7 @@ std::shared_ptr<const Body> FieldColumns::sample(const Body& mean, Index number)
     return body;
   }
   std::vector<Vector> own;
+  own.reserve(factors.size());
   for (const Matrix& each : factors) {
     own.emplace_back(each.col(number));
   }

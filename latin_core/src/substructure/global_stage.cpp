@@ -179,10 +179,10 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     f = s - body.directions().asDiagonal() * w;
     const ScaledColumns* scaled = laws_.scaled(b);
     const Vector energies =
-        scaled != nullptr ? scaled->body->energies(scaled->into(s), scaled->into(w),
-                                                   scaled->into(amplitudes), scaled->each(w.cols()))
+        scaled != nullptr           ? scaled->body->energies(scaled->into(s), scaled->into(w),
+                                                             scaled->into(amplitudes), scaled->each(w.cols()))
         : laws_.field(b) != nullptr ? energies_of_field(b, s, w, f, amplitudes)
-                          : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+                                    : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
     const Vector pressed = pressed_energies(b, f, amplitudes);
     const auto at = static_cast<Index>(b);
     for (Index column = 0; column < w.cols(); ++column) {

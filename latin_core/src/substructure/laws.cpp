@@ -449,7 +449,8 @@ FieldColumns Laws::field_of(std::size_t b,
   }
   const Index count = samples.front().second.cols();
   for (const Stretch& stretch : body.stretches()) {
-    const auto found = std::ranges::find(samples, stretch.member, &decltype(samples)::value_type::first);
+    const auto found =
+        std::ranges::find(samples, stretch.member, &decltype(samples)::value_type::first);
     columns.factors.push_back(found != samples.end() ? found->second
                                                      : Matrix::Ones(stretch.points, count));
     if (columns.factors.back().cols() != count) {
@@ -476,10 +477,10 @@ Laws Laws::with_stiffness(const std::map<std::string, StiffnessFactors>& given_f
       }
     }
     if (!own.empty()) {
-      auto all = with_fields.fields_ != nullptr
-                     ? *with_fields.fields_
-                     : std::vector<std::shared_ptr<const FieldColumns>>(
-                           structure_->bodies().size());
+      auto all =
+          with_fields.fields_ != nullptr
+              ? *with_fields.fields_
+              : std::vector<std::shared_ptr<const FieldColumns>>(structure_->bodies().size());
       all[b] = std::make_shared<const FieldColumns>(field_of(b, own));
       with_fields.fields_ =
           std::make_shared<const std::vector<std::shared_ptr<const FieldColumns>>>(std::move(all));

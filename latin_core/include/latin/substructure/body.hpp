@@ -24,9 +24,12 @@ struct Member {
   Matrix of_stiffness = {};  // NOLINT(readability-redundant-member-init): callers leave it out
   /// K = B^T B with rows of B for each of some points, whose stiffness may have factors (a random field): B u is
   /// (points * components, n). Empty: none.
-  SparseRows stretch = {};     // NOLINT(readability-redundant-member-init)
-  Index stretch_points = 0;    ///< of the stretches; 0: none
-  Matrix initial_stretch = {}; /* g (points * components, l): loads that come from the stiffness are B^T g */  // NOLINT
+  // NOLINTNEXTLINE(readability-redundant-member-init)
+  SparseRows stretch{};
+  Index stretch_points = 0;  ///< of the stretches; 0: none
+  /// g (points * components, l): loads that come from the stiffness are B^T g; empty: none
+  // NOLINTNEXTLINE(readability-redundant-member-init)
+  Matrix initial_stretch{};
 };
 
 /// A deterministic elastic interface that is assembled into a body instead of being iterated on:

@@ -63,7 +63,7 @@ class FieldBody {
 /// A body with a field in the columns of a run: modes of a chaos, or samples.
 struct FieldColumns {
   std::shared_ptr<const FieldBody> chaos;  ///< null: samples
-  std::vector<Matrix> factors;  ///< of samples, (points, samples) of every stretch of the body
+  std::vector<Matrix> factors;       ///< of samples, (points, samples) of every stretch of the body
   std::shared_ptr<const Body> body;  ///< of a single sample
   LoadResponse response;             ///< its answer to the load patterns
   Matrix extra;                      ///< (n_body, l) forces added to these

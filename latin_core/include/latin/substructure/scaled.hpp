@@ -17,10 +17,11 @@ struct StiffnessFactors {
   Matrix
       forward;  ///< (q, q) orthogonal, of q values: those of a Galerkin matrix; empty: the identity
   /// Of a member with stretches, in place of these: factors > 0, (points, blocks of columns).
-  Matrix field = {};  // NOLINT(readability-redundant-member-init): callers leave it out
+  // NOLINTNEXTLINE(readability-redundant-member-init): callers leave it out
+  Matrix field{};
   /// Or what is added to the factors 1 at its points, projected on the modes that are columns.
-  std::shared_ptr<const stochastic::Coupling> coupling =
-      {};  // NOLINT(readability-redundant-member-init)
+  // NOLINTNEXTLINE(readability-redundant-member-init)
+  std::shared_ptr<const stochastic::Coupling> coupling{};
 };
 
 /// A body whose members have their stiffness multiplied by a factor a, which differs from column to column.
