@@ -421,8 +421,8 @@ class Problem(OneProcess):
         Parameters
         ----------
         laws, values
-            As for :meth:`laws`; values of loads of parts, too (``{"heat.dT": 80.0}``), and of their moduli, which
-            may be random numbers or fields (``{"bar.E": 190e3}``).
+            As for :meth:`laws`; values of loads of parts, too (``{"heat.dT": 80.0}``), and of their moduli,
+            which may be random numbers or fields (``{"bar.E": 190e3}``).
         """
         of_loads = self.load_parameters
         here: dict[str, dict[str, Any]] = {}
@@ -456,8 +456,8 @@ class Problem(OneProcess):
                 )
             if what == "stiffness" and not (random and abs(mean - 1.0) < 1e-9) and mean != 1.0:
                 raise SceneError(
-                    f"with_laws: {key} = {short(value)} has the mean {mean:g}; a factor has the mean 1: change "
-                    f"{name}.E, or the material"
+                    f"with_laws: {key} = {short(value)} has the mean {mean:g}; a factor has the mean 1: "
+                    f"change {name}.E, or the material"
                 )
             if not mean > 0.0:
                 raise SceneError(f"with_laws: {key} = {short(value)}; a stiffness is positive")

@@ -16,6 +16,8 @@ using stochastic::ModeRows;
 constexpr double exact = 1e-12;
 /// Of changes, which are repeated exactly at the end; as single precision leaves of them.
 constexpr double of_changes = 1e-6;
+/// Of what the last solution lacked: the next one starts from what is left here.
+constexpr double of_lacking = 3e-3;
 constexpr int most_steps = 2000;
 
 /// Inner products of the columns of every step, (steps); columns (k, s), s fastest.
@@ -79,9 +81,11 @@ void FieldBody::add_change(const Matrix& unknowns, Matrix& forces) const {
 void FieldBody::iterate(Matrix& left, FieldWork& work, double tolerance) const {
   const Index columns = left.cols();
   Matrix& found = work.unknowns;
+  double of_first = of_lacking * of_lacking;
   if (found.rows() != body_->size() || found.cols() != columns) {
     found = Matrix::Zero(body_->size(), columns);
     work.of_means = Matrix::Zero(body_->size(), columns);
+    of_first = 0.0;  // nothing is known: it may be the only solution
   } else {
     Matrix forces = work.of_means;
     add_change(found, forces);
@@ -91,11 +95,12 @@ void FieldBody::iterate(Matrix& left, FieldWork& work, double tolerance) const {
   Matrix direction = means.solve(left);
   Matrix of_means = left;
   Vector size = products(left, direction, modes());
+  const Vector enough = of_first * size;
   const double square = tolerance * tolerance;
   constexpr double step_of_least_size = 1e-12;
   for (int step = 0; step < most_steps; ++step) {
     Vector wanted = square * products(found, work.of_means, modes());
-    wanted = wanted.cwiseMax(step_of_least_size * wanted.maxCoeff());
+    wanted = wanted.cwiseMax(step_of_least_size * wanted.maxCoeff()).cwiseMax(enough);
     if ((size.array() <= wanted.array()).all() || !(size.maxCoeff() > 0.0)) {
       return;
     }
