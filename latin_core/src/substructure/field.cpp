@@ -59,9 +59,9 @@ Matrix FieldBody::coupled(std::size_t part, const Matrix& stretch) const {
   ModeRows found(stretch.rows(), modes());
   for (Index step = 0; step < steps; ++step) {
     const auto columns = Eigen::seqN(step, modes(), steps);
-    given = stretch(Eigen::all, columns);
+    given = stretch(every, columns);
     couplings_[part]->apply(given, stretches_[part]->components(), found);
-    result(Eigen::all, columns) = found;
+    result(every, columns) = found;
   }
   return result;
 }

@@ -69,8 +69,8 @@ Vector GlobalStage::energies_of_field(std::size_t b, ConstMatrixRef data, ConstM
     const std::shared_ptr<const Body> body = field.sample(means, k);
     const auto columns = Eigen::seqN(k * count, count);
     energies(columns) = body->energies(
-        data(Eigen::all, columns), traces(Eigen::all, columns), forces(Eigen::all, columns),
-        amplitudes(Eigen::all, columns),
+        data(every, columns), traces(every, columns), forces(every, columns),
+        amplitudes(every, columns),
         field.body != nullptr ? field.response : body->response_to_extra(field.extra), work_);
   }
   return energies;
