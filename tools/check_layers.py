@@ -103,6 +103,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "rigid",
         "ranks",
         "substructure",
+        "stretch",
         "places",
         "part_loads",
         "remote",

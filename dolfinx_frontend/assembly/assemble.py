@@ -48,7 +48,7 @@ from dolfinx_frontend.scene.amplitudes import Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Displacement, Elimination, Perfect
 from dolfinx_frontend.scene.scene import Scene
 from dolfinx_frontend.scene.specs import Face, InterfaceSpec, Remote, SubstructureSpec, check_face
-from dolfinx_frontend.scene.values import is_uncertain
+from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
 __all__ = ["assemble"]
 
@@ -201,7 +201,8 @@ def _assemble(scene: Scene, say: Callable[[str], None], comm: Any) -> Problem:
 
 
 def _uncertain_stiffness(spec: SubstructureSpec) -> bool:
-    return is_uncertain(spec.stiffness) or is_uncertain(getattr(spec.material, "factor", 1.0))
+    both = (spec.stiffness, getattr(spec.material, "factor", 1.0))
+    return any(is_uncertain(each) or is_random_field(each) for each in both)
 
 
 def _described(scene: Scene) -> dict[str, object]:

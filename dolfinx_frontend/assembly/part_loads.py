@@ -55,6 +55,16 @@ class PartLoad:
         """Nodal forces (n,) of a number 1 on a part; None: there are none."""
         return self.columns[parameter].get(part)
 
+    def strained(self, part: str, ratio: float) -> PartLoad:
+        """The load where the stiffness of a part is this times what it was: initial stresses follow it."""
+        if part != self.load.part or not self.stresses:
+            return self
+        columns = {
+            parameter: {n: ratio * f if parameter in self.stresses else f for n, f in own.items()}
+            for parameter, own in self.columns.items()
+        }
+        return replace(self, columns=columns, stresses={p: ratio * s for p, s in self.stresses.items()})
+
     def check_sources(self) -> None:
         """Raise SceneError if what its shapes depend on was changed since it was assembled."""
         for each in self.sources:

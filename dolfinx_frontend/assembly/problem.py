@@ -13,6 +13,7 @@ import numpy as np
 from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.part_loads import PartLoad
 from dolfinx_frontend.assembly.ranks import Distribution, PartSummary, agreement, check_alike, exchanged
+from dolfinx_frontend.assembly.stretch import Stretch, check_alone, stretch_of
 from dolfinx_frontend.assembly.substructure import Substructure, summary
 from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import (
@@ -28,7 +29,7 @@ from dolfinx_frontend.common.frozen import OneProcess, ReadOnlyDict, locked
 from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.loads import LoadTerm, Term
-from dolfinx_frontend.scene.values import is_uncertain
+from dolfinx_frontend.scene.values import is_random_field, is_uncertain
 
 __all__ = ["Problem", "check_is_problem"]
 
@@ -259,6 +260,38 @@ class Problem(OneProcess):
         """Part -> random number, with the mean 1, that its stiffness is multiplied with."""
         return ReadOnlyDict({n: s.factor for n, s in self.substructures.items() if is_uncertain(s.factor)})
 
+    @cached_property
+    def fields(self) -> Mapping[str, Any]:
+        """Part -> random field, with the mean 1, that its stiffness is multiplied with."""
+        found = {n: s.factor for n, s in self.substructures.items() if is_random_field(s.factor)}
+        check_alone(list(found.items()))
+        return ReadOnlyDict(found)
+
+    @cached_property
+    def _stretches(self) -> dict[str, Stretch]:
+        return {}
+
+    def stretch(self, part: str) -> Stretch:
+        """The stiffness of a part cell by cell, made when it is first asked for."""
+        if part not in self._stretches:
+            self._stretches[part] = stretch_of(self.substructures[part])
+        return self._stretches[part]
+
+    def initial_stretch(
+        self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
+    ) -> Array:
+        """g (rows,) with :meth:`stiffness_load_on` = B^T g, see :class:`Stretch`."""
+        stretch = self.stretch(part)
+        total: Array = np.zeros(stretch.matrix.shape[0])
+        for each in self.loads.values():
+            for term in each.keys():
+                if term.parameter not in each.stresses or each.load.part != part:
+                    continue
+                if term.amplitude == amplitude and term not in without:
+                    own = stretch.initial(self.substructures[part], each.stresses[term.parameter])
+                    total += each.mean(term.parameter, amplitude) * own
+        return total
+
     def stiffness_load_on(
         self, part: str, amplitude: Amplitude | None = None, without: Container[LoadTerm] = ()
     ) -> Array:
@@ -388,20 +421,61 @@ class Problem(OneProcess):
         Parameters
         ----------
         laws, values
-            As for :meth:`laws`; values of loads of parts, too (``{"heat.dT": 80.0}``).
+            As for :meth:`laws`; values of loads of parts, too (``{"heat.dT": 80.0}``), and of their moduli,
+            which may be random numbers or fields (``{"bar.E": 190e3}``).
         """
         of_loads = self.load_parameters
         here: dict[str, dict[str, Any]] = {}
         rest = None
         if isinstance(values, Mapping):
             rest = {key: value for key, value in values.items() if key not in of_loads}
-            for key in values.keys() - rest.keys():
+            for key in values.keys() & of_loads.keys():
                 name, _, parameter = key.rpartition(".")
                 here.setdefault(name, {})[parameter] = values[key]
+        if rest is not None:
+            moduli = {key: rest.pop(key) for key in list(rest) if key in self.part_parameters}
+            if moduli:
+                return self._with_moduli(moduli).with_laws(laws, {**rest, **_of(values, of_loads)})
         new = self.laws(laws, values if rest is None else rest)
         interfaces = {name: replace(i, law=new[name]) for name, i in self.interfaces.items()}
         loads = {n: each.with_values(here.get(n, {})) for n, each in self.loads.items()}
         return replace(self, interfaces=interfaces, loads=loads)
+
+    def _with_moduli(self, values: Mapping[str, Any]) -> Problem:
+        """The same with other moduli of parts: their matrices, and what comes from them, are scaled."""
+        self.on_one_rank("with_laws with the modulus of a part")
+        parts, loads = dict(self.substructures), dict(self.loads)
+        for key, value in values.items():
+            name, _, what = key.rpartition(".")
+            part = parts[name]
+            random = is_uncertain(value) or is_random_field(value)
+            mean = value.mean if random else value
+            if not random and not is_real(value):
+                raise SceneError(
+                    f"with_laws: {key} = {short(value)}; give a number, a random number or a field"
+                )
+            if what == "stiffness" and not (random and abs(mean - 1.0) < 1e-9) and mean != 1.0:
+                raise SceneError(
+                    f"with_laws: {key} = {short(value)} has the mean {mean:g}; a factor has the mean 1: "
+                    f"change {name}.E, or the material"
+                )
+            if not mean > 0.0:
+                raise SceneError(f"with_laws: {key} = {short(value)}; a stiffness is positive")
+            factor: Any = 1.0
+            if random:
+                factor = value.relative if is_random_field(value) else value / mean
+            if what == "stiffness":
+                parts[name] = replace(part, factor=value)
+                continue
+            ratio = float(mean) / float(part.material.E)
+            matrix = part.stiffness.copy()
+            matrix.scale(ratio)
+            material = replace(part.material, E=float(mean))
+            parts[name] = replace(
+                part, stiffness=matrix, material=material, modulus=ratio * part.modulus, factor=factor
+            )
+            loads = {n: each.strained(name, ratio) for n, each in loads.items()}
+        return replace(self, substructures=parts, loads=loads)
 
     def __repr__(self) -> str:
         lines = [
@@ -429,6 +503,10 @@ class Problem(OneProcess):
                 table.append((name, each.load.part, given))
             lines += [f"  {line}" for line in columns(table, "<<<")]
         return "\n".join(lines)
+
+
+def _of(values: Mapping[str, Any] | None, known: Container[str]) -> dict[str, Any]:
+    return {key: value for key, value in (values or {}).items() if key in known}
 
 
 def check_is_problem(where: str, problem: object) -> None:

@@ -37,7 +37,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude, Varying
 from dolfinx_frontend.scene.materials import LinearElastic, OrthotropicElastic
 from dolfinx_frontend.scene.specs import PartLike, SubstructureSpec
 
-__all__ = ["Sources", "Substructure", "ring"]
+__all__ = ["Sources", "Substructure", "bilinear_of", "ring"]
 
 
 _REMEDY = "after it was assembled: put it back, or assemble the scene again"
@@ -141,7 +141,7 @@ class Substructure(OneProcess):
     sources
         What it was assembled from, and what was in it then; None: not known.
     factor
-        What its stiffness is multiplied with: 1, or random with the mean 1.
+        What its stiffness is multiplied with: 1, or a random number or field with the mean 1.
     """
 
     name: str
@@ -335,6 +335,15 @@ def _integrand(material: Any) -> Callable[[Any, Any], Any]:
 def ring(mesh: dmesh.Mesh) -> Any:
     """2 pi r, UFL: what an integral over the section of a body of revolution is multiplied with."""
     return 2.0 * np.pi * ufl.SpatialCoordinate(mesh)[0]
+
+
+def bilinear_of(part: Substructure, space: Any) -> Any:
+    """The bilinear form of an assembled part on another space."""
+    degree = int(part.space.element.basix_element.degree)
+    spec = SubstructureSpec(
+        part.name, part.part, part.material, degree, None, axisymmetric=part.around
+    )
+    return _bilinear(spec, space)
 
 
 def _bilinear(spec: SubstructureSpec, space: Any) -> Any:

@@ -22,6 +22,7 @@ from dolfinx_frontend.estimate.errors import (
     DIGIT,
     FINEST,
     INTERRUPTED,
+    lost_variance,
     REPLICATES,
     UNKNOWN,
     by_solves,
@@ -215,7 +216,7 @@ def _with_errors(
         made = replace(made, next_halving=halving(made))
     for note in notes if result.problem.rank == 0 else ():
         _log.warning("%s", note)
-    return result.with_notes(found=replace(made, notes=notes))
+    return result.with_notes(found=replace(made, notes=(*lost_variance(result), *notes)))
 
 
 class _Search:

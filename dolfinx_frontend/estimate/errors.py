@@ -223,7 +223,7 @@ def _errors_of_run(
     truncation: Callable[[Any, Resultant | None], ErrorShare] | None = None,
 ) -> Errors:
     """Errors of a run with fields; `truncation` measures that of its chaos, from the tightened run."""
-    made = not_known(result, quantity)
+    made = replace(not_known(result, quantity), notes=lost_variance(result))
     try:
         if result.plan.active:
             tight = result.tightened(max(DIGIT * min(result.plan.options.rtol, result.error), FINEST))
@@ -234,8 +234,18 @@ def _errors_of_run(
             made = replace(made, algebraic=of_direct(result, made.moments), whole=None)
         made = replace(made, discretisation=error_of_meshes(result, quantity))
     except Interrupted:
-        return replace(made, notes=(INTERRUPTED,))
+        return replace(made, notes=(*made.notes, INTERRUPTED))
     return replace(made, next_halving=next_halving(result, made))
+
+
+def lost_variance(result: Result | SampleResult) -> tuple[str, ...]:
+    """What the modes of random fields leave out: it is in no other error."""
+    random = getattr(result, "random", None)  # a deterministic answer has none
+    return tuple(
+        f"random field {name!r}: its modes lose {100.0 * share:.3g} % of its variance, which is in no error "
+        "above"
+        for name, share in (random.lost if random is not None else {}).items()
+    )
 
 
 def of_direct(result: Result, value: MeanStd | None) -> ErrorShare:
@@ -354,9 +364,8 @@ def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Error
     algebraic = ErrorShare(error, error * abs(value.mean), error * (value.std or 0.0), "its estimate")
     made = Errors(algebraic, truncation, None, quantity, value, whole_of(value, rtol))
     seconds = sum(result.seconds.values())
-    return replace(
-        made, next_halving=f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
-    )
+    halving = f"{2 * len(values)} Sobol samples, about {2 * seconds:.2g} s"
+    return replace(made, next_halving=halving, notes=lost_variance(result))
 
 
 def error_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:

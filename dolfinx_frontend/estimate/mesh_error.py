@@ -139,9 +139,9 @@ def discretisation_error(
         raise SceneError(f"discretisation_error: result = {short(result)}; give a result of solve")
     if result.without_recovery is not None:
         raise SceneError(result.without_recovery)
-    if result.plan.scaled:
+    if result.plan.varied:
         raise SceneError(
-            f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.scaled))} is random; "
+            f"discretisation_error: the stiffness of {', '.join(map(repr, result.plan.varied))} is random; "
             "take the result of solve(problem), at the means"
         )
     check_step(result.times, step, "discretisation_error")

@@ -180,11 +180,13 @@ def _body(
     corrected: bool = False,
     scaled: Container[str] = (),
     without: Container[LoadTerm] = (),
+    cellwise: Container[str] = (),
 ) -> Values:
     """A body in the kernel's terms, for :func:`_made_body`; `patterns` are the body under each load pattern.
 
     Stiffnesses that its factors cannot bear are replaced if the answer is to be corrected. `scaled` are parts
-    whose stiffness varies, `without` the loads that have a pattern of their own.
+    whose stiffness varies, `cellwise` those where it does so cell by cell, `without` the loads that have a
+    pattern of their own.
     """
     body = next(iter(patterns.values()))
     members = []
@@ -202,6 +204,14 @@ def _body(
         if name in scaled:
             columns = [_stiffness_load(problem, name, pattern, without) for pattern in patterns]
             members[-1]["of_stiffness"] = _side_by_side(columns)
+        if name in cellwise:
+            stretch = problem.stretch(name)
+            initial = _side_by_side(_initial_stretch(problem, name, each, without) for each in patterns)
+            members[-1] |= {
+                "stretch": stretch.matrix,
+                "stretch_points": len(stretch.weights),
+                "initial_stretch": initial if np.any(initial) else None,
+            }
     springs = []
     for name in body.springs:
         interface = problem.interfaces[name]
@@ -229,6 +239,18 @@ def _stiffness_load(problem: Problem, part: str, pattern: Pattern, without: Cont
     load = problem.loads[pattern.load]
     nodal = load.on(part, pattern.parameter) if pattern.parameter in load.stresses else None
     return np.zeros(problem.substructures[part].size) if nodal is None else nodal
+
+
+def _initial_stretch(
+    problem: Problem, part: str, pattern: Pattern, without: Container[LoadTerm]
+) -> Array:
+    """The same as stretches, see :class:`Stretch`."""
+    if not isinstance(pattern, LoadTerm):
+        return problem.initial_stretch(part, pattern, without)
+    load, stretch = problem.loads[pattern.load], problem.stretch(part)
+    if load.load.part != part or pattern.parameter not in load.stresses:
+        return np.zeros(stretch.matrix.shape[0])
+    return stretch.initial(problem.substructures[part], load.stresses[pattern.parameter])
 
 
 def _made_body(body: Values) -> _core.Body:
@@ -330,7 +352,9 @@ def describe(problem: Problem, plan: Plan, corrected: bool = False) -> Descripti
     scale = _scale(problem, plan)
     reduced = _reduced(own, plan)
     bodies = [
-        _body(own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads)
+        _body(
+            own, patterns, corrected=corrected, scaled=plan.scaled, without=plan.loads, cellwise=plan.fields
+        )
         for patterns in reduced
     ]
     interfaces, found = [], {}

@@ -36,6 +36,7 @@ from dolfinx_frontend.scene.amplitudes import Amplitude, Varying, amplitudes_of,
 from dolfinx_frontend.scene.laws import Elimination
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.scene.values import is_plain, is_zero
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
 from latin_core import Options
 
 __all__ = [
@@ -166,6 +167,8 @@ class Plan:
         Numbers of loads of parts that vary, each with a load pattern of its own, and their means.
     scaled
         Parts whose stiffness varies by a factor.
+    fields
+        Parts with a random field in their stiffness.
     cost
         Predicted operations and bytes; ``result.spent()`` sets them beside what was spent.
     """
@@ -187,6 +190,7 @@ class Plan:
     loads: tuple[LoadTerm, ...] = ()
     load_means: tuple[float, ...] = ()
     scaled: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         locked(self)
@@ -216,6 +220,11 @@ class Plan:
     def fixed_amplitudes(self) -> npt.NDArray[np.float64]:
         """Those of the loads that do not vary, (patterns, columns)."""
         return self.factors() if self.history == "steps" else np.eye(len(self.patterns))
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Parts whose stiffness varies."""
+        return (*self.scaled, *self.fields)
 
     @property
     def load_factors(self) -> npt.NDArray[np.float64]:
@@ -292,7 +301,7 @@ def check_keeps(
             "or "
             "make it for what is random"
         )
-    stiff = [name for name in parts if name not in plan.scaled]
+    stiff = [name for name in parts if name not in plan.varied]
     if stiff:
         raise SceneError(
             f"{where}: the plan has no factor for the stiffness of {', '.join(map(repr, stiff))}, which is "
@@ -363,7 +372,12 @@ def plan_of_random(
     if modes is not None:
         settings |= {"random": random, "columns": modes}
     return make_plan(
-        random.problem, vary=random.interfaces, loads=random.loads, scaled=random.parts, **settings
+        random.problem,
+        vary=random.interfaces,
+        loads=random.loads,
+        scaled=random.scaled,
+        fields=random.fields,
+        **settings,
     )
 
 
@@ -380,6 +394,7 @@ def make_plan(
     times: npt.ArrayLike | None = None,
     loads: Iterable[LoadTerm] = (),
     scaled: Iterable[str] = (),
+    fields: Mapping[str, DiscretisedField] | None = None,
 ) -> Plan:
     """Decide what is modelled.
 
@@ -407,6 +422,8 @@ def make_plan(
         Numbers of loads of parts that vary: each has a load pattern of its own.
     scaled
         Parts whose stiffness varies by a factor: what joins them to others stays active.
+    fields
+        Parts with a random field in their stiffness: what joins them to others may be eliminated.
 
     Raises
     ------
@@ -450,6 +467,8 @@ def make_plan(
                 "they vary: diagonal in the modes of the coupling of a part, no second factorisation",
             )
         )
+    for name, of_part in (fields or {}).items():
+        decisions.append(_of_field(name, of_part, random is not None))
     decisions.append(Decision("iteration", chosen, reason))
     if problem.distribution is not None:
         options = options.with_(newton=0)
@@ -481,6 +500,23 @@ def make_plan(
         varied,
         tuple(sum(n.mean for n in problem.numbers_of(term)) for term in varied),
         factors,
+        tuple(fields or ()),
+    )
+
+
+def _of_field(part: str, source: DiscretisedField, chaos: bool) -> Decision:
+    """What a random field in a part is modelled by, and what it costs."""
+    lost = 100.0 * (1.0 - source.captured)
+    how = (
+        "conjugate gradients over the modes in every global stage, preconditioned by the factor of the means"
+        if chaos
+        else "a sample is one factorisation of the body"
+    )
+    return Decision(
+        f"stiffness of {part}",
+        f"{source.name}: {len(source.eigenvalues)} modes at {len(source.points)} cells, which lose "
+        f"{lost:.3g} % of its variance",
+        f"a random field: {how}",
     )
 
 

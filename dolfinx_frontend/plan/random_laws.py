@@ -59,7 +59,7 @@ class RandomLaws:
     loads
         Numbers of loads of parts that are random -> the random parameters in them.
     parts
-        Parts -> random factor of their stiffness, with the mean 1.
+        Parts -> random factor of their stiffness, with the mean 1, or random field of it on their cells.
     """
 
     problem: Problem
@@ -131,7 +131,10 @@ class RandomLaws:
             if found:
                 loads[term] = tuple(found)
         of_loads = [each for found in loads.values() for each in found]
-        parts = dict(problem.factors)
+        parts: dict[str, Source] = dict(problem.factors)
+        for name, value in problem.fields.items():
+            stretch = problem.stretch(name)
+            parts[name] = value.on(stretch.points, stretch.weights, stretch.dimension)
         space = RandomSpace([*sources.values(), *of_loads, *parts.values()])
         return cls(problem, sources, tuple(dropped), space, loads, parts)
 
@@ -141,8 +144,25 @@ class RandomLaws:
         of_loads = (each for found in self.loads.values() for each in found)
         return [*self.sources.values(), *of_loads, *self.parts.values()]
 
-    def factors(self, part: str, points: Array) -> Array:
-        """What the stiffness of a part is multiplied with at points (N, L) of the germs, (N,).
+    @property
+    def scaled(self) -> list[str]:
+        """Parts whose stiffness has a random factor."""
+        return [name for name in self.parts if name not in self.fields]
+
+    @property
+    def fields(self) -> dict[str, DiscretisedField]:
+        """Parts -> random field of their stiffness, relative to its mean."""
+        return {name: s for name, s in self.parts.items() if isinstance(s, DiscretisedField)}
+
+    @property
+    def lost(self) -> dict[str, float]:
+        """Random fields -> the part of their variance that their modes do not hold."""
+        every = (s for s in (*self.sources.values(), *self.parts.values()) if isinstance(s, DiscretisedField))
+        return {s.name: 1.0 - s.captured for s in every}
+
+    def factors(self, part: str, points: Array, checked: bool = True) -> Array:
+        """What the stiffness of a part is multiplied with at points (N, L) of the germs, (N,); of a field
+        (N, cells).
 
         Raises
         ------
@@ -152,24 +172,30 @@ class RandomLaws:
         source = self.parts.get(part)
         if source is None:
             return np.ones(len(points))
-        values: Array = np.reshape(self.space.values(source, points), -1)
-        if not values.min() > 0.0:
-            worst = int(values.argmin())
+        field = isinstance(source, DiscretisedField)
+        values: Array = np.atleast_2d(self.space.values(source, points))
+        least = values.min(axis=0)
+        if checked and not least.min() > 0.0:
+            worst = int(least.argmin())
             at = ", ".join(
                 f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
             )
             raise SceneError(
-                f"substructure {part!r}: {int((values <= 0.0).sum())} of {len(points)} samples give it a "
-                f"stiffness that is not positive (smallest factor {values.min():.4g}, at the germs {at}): "
-                f"{source!r} is no stiffness at this spread; use one that is positive: LogNormal, Gamma, "
-                "Beta, Uniform or TruncatedNormal"
+                f"substructure {part!r}: {int((least <= 0.0).sum())} of {len(points)} samples give it a "
+                f"stiffness that is not positive (smallest factor {least.min():.4g}, at the germs {at}): "
+                f"{source!r} is no stiffness at this spread; use "
+                + (
+                    "distribution='lognormal' or a smaller cov"
+                    if field
+                    else "one that is positive: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
+                )
             )
-        return values
+        return np.ascontiguousarray(values.T) if field else values.ravel()
 
     def load_values(self, term: LoadTerm, points: Array) -> Array:
         """A number of a load at points (N, L) of the germs, (N,); see :data:`OF_STIFFNESS`."""
         if term.load == OF_STIFFNESS:
-            return self.factors(term.parameter, points)
+            return self.factors(term.parameter, points, checked=False)  # samples were, when they were solved
         total: Array = np.zeros(len(points))
         for each in self.problem.numbers_of(term):
             number = each.number
@@ -180,7 +206,7 @@ class RandomLaws:
     def load_coefficients(self, term: LoadTerm, basis: ChaosBasis) -> Array:
         """Chaos coefficients (P + 1,) of a number of a load; see :data:`OF_STIFFNESS`."""
         if term.load == OF_STIFFNESS:
-            if term.parameter not in self.parts:
+            if term.parameter not in self.scaled:
                 return np.asarray(np.eye(1, len(basis))[0])
             return np.asarray(self.space.coefficients(self.parts[term.parameter], basis)[0])
         total = np.zeros(len(basis))

@@ -161,6 +161,7 @@ class _System:
         self.fixed: list[sp.csr_matrix] = []
         self.mean: list[sp.csr_matrix] = []
         self.products: list[list[tuple[sp.csr_matrix, Array, _Coupling]]] = []
+        self.fields = self._fields()
         for body in self.bodies:
             self._assemble(body)
         self.scaled = [self._scaled(body) for body in self.bodies]
@@ -231,7 +232,14 @@ class _System:
     def _assemble(self, body: Body) -> None:
         """Matrix of the fixed part and of the mean, products of the random springs."""
         fixed = body_matrix(self.problem, dataclasses.replace(body, springs=()))
-        mean, products = fixed, []
+        mean = fixed
+        products: list[tuple[sp.csr_matrix, Array, _Coupling]] = []
+        for m in body.members:
+            if m in self.fields:
+                stretch = self.problem.stretch(m)
+                B = (stretch.matrix @ body.Z[m]).tocsr()
+                fixed = fixed - B.T @ B
+                products.append((B, np.ones(len(stretch.weights)), self.fields[m]))
         for name in body.springs:
             s = self.springs[name]
             i = s.interface
@@ -246,6 +254,11 @@ class _System:
         self.mean.append(mean.tocsr())
         self.products.append(products)
 
+    def _fields(self) -> dict[str, _Coupling]:
+        """Parts -> the product with the random field of their stiffness, relative to the mean."""
+        space = self.random.space
+        return {part: _Coupling(space, s, self.basis, 1.0) for part, s in self.random.fields.items()}
+
     def _factor(self, part: str) -> Array:
         """Galerkin matrix (P + 1, P + 1) of the random factor of a part's stiffness."""
         matrix = self.random.space.galerkin_matrix(self.random.parts[part], self.basis)
@@ -255,7 +268,7 @@ class _System:
         """Z^T K Z of parts with a random factor, and its Galerkin matrix less that of the mean."""
         found = []
         for m in body.members:
-            if m in self.random.parts:
+            if m in self.random.scaled:
                 Z = body.Z[m]
                 K = (Z.T @ self.problem.substructures[m].matrix @ Z).tocsr()
                 found.append((K, self._factor(m) - np.eye(self.columns)))
@@ -267,7 +280,9 @@ class _System:
         for m in body.members:
             offset, load = self.offsets[m], np.zeros_like(self.offsets[m])
             load[:, 0] = body.load[m]
-            if m in self.random.parts:
+            if m in self.fields:
+                self._stretched(m, load)
+            if m in self.random.scaled:
                 self._loads_of_stiffness(m, load)
             for term in self.random.loads:
                 nodal = self.problem.loads[term.load].on(m, term.parameter)
@@ -277,7 +292,7 @@ class _System:
                     load[:, 1:] += np.outer(nodal, self.random.load_coefficients(term, self.basis)[1:])
             if np.any(offset):
                 moved = self.problem.substructures[m].matrix @ offset
-                load -= moved @ self._factor(m) if m in self.random.parts else moved
+                load -= moved @ self._factor(m) if m in self.random.scaled else moved
             for i in self.problem.interfaces.values():
                 if i.sides[0].substructure == m and i.law.prescribes == "force":
                     self._random_force(i, load)
@@ -289,6 +304,28 @@ class _System:
             force = s.force(spring_jump(self.problem, name, self.offsets))
             f -= B.T @ (i.weights[:, None, None] * force).reshape(-1, self.columns)
         return f
+
+    def _stretched(self, part: str, load: Array) -> None:
+        """Replace the forces of initial strains by these times the field, and add what it adds to those of
+        prescribed displacements."""
+        stretch, s = self.problem.stretch(part), self.problem.substructures[part]
+        initial = np.zeros((stretch.matrix.shape[0], self.columns))
+        for each in self.problem.loads.values():
+            for term in each.keys():
+                if each.load.part == part and term.parameter in each.stresses:
+                    own = stretch.initial(s, each.stresses[term.parameter])
+                    initial += np.outer(own, self.random.load_coefficients(term, self.basis))
+                    mean = each.mean(term.parameter, term.amplitude)
+                    load[:, 0] -= mean * each.columns[term.parameter][part]
+        load += stretch.matrix.T @ self._times_field(part, initial)
+        moved = stretch.matrix @ self.offsets[part]
+        load -= stretch.matrix.T @ (self._times_field(part, moved) - moved)
+
+    def _times_field(self, part: str, stretches: Array) -> Array:
+        shaped = np.ascontiguousarray(stretches.reshape(-1, 1, self.columns))
+        components = self.problem.stretch(part).components
+        found = self.fields[part](shaped.reshape(-1, components, self.columns))
+        return found.reshape(stretches.shape)
 
     def _loads_of_stiffness(self, part: str, load: Array) -> None:
         """Replace the means of initial strains by these times the random factor of the stiffness."""
@@ -380,7 +417,12 @@ class _System:
                         f"interface {name!r}, {parameter} stiffness {source.name!r}: smallest "
                         f"eigenvalue {product.smallest:.4g} of its Galerkin matrix"
                     )
-        for part in self.random.parts:
+        for part, product in self.fields.items():
+            if self.random.fields[part].affine and product.smallest <= 0.0:
+                bad.append(
+                    f"substructure {part!r}: smallest eigenvalue {product.smallest:.4g} of its random field"
+                )
+        for part in self.random.scaled:
             smallest = float(np.linalg.eigvalsh(self._factor(part))[0])
             if smallest <= 0.0:
                 bad.append(f"substructure {part!r}: smallest eigenvalue {smallest:.4g} of its factor")
@@ -537,6 +579,7 @@ def ssfem(
         least = min((float(np.linalg.eigvalsh(f)[0]) for f in factors), default=1.0)
         if least <= 0.0:
             raise system.indefinite()
+        products += [p for part, p in system.fields.items() if system.random.fields[part].affine]
         if not all(p.definite for p in products):
             if _smallest(system, precondition, 1e-3) <= 0.0:
                 raise system.indefinite()

@@ -33,10 +33,12 @@ def swept_loads(plan: Plan, values: Mapping[LoadTerm, Array]) -> list[SweptParam
 
 
 def stiffness_factors(values: Mapping[str, Array]) -> list[SweptParameter]:
-    """Factors (N,) of the stiffness of parts at all points, as the kernel takes them."""
-    return [
-        SweptParameter(part, STIFFNESS, np.ones((1, 1)), each[None, :], 1) for part, each in values.items()
-    ]
+    """Factors (N,) or (N, cells) of the stiffness of parts at all points, as the kernel takes them."""
+    found = []
+    for part, each in values.items():
+        factors = each.reshape(len(each), -1).T
+        found.append(SweptParameter(part, STIFFNESS, np.ones((1, len(factors))), factors, 1))
+    return found
 
 
 def factors_of(parameters: Sequence[SweptParameter], points: slice) -> dict[str, tuple[Array, None]]:

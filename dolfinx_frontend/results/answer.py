@@ -181,7 +181,7 @@ class Block:
         return self._load(load, parameter)
 
     def factor(self, part: str) -> Array:
-        """What the stiffness of a part is multiplied with, (n,) or (1,)."""
+        """What the stiffness of a part is multiplied with, (n,) or (1,); a random field (n, cells)."""
         return np.ones(1) if self._load is None else self._load(OF_STIFFNESS, part)
 
     def contact(self, interface: str) -> ContactValues | None:

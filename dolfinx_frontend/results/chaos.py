@@ -338,10 +338,20 @@ class ChaosResult(Result, StochasticResult):
 
     def stiffness_modes(self, part: str) -> Array | None:
         """Galerkin matrix (P + 1, P + 1) of the random factor of a part's stiffness; None: there is none."""
-        if part not in self.random.parts:
+        if part not in self.random.scaled:
             return None
         matrix = self.random.space.galerkin_matrix(self.random.parts[part], self.basis)
         return np.asarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+
+    def stiffness_coupling(self, part: str) -> stochastic.Coupling | None:
+        """What a random field adds to 1 in the factors of the cells of a part, on the modes; None: none."""
+        source = self.random.fields.get(part)
+        if source is None:
+            return None
+        coefficients, indices = self.random.space.expansion(source, self.basis)
+        change = np.array(coefficients)
+        change[:, indices.find([0] * self.random.space.dimension)] -= 1.0
+        return stochastic.Coupling(self.basis, change, indices)
 
     def load_number(self, load: str, parameter: str) -> Array:
         """Mean ([T]) of what a shape of a load of a part is multiplied with."""

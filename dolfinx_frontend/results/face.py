@@ -301,7 +301,11 @@ class Face(ABC):
 
     def _factored(self, part: str) -> bool:
         """Whether the stiffness of a part varies in this answer."""
-        return part in getattr(self.plan, "scaled", ())
+        return part in getattr(self.plan, "varied", ())
+
+    def stiffness_coupling(self, part: str) -> Any:
+        """What a random field multiplies modes with in the cells of a part; None: no modes, or no field."""
+        return None
 
     def stiffness_modes(self, part: str) -> Array | None:
         """Matrix (P + 1, P + 1) by which the factor of a stiffness multiplies modes; None: no modes."""
@@ -320,7 +324,24 @@ class Face(ABC):
             return np.array(at(numbers).x.array)
 
         mean, deviation = at([0.0] * len(loads)).copy(), at([0.0] * len(loads)).copy()
-        by = self.stiffness_modes(part)
+        by, coupling = self.stiffness_modes(part), self.stiffness_coupling(part)
+        nodes = np.asarray(mean.function_space.dofmap.list, dtype=np.int64)
+        block_size = mean.function_space.dofmap.index_map_bs
+        of_cells = (block_size * nodes[:, :, None] + np.arange(block_size)).reshape(len(nodes), -1)
+        if coupling is not None:
+
+            def of_modes(mean: Array, spread: Sequence[Array]) -> list[Array]:
+                return [stepped(each, self.times)[step] for each in (mean, *spread)]
+
+            numbers_of = [of_modes(self.load_number(a, b), self.load_spread(a, b)) for a, b, _ in loads]
+            unknowns = of_modes(self.unknowns(part), self.spread(part))
+            modes = np.array([stress(u, [float(e[k]) for e in numbers_of]) for k, u in enumerate(unknowns)])
+            each_cell = modes[:, of_cells].reshape(len(modes), -1).T
+            change = coupling.apply(np.ascontiguousarray(each_cell), of_cells.shape[1])
+            total = (each_cell + change).reshape(*of_cells.shape, -1)
+            mean.x.array[of_cells] = total[..., 0]
+            deviation.x.array[of_cells] = np.sqrt(np.sum(total[..., 1:] ** 2, axis=-1))
+            return mean, deviation
         if by is not None:
 
             def now(mean: Array, spread: Sequence[Array]) -> Array:
@@ -337,7 +358,13 @@ class Face(ABC):
         sums = Accumulator()
         for block in [self.shown()] if self.statistics == "grid" else self.moment_blocks():
             fields = stepped(block.displacement(part), self.times, 1)[:, step]
-            factors = np.broadcast_to(block.factor(part), (len(fields),))
+            factors = block.factor(part)
+            if factors.ndim > 1:
+                every_one = np.empty((len(factors), len(mean.x.array)))
+                every_one[:, of_cells] = factors[:, :, None]
+                factors = np.broadcast_to(every_one, (len(fields), every_one.shape[1]))
+            else:
+                factors = np.broadcast_to(factors, (len(fields),))
             sampled = [stepped(block.load(load, p), self.times, 1)[:, step] for load, p, _ in loads]
             each_row = [np.broadcast_to(each, (len(fields),)) for each in sampled]
             rows: Array = np.reshape(each_row, (len(loads), len(fields))).T

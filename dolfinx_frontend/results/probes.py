@@ -128,7 +128,8 @@ class AtPoint:
             number = block.load(load, parameter)
             number = number[:, self.step] if steps else number
             stress = stress - np.broadcast_to(number, (len(u),))[:, None] * initial
-        stress = block.factor(self.part)[:, None] * stress
+        factor = block.factor(self.part)
+        stress = (factor[:, None] if factor.ndim == 1 else factor[:, [self._place.cell]]) * stress
         n = round(stress.shape[1] ** 0.5)
         tensor = stress.reshape(-1, n, n)
         if self.component == "mises":

@@ -13,6 +13,8 @@ import numpy as np
 
 from dolfinx_frontend.assembly.elements import csr
 from dolfinx_frontend.assembly.interface import Interface
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.substructure import Substructure
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.results.answer import Answer, Block, stepped
 from dolfinx_frontend.scene.laws import Law
@@ -130,6 +132,27 @@ def reaction(answer: Answer, name: str) -> Reaction | None:
     return None
 
 
+def _cellwise(
+    problem: Problem, part: Substructure, rows: Ints, columns: Ints, strained: Sequence[tuple[str, str]]
+) -> Callable[[Array, Array, Sequence[Array]], Array]:
+    """Nodal forces (n, T, rows) of a part with a field, of unknowns, its factors, and numbers of strains."""
+    stretch = problem.stretch(part.name)
+    left = stretch.matrix.tocsc()[:, rows].tocsr()
+    touched = np.flatnonzero(np.diff(left.indptr))
+    left, right = left[touched], stretch.matrix[touched][:, columns]
+    initial = [stretch.initial(part, problem.loads[a].stresses[b])[touched] for a, b in strained]
+
+    def forces(u: Array, factors: Array, numbers: Sequence[Array]) -> Array:
+        moved = (right @ u.reshape(-1, u.shape[-1]).T).T.reshape(*u.shape[:2], -1)
+        for number, each in zip(numbers, initial, strict=True):
+            moved = moved - number[..., None] * each
+        moved = factors[:, touched // stretch.components][:, None] * moved
+        out: Array = (left.T @ moved.reshape(-1, len(touched)).T).T.reshape(*moved.shape[:2], -1)
+        return out
+
+    return forces
+
+
 def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callable[[Block], Array]:
     """Forces (n, T, nodes, d) that balance the nodes of a side, besides loads and forces that are known."""
     problem, times = answer.problem, answer.times
@@ -164,16 +187,24 @@ def _residual(answer: Answer, name: str, number: int, away: list[int]) -> Callab
             if each.substructure == part.name and (trace := csr(each.trace).tocsc()[:, rows]).nnz:
                 acting.append((sign, answer.surface(other), trace.T.tocsr()))
 
+    strained = [(name, parameter) for name, parameter, _, of_strain in of_loads if of_strain]
+    cellwise = _cellwise(problem, part, rows, columns, strained) if part.name in problem.fields else None
+
     def forces(block: Block) -> Array:
         u = stepped(block.displacement(part.name, columns), times, 1)
         total = (matrix @ u.reshape(-1, len(columns)).T).T.reshape(*u.shape[:2], -1)
         # loads that come from the stiffness change with it
         for of_stiffness in (True, False):
-            for name, parameter, nodal, strained in of_loads:
-                if strained is of_stiffness:
+            for name, parameter, nodal, of_strain in of_loads:
+                if of_strain is of_stiffness:
                     total = total - stepped(block.load(name, parameter), times, 1)[..., None] * nodal
             if of_stiffness:
-                total = block.factor(part.name)[:, None, None] * total - load
+                factor = block.factor(part.name)
+                if cellwise is not None and factor.ndim > 1:
+                    numbers = [stepped(block.load(*each), times, 1) for each in strained]
+                    total = cellwise(u, factor, numbers) - load
+                else:
+                    total = factor[:, None, None] * total - load
         out: Array = total.reshape(*u.shape[:2], -1, d)
         for sign, surface, trace in acting:
             given = answer.load(surface.name)

@@ -175,7 +175,7 @@ def _alike(values: list[Array]) -> Array:
 
 def _beside(answer: Any, name: str) -> bool:
     """Whether the stress of a part depends on more than its displacement and its material."""
-    return bool(answer.problem.initial_stresses(name)) or name in answer.plan.scaled
+    return bool(answer.problem.initial_stresses(name)) or name in answer.plan.varied
 
 
 def _part_tree(answer: Any, name: str) -> Tree:

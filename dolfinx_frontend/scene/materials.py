@@ -22,7 +22,7 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Amplitude, Combination, Varying
-from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
+from dolfinx_frontend.scene.values import Parameter, is_random_field, is_plain, is_uncertain
 
 __all__ = [
     "LinearElastic",
@@ -90,8 +90,8 @@ class LinearElastic:
     Parameters
     ----------
     E
-        Young's modulus, force / area: a number > 0, a UFL expression, or a random number: then the stiffness
-        of the part is random, see ``stiffness`` of :meth:`Scene.substructure`.
+        Young's modulus, force / area: a number > 0, a UFL expression, or a random number or field: then the
+        stiffness of the part is random, see ``stiffness`` of :meth:`Scene.substructure`.
     nu
         Poisson's ratio: a number in (-1, 1/2) or a UFL expression.
     plane
@@ -108,13 +108,14 @@ class LinearElastic:
 
     def __post_init__(self) -> None:
         _check_plane("LinearElastic", self.plane)
-        if is_uncertain(self.E):
+        varies = is_uncertain(self.E) or is_random_field(self.E)
+        if varies:
             if not self.E.mean > 0.0:
                 raise SceneError(
                     f"LinearElastic: E = {short(self.E)} has the mean {self.E.mean:g}; Young's modulus is "
                     "positive"
                 )
-        for name in ("nu",) if is_uncertain(self.E) else ("E", "nu"):
+        for name in ("nu",) if varies else ("E", "nu"):
             _check_known("LinearElastic", name, getattr(self, name))
             if not is_real(getattr(self, name)) and not isinstance(getattr(self, name), ufl.core.expr.Expr):
                 raise SceneError(
@@ -135,12 +136,14 @@ class LinearElastic:
     @property
     def factor(self) -> Any:
         """What the stiffness with E at its mean is multiplied with: 1, or random."""
+        if is_random_field(self.E):
+            return self.E.relative
         return self.E / self.E.mean if is_uncertain(self.E) else 1.0
 
     @property
     def nominal(self) -> LinearElastic:
         """The material with E at its mean."""
-        return replace(self, E=self.E.mean) if is_uncertain(self.E) else self
+        return replace(self, E=self.E.mean) if is_uncertain(self.E) or is_random_field(self.E) else self
 
     def check(self, dim: int) -> None:
         """Whether the material fits a part of `dim` dimensions.

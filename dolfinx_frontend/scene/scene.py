@@ -64,7 +64,7 @@ from dolfinx_frontend.scene.specs import (
     SubstructureSpec,
     check_face,
 )
-from dolfinx_frontend.scene.values import Value, is_uncertain
+from dolfinx_frontend.scene.values import Value, is_random_field, is_uncertain
 
 __all__ = ["Scene"]
 
@@ -149,7 +149,8 @@ class Scene:
         rank
             MPI rank that owns the part; None: a share of equal cost.
         stiffness
-            What its whole stiffness is multiplied with: 1, or a positive random number with the mean 1. Loads
+            What its whole stiffness is multiplied with: 1, or a positive random number with the mean 1, or a
+            :class:`RandomField` with the mean 1, which has one value in each cell. Loads
             that come from the stiffness, as thermal ones, are multiplied as well. The E of
             :class:`LinearElastic` may be random instead.
 
@@ -169,7 +170,7 @@ class Scene:
         spec = SubstructureSpec(
             name, part, material, degree, body_force, rank, self.axisymmetric, stiffness
         )
-        if is_uncertain(stiffness):
+        if is_uncertain(stiffness) or is_random_field(stiffness):
             if abs(stiffness.mean - 1.0) > 1e-9:
                 raise SceneError(
                     f"{where}: stiffness = {short(stiffness)} has the mean {stiffness.mean:g}: a factor of a "

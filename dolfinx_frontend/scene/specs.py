@@ -16,7 +16,7 @@ from dolfinx_frontend.common.frozen import frozen
 from dolfinx_frontend.scene.amplitudes import Varying
 from dolfinx_frontend.scene.laws import Law
 from dolfinx_frontend.scene.materials import Material
-from dolfinx_frontend.scene.values import Parameter, is_plain, is_uncertain
+from dolfinx_frontend.scene.values import Parameter, is_random_field, is_plain, is_uncertain
 
 __all__ = [
     "CELLS",
@@ -138,8 +138,8 @@ class SubstructureSpec:
         if spec.part.mesh.comm.size != 1:
             raise SceneError(f"{where}: its mesh is spread over processes; make it on COMM_SELF")
         factor = getattr(spec.material, "factor", 1.0)
-        if is_uncertain(factor):
-            if is_uncertain(spec.stiffness):
+        if is_uncertain(factor) or is_random_field(factor):
+            if is_uncertain(spec.stiffness) or is_random_field(spec.stiffness):
                 raise SceneError(
                     f"{where}: E and stiffness = {short(spec.stiffness)} are both random: give one, their "
                     "product as an expression"

@@ -19,7 +19,16 @@ from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.scene.amplitudes import Combination, Varying
 
-__all__ = ["Parameter", "Value", "evaluate", "is_plain", "is_uncertain", "is_zero", "number"]
+__all__ = [
+    "Parameter",
+    "Value",
+    "evaluate",
+    "is_plain",
+    "is_random_field",
+    "is_uncertain",
+    "is_zero",
+    "number",
+]
 
 
 @runtime_checkable
@@ -46,6 +55,11 @@ def is_plain(value: object) -> bool:
 def is_uncertain(value: object) -> bool:
     """Whether a value is a random number, or an expression of some."""
     return not is_plain(value) and isinstance(value, Parameter) and hasattr(value, "leaves")
+
+
+def is_random_field(value: object) -> bool:
+    """Whether a value is a random field."""
+    return not is_plain(value) and isinstance(value, Parameter) and hasattr(value, "relative")
 
 
 def number(value: object) -> float | None:

@@ -153,9 +153,9 @@ def export(
         kind = "deterministic" if plan.times is None else "history"
         more["face"] = {"about": {"kind": kind, "statistics": "value"}}
     _check_laws(problem, plan)
-    if plan.scaled:
+    if plan.varied:
         raise SceneError(
-            f"export: the stiffness of {', '.join(map(repr, plan.scaled))} varies, which latin_run does not "
+            f"export: the stiffness of {', '.join(map(repr, plan.varied))} varies, which latin_run does not "
             "take: solve it here"
         )
     if chaos is not None:

@@ -64,6 +64,7 @@ __all__ = [
     "Prepared",
     "TruncationWarning",
     "carry_on",
+    "fields_of_parts",
     "galerkin",
     "planned",
     "prepared",
@@ -141,12 +142,51 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
 def stiffness_of_parts(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[str, Galerkin]:
     """Galerkin matrices of the random factors of the stiffness of parts, by part."""
     found = {}
-    for part, source in random.parts.items():
+    for part in random.scaled:
+        source = random.parts[part]
         coefficients, indices = random.space.expansion(source, basis)
         matrix = stochastic.galerkin_matrix(basis, coefficients[0], indices)
         transform = stochastic.galerkin_transform(matrix)
         forward = np.asfortranarray(transform.forward)
         found[part] = Galerkin("", part, source, [forward], np.array([transform.values]))
+    return found
+
+
+def fields_of_parts(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[str, stochastic.Coupling]:
+    """What random fields add to the stiffness of parts at their means, projected on the modes, by part.
+
+    Raises
+    ------
+    IndefiniteError
+        A normal field of which the projected stiffness of a cell is not positive definite.
+    """
+    found = {}
+    for part, source in random.fields.items():
+        coefficients, indices = random.space.expansion(source, basis)
+        change = np.array(coefficients)
+        change[:, indices.find([0] * random.space.dimension)] -= 1.0
+        found[part] = stochastic.Coupling(basis, change, indices)
+        if not source.affine:
+            continue  # it is positive, and so is its projection
+        spread = source.field.deviation * np.linalg.norm(source.shapes, axis=1)
+        worst = int(spread.argmax())
+        least = 1.0 + float(np.linalg.eigvalsh(found[part].matrix(worst))[0])
+        where = (
+            f"substructure {part!r}, random field {source.name!r} of its stiffness: with the standard "
+            f"deviation {spread[worst]:.4g} of its mean at {np.round(source.points[worst], 6).tolist()} its "
+            "Galerkin matrix"
+        )
+        remedy = "distribution='lognormal' stays positive at every order"
+        if least <= 0.0:
+            raise IndefiniteError(
+                f"{where} is indefinite, smallest eigenvalue {least:.4g} for a mean of 1; {remedy}; or take "
+                "a smaller cov, or a lower order"
+            )
+        if least < NEAR:
+            warn(
+                f"{where} is nearly indefinite, smallest eigenvalue {least:.4g} for a mean of 1; {remedy}",
+                NearlyIndefiniteWarning,
+            )
     return found
 
 
@@ -341,14 +381,14 @@ class Changes:
     columns
         Interface -> groups of components in other columns, as the kernel takes them.
     stiffness
-        Part -> factors of its stiffness, and the matrix that leads to their columns.
+        Part -> factors of its stiffness, and the matrix that leads to their columns; or what a field adds.
     """
 
     steps: int
     modes: int
     parameters: dict[str, dict[str, Array]]
     columns: dict[str, list[dict[str, Any]]]
-    stiffness: dict[str, tuple[Array, Array]] = field(default_factory=dict)
+    stiffness: dict[str, tuple[Array, Array] | stochastic.Coupling] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -359,6 +399,7 @@ class Changes:
         collocations: Mapping[str, Collocation],
         plan: Plan,
         parts: Mapping[str, Galerkin],
+        inside: Mapping[str, stochastic.Coupling],
     ) -> Changes:
         """Those of the active interfaces on this rank; `collocations` of the nonlinear ones."""
         steps = plan.amplitudes.shape[1]
@@ -374,8 +415,8 @@ class Changes:
                 columns[name] = [each.kernel() for each in groups]
             else:
                 parameters[name] = _linear_parameters(random, basis, name, plan, steps)
-        stiffness = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
-        return cls(steps, len(basis), parameters, columns, stiffness)
+        factors = {part: (each.values[0], each.forward[0]) for part, each in parts.items()}
+        return cls(steps, len(basis), parameters, columns, {**factors, **inside})
 
     def applied(self, laws: Laws) -> Laws:
         """The laws with the changes."""
@@ -495,7 +536,8 @@ def prepared(problem: Problem, wanted: Planned, indefinite: Literal["refuse", "p
     matrices = galerkin(random, basis)
     parts = stiffness_of_parts(random, basis)
     proven = _guard(problem, random, basis, matrices, indefinite, parts)
-    changes = Changes.of(random, basis, matrices, collocations, plan, parts)
+    fields = fields_of_parts(random, basis)
+    changes = Changes.of(random, basis, matrices, collocations, plan, parts, fields)
     return Prepared(plan, collocations, proven, changes)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -105,9 +105,10 @@ def karhunen_loeve(
         The correlation has a kink at distance 0 (exponential).  Then the diagonal holds an average
         over a piece of the cell of a point, which takes away the leading error: for a lattice of
         points and a distance |x - y| it is the regularised lattice sum of the distance, -1/6 in one
-        dimension and -0.228824 in two (B. Wu, P.-G. Martinsson, Adv. Comput. Math. 47 (2021) 45).
+        dimension and -0.228824 in two (B. Wu, P.-G. Martinsson, Adv. Comput. Math. 47 (2021) 45), and
+        -0.266596 in three (Epstein's zeta function of the cubic lattice at -1).
     cell_dimension
-        1 if weights are lengths, 2 if they are areas; default: d - 1, at least 1.
+        1 if weights are lengths, 2 if they are areas, 3 if volumes; default: d - 1, at least 1.
 
     Returns
     -------
@@ -122,8 +123,9 @@ def karhunen_loeve(
     if kink:
         nodes, gauss = np.polynomial.legendre.leggauss(12)
         t = 0.5 * (nodes + 1.0)
-        # the mean distance in the piece is radius / 2 on a line, 2 radius / 3 in a disc
-        radius = w / 3.0 if dimension == 1 else 1.5 * 0.228824 * np.sqrt(w)
+        # the mean distance in the piece is radius / 2 on a line, 2 / 3 of it in a disc, 3 / 4 in a ball
+        mean = (1.0 / 6.0, 0.228824, 0.266596)[dimension - 1]
+        radius = (dimension + 1) / dimension * mean * w ** (1.0 / dimension)
         density = 0.5 * gauss * dimension * t ** (dimension - 1)
         diagonal = correlation(radius[:, None] * t) @ density
 
@@ -292,8 +294,25 @@ class RandomField:
         """Standard deviation."""
         return deviation(f"RandomField {self.name!r}", self.mean, self.cov, self.std)
 
-    def on(self, points: npt.ArrayLike, weights: npt.ArrayLike) -> DiscretisedField:
-        """The field on interface points (m, d) with weights (m,) > 0.
+    @property
+    def relative(self) -> RandomField:
+        """The field divided by its mean.
+
+        Raises
+        ------
+        SceneError
+            The mean is not positive.
+        """
+        if not self.mean > 0.0:
+            raise SceneError(
+                f"RandomField {self.name!r}: mean = {self.mean:g}; a stiffness has a positive mean"
+            )
+        return replace(self, mean=1.0, std=None, cov=self.deviation / self.mean)
+
+    def on(
+        self, points: npt.ArrayLike, weights: npt.ArrayLike, cell_dimension: int | None = None
+    ) -> DiscretisedField:
+        """The field on points (m, d) with weights (m,) > 0, areas of an interface if nothing is said.
 
         A field that lives on several interfaces is discretised once, on all their points together.
 
@@ -320,7 +339,7 @@ class RandomField:
             )
         correlation, kink = _correlation(where, self.covariance, self.nu)
         # cells in the scaled coordinates; with one length per axis their size is only estimated
-        cell_dimension = max(1, x.shape[1] - 1)
+        cell_dimension = cell_dimension or max(1, x.shape[1] - 1)
         typical = math.exp(float(np.log(lengths).mean()))
         scale = typical**cell_dimension
         try:
@@ -331,6 +350,7 @@ class RandomField:
                 variance_captured=self.variance_captured,
                 modes=self.modes,
                 kink=kink,
+                cell_dimension=cell_dimension,
             )
         except NoModesError as error:
             raise SceneError(f"{where}: {error}") from error

@@ -32,6 +32,13 @@ offset
     u0 (n, loads), length; None: zero.
 of_stiffness
     The part of `load` that comes from the stiffness and changes with it (initial strains), (n, loads); None: none.
+stretch
+    B (points * components, n) with B^T B = K, whose rows at each of `stretch_points` points may have a factor (a
+    random field); None: none.
+stretch_points
+    Their number; 0: none.
+initial_stretch
+    g (points * components, loads): the part of `load` that comes from the stiffness is B^T g; None: none.
 )doc";
 
 constexpr const char* spring_doc =
@@ -152,7 +159,8 @@ InterfaceDescription make_interface(const std::string& name, py::handle law, py:
 void bind_descriptions(py::module_& m) {
   py::class_<Member>(m, "Member", member_doc)
       .def(py::init([](const std::string& name, py::handle stiffness, py::handle load,
-                       py::handle prolongation, py::handle offset, py::handle of_stiffness) {
+                       py::handle prolongation, py::handle offset, py::handle of_stiffness,
+                       py::handle stretch, py::handle stretch_points, py::handle initial) {
              const std::string who = "substructure '" + name + "': ";
              return Member{
                  name,
@@ -162,10 +170,15 @@ void bind_descriptions(py::module_& m) {
                  to_finite_matrix(load, who + "load"),
                  offset.is_none() ? latin::Matrix() : to_finite_matrix(offset, who + "offset"),
                  of_stiffness.is_none() ? latin::Matrix()
-                                        : to_finite_matrix(of_stiffness, who + "of_stiffness")};
+                                        : to_finite_matrix(of_stiffness, who + "of_stiffness"),
+                 stretch.is_none() ? latin::SparseRows() : to_sparse(stretch, who + "stretch"),
+                 to_index(stretch_points, who + "stretch_points"),
+                 initial.is_none() ? latin::Matrix()
+                                   : to_finite_matrix(initial, who + "initial_stretch")};
            }),
            py::kw_only(), "name"_a, "stiffness"_a, "load"_a, "prolongation"_a = py::none(),
-           "offset"_a = py::none(), "of_stiffness"_a = py::none())
+           "offset"_a = py::none(), "of_stiffness"_a = py::none(), "stretch"_a = py::none(),
+           "stretch_points"_a = 0, "initial_stretch"_a = py::none())
       .def("__repr__", [](const Member& m) {
         return "Member(" + m.name + ", " + std::to_string(m.load.rows()) + " unknowns, " +
                std::to_string(m.load.cols()) + " loads)";

@@ -244,12 +244,18 @@ Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameter
   if (!stiffness.is_none()) {
     for (const auto& [name, given] : to_entries(stiffness, "stiffness")) {
       const std::string where = "stiffness['" + name + "']";
+      if (py::hasattr(given, "_native")) {  // as latin_core.stochastic has it
+        const py::object native = given.attr("_native");
+        factors[name].coupling = py::cast<std::shared_ptr<latin::stochastic::Coupling>>(native);
+        continue;
+      }
       const std::vector<py::object> both = to_items(given, where);
       if (both.size() != 2) {
         throw latin::InputError(where + ": give (values, forward)");
       }
       auto& own = factors[name];
-      own.values = to_matrix(both[0], where + ": values").reshaped();
+      own.field = to_matrix(both[0], where + ": values");
+      own.values = own.field.reshaped();
       if (!both[1].is_none()) {
         own.forward = to_matrix(both[1], where + ": forward");
       }
@@ -268,8 +274,7 @@ Laws changed(Laws laws, py::handle steps, py::handle modes, py::handle parameter
   for (auto& [name, group] : groups) {
     laws = laws.with_columns(name, std::move(group));
   }
-  laws = laws.with_stiffness(factors);
-  return keeps_loads ? laws : laws.with_extra_loads(loads);
+  return (keeps_loads ? laws : laws.with_extra_loads(loads)).with_stiffness(factors);
 }
 
 /// @throws InputError if the laws are those of another structure

@@ -169,6 +169,35 @@ def test_sweeps_over_moduli() -> None:
     assert last == pytest.approx(2 * FORCE / AREA, rel=1e-6)
 
 
+def test_moduli_of_an_assembled_problem() -> None:
+    """As assembled with them: loads of temperatures and stresses, too; numbers, random ones, and fields."""
+
+    def warm(first: Any, second: Any) -> lf.Problem:
+        scene = bars(first, second, held=True)
+        scene.temperature("a", 100.0, name="heat")
+        return lf.assemble(scene)
+
+    old = warm(1e3, 2e3)
+    values = {"a.E": 3e3, "b.E": 500.0, "heat.dT": 50.0}
+    new, fresh = old.with_laws(values=values), warm(3e3, 500.0).with_laws(values={"heat.dT": 50.0})
+    found, expected = lf.solve(new, options=TIGHT), lf.solve(fresh, options=TIGHT)
+    assert found.unknowns("b") == pytest.approx(expected.unknowns("b"), rel=1e-9)
+    assert found.stress("a").x.array == pytest.approx(expected.stress("a").x.array, rel=1e-8, abs=1e-9)
+    swept = lf.sweep(old, {"a.E": [3e3], "b.E": [500.0], "heat.dT": [50.0]}, options=TIGHT, keep_states=True)
+    assert next(swept.blocks()).displacement("b")[0] == pytest.approx(found.unknowns("b"), rel=1e-7)
+    chaos = lf.solve(old.with_laws(values={"a.E": E1, "b.stiffness": E2 / 2e3}), chaos=2, options=TIGHT)
+    assert chaos.unknowns("b") == pytest.approx(
+        lf.solve(warm(E1, E2), chaos=2, options=TIGHT).unknowns("b"), rel=1e-7
+    )
+    field = lf.RandomField("F", 1e3, cov=0.2, length=3.0, modes=2, distribution="lognormal")
+    assert lf.solve(old.with_laws(values={"a.E": field}), chaos=1).plan.fields == ("a",)
+    for value, text in ((-1.0, "stiffness is positive"), ("x", "give a number")):
+        with pytest.raises(lf.SceneError, match=f"a.E = .*{text}"):
+            old.with_laws(values={"a.E": value})
+    with pytest.raises(lf.SceneError, match="a factor has the mean 1: change a.E"):
+        old.with_laws(values={"a.stiffness": 2.0})
+
+
 def test_histories() -> None:
     ramp = lf.Amplitude([0, 1, 2], [0, 1, 0.5])
     for law in (lf.Perfect(), lf.Contact()):

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from latin_core.options import Options
+from latin_core.stochastic import Coupling
 from latin_core.sweep import SweptParameter
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -56,6 +57,9 @@ class Member:
         prolongation: Sparse | None = None,  # (n, unknowns of the body); None: the identity
         offset: npt.ArrayLike | None = None,  # (n, loads), length
         of_stiffness: npt.ArrayLike | None = None,  # (n, loads), force: of `load`, what comes from the stiffness
+        stretch: Sparse | None = None,  # B (points * components, n), B^T B = K
+        stretch_points: int = 0,
+        initial_stretch: npt.ArrayLike | None = None,  # g (points * components, loads)
     ) -> None: ...
 
 class Spring:
@@ -190,7 +194,7 @@ class Laws:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int | None = None,
-        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | Coupling] | None = None,
     ) -> Laws: ...
 
 class Structure:
@@ -233,7 +237,7 @@ class Structure:
         columns: Mapping[str, Sequence[LawColumns]] | None = None,
         extra_loads: Mapping[str, npt.ArrayLike] | None = None,
         modes: int = 1,
-        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None]] | None = None,
+        stiffness: Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike | None] | Coupling] | None = None,
     ) -> Laws: ...
     def solve(
         self,

@@ -394,7 +394,7 @@ void Run::add_rounding_of_bodies() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
     const double bound = std::min(bodies[b].rounding(), options_.rtol);
-    const bool as_built = stages_.laws().scaled(b) == nullptr;
+    const bool as_built = stages_.laws().scaled(b) == nullptr && stages_.laws().field(b) == nullptr;
     if (as_built && bodies[b].measurable() && bound > errors.maxCoeff()) {
       measured.push_back(b);
     } else {

@@ -347,16 +347,18 @@ class Sweep {
     }
     std::map<std::string, substructure::StiffnessFactors> factors;
     for (const SweptParameter* each : stiffness_) {
-      factors[each->interface].values = each->pattern * each->values.col(points.front());
+      substructure::StiffnessFactors& own = factors[each->interface];
+      own.field = each->values.col(points.front());
+      own.values = own.field.col(0);
     }
     return base.with_parameters(changes).with_stiffness(factors);
   }
 
   /// @throws InputError if it is not one number for each point
   static void check_stiffness(const SweptParameter& each) {
-    if (each.pattern.size() != 1 || each.columns != 1) {
+    if (each.pattern.rows() != 1 || !(each.pattern.array() == 1.0).all() || each.columns != 1) {
       throw InputError("sweep: the stiffness of '" + each.interface +
-                       "' takes one factor for each point");
+                       "' takes factors, with a pattern (1, factors) of ones");
     }
   }
 

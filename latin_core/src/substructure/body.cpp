@@ -7,6 +7,7 @@
 #include <cmath>
 #include <deque>
 #include <limits>
+#include <map>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -267,6 +268,17 @@ void check_members(const BodyDescription& body) {
                        " do not fit a body of " + std::to_string(body.size) + " unknowns with " +
                        std::to_string(loads) + " load patterns");
     }
+    const Index rows = member.stretch.rows();
+    if (member.stretch_points < 0 || (member.stretch_points == 0 && rows > 0) ||
+        (member.stretch_points > 0 &&
+         (rows % member.stretch_points != 0 || rows == 0 || member.stretch.cols() != n)) ||
+        (member.initial_stretch.size() > 0 &&
+         (member.initial_stretch.rows() != rows || member.initial_stretch.cols() != loads))) {
+      throw InputError("substructure '" + member.name + "': stretches " +
+                       shape_of(rows, member.stretch.cols()) + " do not fit " +
+                       std::to_string(member.stretch_points) + " points and " + std::to_string(n) +
+                       " unknowns");
+    }
     if (!member.load.allFinite() || !member.offset.allFinite()) {
       throw InputError("substructure '" + member.name + "': its load or offset is not finite");
     }
@@ -413,6 +425,7 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
     }
   }
   stiffest_ = stiffest_of(description);
+  keep_stretches(description, lower, options);
   for (Member& member : description.members) {
     offsets_.push_back(std::move(member.offset));
   }
@@ -432,6 +445,121 @@ Body::Body(BodyDescription description, const std::vector<BodySide>& sides,
   keep_loads(loads, sides);
   response_ = respond({});
   cost_.condense_s = watch.lap();
+}
+
+void Body::keep_stretches(BodyDescription& description, const SparseRows& lower,
+                          const OperatorOptions& options) {
+  for (std::size_t e = 0; e < description.members.size(); ++e) {
+    Member& member = description.members[e];
+    if (member.stretch_points == 0) {
+      continue;
+    }
+    Stretch& stretch = stretches_.emplace_back();
+    stretch.member = member.name;
+    stretch.points = member.stretch_points;
+    stretch.of_unknowns = member.stretch * prolongations_[e];
+    stretch.back = stretch.of_unknowns.transpose();
+    const Index loads = member.load.cols();
+    stretch.offset = member.offset.size() > 0 ? Matrix(member.stretch * member.offset)
+                                              : Matrix::Zero(member.stretch.rows(), loads);
+    stretch.initial = member.initial_stretch.size() > 0
+                          ? std::move(member.initial_stretch)
+                          : Matrix::Zero(member.stretch.rows(), loads);
+  }
+  if (stretches_.empty()) {
+    return;
+  }
+  options_ = options;
+  // every entry that factors may change: where the sum of all points vanishes, too
+  using Entries = std::vector<Eigen::Triplet<double>>;
+  std::vector<std::vector<Entries>> of_points;
+  Entries all;
+  for (const Stretch& stretch : stretches_) {
+    std::vector<Entries>& own = of_points.emplace_back();
+    const Index components = stretch.components();
+    for (Index point = 0; point < stretch.points; ++point) {
+      std::map<std::pair<int, int>, double> sums;
+      for (Index row = point * components; row < (point + 1) * components; ++row) {
+        for (SparseRows::InnerIterator i(stretch.of_unknowns, row); i; ++i) {
+          for (SparseRows::InnerIterator j(stretch.of_unknowns, row); j && j.col() <= i.col();
+               ++j) {
+            sums[{static_cast<int>(i.col()), static_cast<int>(j.col())}] += i.value() * j.value();
+          }
+        }
+      }
+      Entries& entries = own.emplace_back();
+      for (const auto& [place, value] : sums) {
+        entries.emplace_back(place.first, place.second, value);
+        all.emplace_back(place.first, place.second, 0.0);
+      }
+    }
+  }
+  for (Index row = 0; row < lower.outerSize(); ++row) {
+    for (SparseRows::InnerIterator it(lower, row); it; ++it) {
+      all.emplace_back(static_cast<int>(row), static_cast<int>(it.col()), it.value());
+    }
+  }
+  lower_.resize(size_, size_);
+  lower_.setFromTriplets(all.begin(), all.end());
+  for (std::size_t s = 0; s < stretches_.size(); ++s) {
+    Entries found;
+    for (std::size_t point = 0; point < of_points[s].size(); ++point) {
+      for (const Eigen::Triplet<double>& entry : of_points[s][point]) {
+        const int* const begin = lower_.innerIndexPtr() + lower_.outerIndexPtr()[entry.row()];
+        const int* const end = lower_.innerIndexPtr() + lower_.outerIndexPtr()[entry.row() + 1];
+        const auto at = std::lower_bound(begin, end, entry.col()) - lower_.innerIndexPtr();
+        found.emplace_back(static_cast<int>(at), static_cast<int>(point), entry.value());
+      }
+    }
+    slopes_.emplace_back(lower_.nonZeros(), stretches_[s].points);
+    slopes_.back().setFromTriplets(found.begin(), found.end());
+  }
+}
+
+std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factors) const {
+  const std::shared_ptr<Body> body(new Body());
+  body->name_ = name_;
+  body->size_ = size_;
+  body->sprung_ = sprung_;
+  body->active_ = active_;
+  body->stiffest_ = stiffest_;
+  body->prolongations_ = prolongations_;
+  body->offsets_ = offsets_;
+  body->traces_ = traces_;
+  body->active_traces_ = active_traces_;
+  body->active_loads_ = active_loads_;
+  body->weights_ = weights_;
+  body->direction_ = direction_;
+  body->load_ = load_;
+  body->active_patterns_ = active_patterns_;
+  body->active_stiffness_ = active_stiffness_;
+  body->work_ = work_;
+  body->offset_energy_ = offset_energy_;
+  body->offset_traces_ = offset_traces_;
+  SparseRows lower = lower_;
+  for (std::size_t s = 0; s < stretches_.size(); ++s) {
+    const Stretch& stretch = stretches_[s];
+    const Vector change = factors.at(s).array() - 1.0;
+    lower.coeffs() += (slopes_[s] * change).array();
+    const Vector rows = change.transpose().replicate(stretch.components(), 1).reshaped();
+    const auto weighted = rows.asDiagonal();
+    if (loads() > 0) {
+      const Matrix of_offset = stretch.back * (weighted * stretch.offset);
+      const Matrix of_initial = stretch.back * (weighted * stretch.initial);
+      body->load_ += of_initial - of_offset;
+      body->active_patterns_ += of_initial.bottomRows(active_);
+      if (work_.size() > 0) {
+        body->work_ += of_initial + of_offset;
+      }
+      body->offset_energy_ += stretch.offset.transpose() * (weighted * stretch.offset);
+    }
+  }
+  body->factorise(lower, condensed(), options_);
+  if (condensed() && body->factor_->condenses()) {
+    body->condensed_ = body->factor_->trailing_factor();
+  }
+  body->response_ = body->respond({});
+  return body;
 }
 
 /// Unknowns that an active side touches go last, so that the factorisation condenses onto them.

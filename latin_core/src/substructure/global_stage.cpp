@@ -14,6 +14,10 @@ void GlobalStage::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRe
       apply_scaled(b, data.middleRows(row, body.rows()), amplitudes, of_body);
       continue;
     }
+    if (laws_.field(b) != nullptr) {
+      apply_field(b, data.middleRows(row, body.rows()), amplitudes, of_body);
+      continue;
+    }
     body.apply(data.middleRows(row, body.rows()), of_body, work_);
     of_body.noalias() += laws_.response(b).traces * amplitudes;
   }
@@ -32,6 +36,46 @@ void GlobalStage::apply_scaled(std::size_t b, ConstMatrixRef data, ConstMatrixRe
   traces = scaled.back(moved);
 }
 
+void GlobalStage::apply_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                              MatrixRef traces) {
+  const FieldColumns& field = *laws_.field(b);
+  if (field.chaos != nullptr) {
+    field.chaos->apply(data, amplitudes, traces, of_fields_[b]);
+    return;
+  }
+  const Body& means = laws_.structure().bodies()[b];
+  const Index count = data.cols() / field.blocks();
+  for (Index k = 0; k < field.blocks(); ++k) {
+    const std::shared_ptr<const Body> body = field.sample(means, k);
+    const LoadResponse own =
+        field.body != nullptr ? LoadResponse() : body->response_to_extra(field.extra);
+    auto here = traces.middleCols(k * count, count);
+    body->apply(data.middleCols(k * count, count), here, work_);
+    here.noalias() += (field.body != nullptr ? field.response.traces : own.traces) *
+                      amplitudes.middleCols(k * count, count);
+  }
+}
+
+Vector GlobalStage::energies_of_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,
+                                      ConstMatrixRef forces, ConstMatrixRef amplitudes) {
+  const FieldColumns& field = *laws_.field(b);
+  if (field.chaos != nullptr) {
+    return field.chaos->energies(data, amplitudes, of_fields_[b]);
+  }
+  const Body& means = laws_.structure().bodies()[b];
+  const Index count = data.cols() / field.blocks();
+  Vector energies(data.cols());
+  for (Index k = 0; k < field.blocks(); ++k) {
+    const std::shared_ptr<const Body> body = field.sample(means, k);
+    const auto columns = Eigen::seqN(k * count, count);
+    energies(columns) = body->energies(
+        data(every, columns), traces(every, columns), forces(every, columns),
+        amplitudes(every, columns),
+        field.body != nullptr ? field.response : body->response_to_extra(field.extra), work_);
+  }
+  return energies;
+}
+
 void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
   const Structure& structure = laws_.structure();
   for (std::size_t b = 0; b < structure.bodies().size(); ++b) {
@@ -42,6 +86,20 @@ void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
       const Matrix into = scaled->into(change.middleRows(row, body.rows()));
       scaled->body->change(into, scaled->each(change.cols()), added, work_);
       traces.middleRows(row, body.rows()) += scaled->back(added);
+      continue;
+    }
+    if (const FieldColumns* field = laws_.field(b)) {
+      const auto step = change.middleRows(row, body.rows());
+      if (field->chaos != nullptr) {
+        field->chaos->change(step, added);
+      } else {
+        const Index count = step.cols() / field->blocks();
+        for (Index k = 0; k < field->blocks(); ++k) {
+          field->sample(body, k)->apply_single(step.middleCols(k * count, count),
+                                               added.middleCols(k * count, count), work_);
+        }
+      }
+      traces.middleRows(row, body.rows()) += added;
       continue;
     }
     body.apply_single(change.middleRows(row, body.rows()), added, work_);
@@ -66,6 +124,8 @@ Matrix GlobalStage::balance(LocalStage& local, ConstMatrixRef amplitudes, Matrix
     const Index rows = structure.bodies()[b].rows();
     if (laws_.scaled(b) != nullptr) {
       apply_scaled(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows));
+    } else if (laws_.field(b) != nullptr) {
+      apply_field(b, data.middleRows(first, rows), amplitudes, traces.middleRows(first, rows));
     }
   }
   return added;
@@ -119,9 +179,10 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
     f = s - body.directions().asDiagonal() * w;
     const ScaledColumns* scaled = laws_.scaled(b);
     const Vector energies =
-        scaled != nullptr ? scaled->body->energies(scaled->into(s), scaled->into(w),
-                                                   scaled->into(amplitudes), scaled->each(w.cols()))
-                          : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
+        scaled != nullptr           ? scaled->body->energies(scaled->into(s), scaled->into(w),
+                                                             scaled->into(amplitudes), scaled->each(w.cols()))
+        : laws_.field(b) != nullptr ? energies_of_field(b, s, w, f, amplitudes)
+                                    : body.energies(s, w, f, amplitudes, laws_.response(b), work_);
     const Vector pressed = pressed_energies(b, f, amplitudes);
     const auto at = static_cast<Index>(b);
     for (Index column = 0; column < w.cols(); ++column) {
@@ -136,6 +197,33 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
   sizes.strain = sizes.strain.cwiseAbs();
   return sizes;
 }
+
+namespace {
+
+std::vector<Matrix> displacements_of_field(const Body& means, const FieldColumns& field,
+                                           ConstMatrixRef data, ConstMatrixRef amplitudes) {
+  if (field.chaos != nullptr) {
+    FieldWork work;
+    return field.chaos->displacements(data, amplitudes, work);
+  }
+  const Index count = data.cols() / field.blocks();
+  std::vector<Matrix> fields;
+  for (Index k = 0; k < field.blocks(); ++k) {
+    const std::shared_ptr<const Body> body = field.sample(means, k);
+    const std::vector<Matrix> own = body->displacements(
+        data.middleCols(k * count, count), amplitudes.middleCols(k * count, count),
+        field.body != nullptr ? field.response : body->response_to_extra(field.extra));
+    for (std::size_t e = 0; e < own.size(); ++e) {
+      if (k == 0) {
+        fields.emplace_back(own[e].rows(), data.cols());
+      }
+      fields[e].middleCols(k * count, count) = own[e];
+    }
+  }
+  return fields;
+}
+
+}  // namespace
 
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,
                                                           ConstMatrixRef amplitudes) {
@@ -154,6 +242,8 @@ std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, Cons
       for (Matrix& field : of_body) {
         field = scaled->back(field);
       }
+    } else if (const FieldColumns* field = laws.field(b)) {
+      of_body = displacements_of_field(body, *field, of_sides, amplitudes);
     } else {
       of_body = body.displacements(of_sides, amplitudes, laws.response(b));
     }

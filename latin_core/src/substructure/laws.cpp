@@ -170,8 +170,12 @@ const ScaledColumns* Laws::scaled(std::size_t body) const {
   return scaled_ != nullptr && scaled_->at(body).body != nullptr ? &scaled_->at(body) : nullptr;
 }
 
+const FieldColumns* Laws::field(std::size_t body) const {
+  return fields_ != nullptr ? fields_->at(body).get() : nullptr;
+}
+
 bool Laws::scales_anywhere() const {
-  return !structure_->communicator().everywhere(scaled_ == nullptr);
+  return !structure_->communicator().everywhere(scaled_ == nullptr && fields_ == nullptr);
 }
 
 bool Laws::preconditions() const {
@@ -233,9 +237,12 @@ void Laws::check_columns(Index columns) const {
   }
   for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
     const ScaledColumns* scaled_body = scaled(b);
-    if (scaled_body != nullptr && columns % scaled_body->factors.values.size() != 0) {
-      throw InputError("body '" + structure_->bodies()[b].name() +
-                       "': " + std::to_string(scaled_body->factors.values.size()) +
+    const FieldColumns* of_field = field(b);
+    const Index blocks = scaled_body != nullptr ? scaled_body->factors.values.size()
+                         : of_field != nullptr  ? of_field->blocks()
+                                                : 1;
+    if (columns % blocks != 0) {
+      throw InputError("body '" + structure_->bodies()[b].name() + "': " + std::to_string(blocks) +
                        " factors of its stiffness do not fit " + std::to_string(columns) +
                        " columns");
     }
@@ -388,6 +395,9 @@ Laws Laws::with_extra_loads(const std::map<std::string, Matrix>& loads) const {
 
 /// The scaled bodies with the extra loads as they are now.
 void Laws::scale_again() {
+  if (fields_ != nullptr) {
+    throw InputError("extra loads: give them before the fields of a stiffness");
+  }
   if (scaled_ == nullptr) {
     return;
   }
@@ -400,7 +410,86 @@ void Laws::scale_again() {
   scaled_ = std::make_shared<const std::vector<ScaledColumns>>(std::move(all));
 }
 
-Laws Laws::with_stiffness(const std::map<std::string, StiffnessFactors>& factors) const {
+FieldColumns Laws::field_of(std::size_t b,
+                            const std::map<std::string, StiffnessFactors>& factors) const {
+  const Body& body = structure_->bodies()[b];
+  FieldColumns columns;
+  columns.extra = response(b).extra;
+  FieldBody::Couplings couplings;
+  std::vector<std::pair<std::string, Matrix>> samples;
+  for (const Stretch& stretch : body.stretches()) {
+    const auto found = factors.find(stretch.member);
+    if (found == factors.end()) {
+      continue;
+    }
+    const StiffnessFactors& given = found->second;
+    const auto refuse_part = [&stretch](const std::string& why) {
+      throw InputError("substructure '" + stretch.member + "': " + why);
+    };
+    if (given.coupling != nullptr) {
+      couplings.emplace(stretch.member, given.coupling);
+      continue;
+    }
+    if (given.field.rows() != stretch.points || given.field.cols() < 1) {
+      refuse_part(std::to_string(given.field.rows()) + " factors of its stiffness, it has " +
+                  std::to_string(stretch.points) + " points");
+    }
+    if (!given.field.allFinite() || !(given.field.array() > 0.0).all()) {
+      refuse_part("factor " + std::to_string(given.field.minCoeff()) +
+                  " of its stiffness: it must be positive and finite");
+    }
+    samples.emplace_back(stretch.member, given.field);
+  }
+  if (!couplings.empty()) {
+    if (!samples.empty()) {
+      throw InputError("body '" + body.name() + "': fields in modes and in samples");
+    }
+    columns.chaos = std::make_shared<const FieldBody>(body, columns.extra, couplings);
+    return columns;
+  }
+  const Index count = samples.front().second.cols();
+  for (const Stretch& stretch : body.stretches()) {
+    const auto found =
+        std::ranges::find(samples, stretch.member, &decltype(samples)::value_type::first);
+    columns.factors.push_back(found != samples.end() ? found->second
+                                                     : Matrix::Ones(stretch.points, count));
+    if (columns.factors.back().cols() != count) {
+      throw InputError("body '" + body.name() + "': fields in different numbers of samples");
+    }
+  }
+  if (count == 1) {
+    columns.body = columns.sample(body, 0);
+    columns.response = columns.body->response_to_extra(columns.extra);
+  }
+  return columns;
+}
+
+Laws Laws::with_stiffness(const std::map<std::string, StiffnessFactors>& given_factors) const {
+  // members that have stretches apart
+  std::map<std::string, StiffnessFactors> factors = given_factors;
+  Laws with_fields = *this;
+  for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
+    std::map<std::string, StiffnessFactors> own;
+    for (const Stretch& stretch : structure_->bodies()[b].stretches()) {
+      if (const auto found = factors.find(stretch.member); found != factors.end()) {
+        own.insert(*found);
+        factors.erase(found);
+      }
+    }
+    if (!own.empty()) {
+      auto all =
+          with_fields.fields_ != nullptr
+              ? *with_fields.fields_
+              : std::vector<std::shared_ptr<const FieldColumns>>(structure_->bodies().size());
+      all[b] = std::make_shared<const FieldColumns>(field_of(b, own));
+      with_fields.fields_ =
+          std::make_shared<const std::vector<std::shared_ptr<const FieldColumns>>>(std::move(all));
+    }
+  }
+  return with_fields.with_factors(factors);
+}
+
+Laws Laws::with_factors(const std::map<std::string, StiffnessFactors>& factors) const {
   if (factors.empty()) {
     return *this;
   }

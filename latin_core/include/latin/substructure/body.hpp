@@ -22,6 +22,14 @@ struct Member {
   Matrix offset;            ///< u0 (n, l), length; empty: zero
   /// The part of the load that comes from the stiffness and changes with it (initial strains), (n, l); empty: none
   Matrix of_stiffness = {};  // NOLINT(readability-redundant-member-init): callers leave it out
+  /// K = B^T B with rows of B for each of some points, whose stiffness may have factors (a random field): B u is
+  /// (points * components, n). Empty: none.
+  // NOLINTNEXTLINE(readability-redundant-member-init)
+  SparseRows stretch{};
+  Index stretch_points = 0;  ///< of the stretches; 0: none
+  /// g (points * components, l): loads that come from the stiffness are B^T g; empty: none
+  // NOLINTNEXTLINE(readability-redundant-member-init)
+  Matrix initial_stretch{};
 };
 
 /// A deterministic elastic interface that is assembled into a body instead of being iterated on:
@@ -82,6 +90,18 @@ struct LoadResponse {
   Matrix jump_loads;
   Matrix jump_traces;
   Matrix unknowns;  ///< (n_body, l): the solution itself where nothing is active; else empty
+};
+
+/// What of a body has a factor at each of some points: the stiffness B^T a B of one member.
+struct Stretch {
+  std::string member;
+  Index points = 0;
+  SparseRows of_unknowns;  ///< B Z (points * components, n_body)
+  SparseRows back;         ///< its transpose
+  Matrix offset;           ///< B u0 (points * components, l)
+  Matrix initial;          ///< g (points * components, l)
+
+  [[nodiscard]] Index components() const { return of_unknowns.rows() / points; }
 };
 
 /// Working blocks of the operators of bodies: those of one thread.
@@ -156,11 +176,20 @@ class Body {
   /// Block of the inverse A^-1 on some of the active unknowns, (unknowns, unknowns).
   [[nodiscard]] Matrix inverse_block(const std::vector<Index>& unknowns) const;
 
+  /// Members whose stiffness may have a factor at each of some points.
+  [[nodiscard]] const std::vector<Stretch>& stretches() const { return stretches_; }
+  /// The body with such factors, factorised anew.
+  /// @param factors (points) for each of the stretches
+  [[nodiscard]] std::shared_ptr<const Body> with_factors(const std::vector<Vector>& factors) const;
+
   /// The answer to the load patterns.
   [[nodiscard]] const LoadResponse& response() const { return response_; }
   /// The answer to the load patterns and forces added to them.
   /// @param loads (n, l), force, for each member, or empty: none
   /// @throws InputError on a shape that does not fit
+  [[nodiscard]] LoadResponse response_to_extra(const Matrix& extra) const {
+    return extra.size() > 0 ? respond(extra) : response_;
+  }
   [[nodiscard]] LoadResponse response_with(const std::vector<Matrix>& loads) const;
 
   /// Displacements of each member, (n, c).
@@ -191,6 +220,8 @@ class Body {
 
  private:
   friend class ScaledBody;
+  friend class FieldBody;
+  Body() = default;
   /// Right-hand sides while the body is built, one column per load pattern.
   struct Loads {
     Matrix load;           ///< Z^T F with imposed jumps, less `of_offset`
@@ -209,6 +240,8 @@ class Body {
   [[nodiscard]] Vector stiffness_of_active(const std::vector<Member>& members) const;
   [[nodiscard]] bool wants_condensation(const OperatorOptions& options) const;
   void factorise(const SparseRows& lower, bool condense, const OperatorOptions& options);
+  void keep_stretches(BodyDescription& description, const SparseRows& lower,
+                      const OperatorOptions& options);
   void keep_terms(BodyDescription& description, std::vector<SparseRows> jumps);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
@@ -228,6 +261,11 @@ class Body {
 
   std::string name_;
   Index size_ = 0;
+  std::vector<Stretch> stretches_;
+  SparseRows lower_;  ///< of the operator, columns in order; empty: without stretches
+  std::vector<SparseColumns>
+      slopes_;  ///< of the stretches: its entries by the factors, (entries, points)
+  OperatorOptions options_;
   /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.
   struct Terms {
     std::vector<std::shared_ptr<const SparseView>> stiffnesses;

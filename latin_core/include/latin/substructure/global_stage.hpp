@@ -17,7 +17,8 @@ namespace latin::substructure {
 /// one thread.
 class GlobalStage {
  public:
-  explicit GlobalStage(Laws laws) : laws_(std::move(laws)) {}
+  explicit GlobalStage(Laws laws)
+      : laws_(std::move(laws)), of_fields_(laws_.structure().bodies().size()) {}
 
   [[nodiscard]] const Laws& laws() const { return laws_; }
 
@@ -43,7 +44,15 @@ class GlobalStage {
   [[nodiscard]] Vector pressed_energies(std::size_t body, ConstMatrixRef forces,
                                         ConstMatrixRef amplitudes);
 
+  /// w of the sides of one body whose stiffness has a field.
+  void apply_field(std::size_t body, ConstMatrixRef data, ConstMatrixRef amplitudes,
+                   MatrixRef traces);
+  [[nodiscard]] Vector energies_of_field(std::size_t body, ConstMatrixRef data,
+                                         ConstMatrixRef traces, ConstMatrixRef forces,
+                                         ConstMatrixRef amplitudes);
+
   Laws laws_;
+  std::vector<FieldWork> of_fields_;
   BodyWork work_;
   Workspace block_;
 };

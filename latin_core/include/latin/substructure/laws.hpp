@@ -9,6 +9,7 @@
 #include "latin/common/lazy.hpp"
 #include "latin/interface/law.hpp"
 #include "latin/stochastic/transform.hpp"
+#include "latin/substructure/field.hpp"
 #include "latin/substructure/pair.hpp"
 #include "latin/substructure/scaled.hpp"
 #include "latin/substructure/size.hpp"
@@ -90,6 +91,8 @@ class Laws {
   [[nodiscard]] const LoadResponse& response(std::size_t body) const;
   /// A body whose stiffness has factors; null: it has none.
   [[nodiscard]] const ScaledColumns* scaled(std::size_t body) const;
+  /// A body whose stiffness has factors that differ inside it; null: it has none.
+  [[nodiscard]] const FieldColumns* field(std::size_t body) const;
   /// Whether the stiffness of some body has factors. Collective.
   [[nodiscard]] bool scales_anywhere() const;
   /// Whether the structure has paired interfaces.
@@ -127,7 +130,7 @@ class Laws {
   /// @param loads (n, l), force, by substructure of this rank
   /// @throws InputError naming a substructure that is not on this rank, or whose load does not fit
   [[nodiscard]] Laws with_extra_loads(const std::map<std::string, Matrix>& loads) const;
-  /// Factors of the stiffness of substructures; those that are not named keep theirs.
+  /// Factors of the stiffness of substructures, also those that differ inside one; those that are not named keep theirs.
   /// @param factors by substructure of this rank; the members of a body have the same
   /// @throws InputError naming a substructure that is not on this rank, a factor that is not positive, and a body that
   ///         cannot have any, see ScaledBody
@@ -144,6 +147,11 @@ class Laws {
   [[nodiscard]] ActiveLaw with_law(std::size_t interface,
                                    std::shared_ptr<const interface::Law> law) const;
   void scale_again();
+  /// Of with_stiffness(): substructures without stretches.
+  [[nodiscard]] Laws with_factors(const std::map<std::string, StiffnessFactors>& factors) const;
+  /// A body of which a member has a field.
+  [[nodiscard]] FieldColumns field_of(std::size_t body,
+                                      const std::map<std::string, StiffnessFactors>& factors) const;
   /// A copy with the laws of some interfaces replaced.
   [[nodiscard]] Laws with(std::map<std::size_t, ActiveLaw> changed) const;
 
@@ -154,6 +162,8 @@ class Laws {
   std::shared_ptr<const std::vector<LoadResponse>> extra_;  ///< by body; null: no extra loads
   std::shared_ptr<const std::vector<ScaledColumns>>
       scaled_;  ///< by body, without body: 1; null: all are 1
+  std::shared_ptr<const std::vector<std::shared_ptr<const FieldColumns>>>
+      fields_;  ///< by body, null: none; null: none has any
 };
 
 }  // namespace latin::substructure

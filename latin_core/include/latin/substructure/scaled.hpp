@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "latin/stochastic/coupling.hpp"
 #include "latin/substructure/body.hpp"
 
 namespace latin::substructure {
@@ -15,6 +16,12 @@ struct StiffnessFactors {
   Vector values;
   Matrix
       forward;  ///< (q, q) orthogonal, of q values: those of a Galerkin matrix; empty: the identity
+  /// Of a member with stretches, in place of these: factors > 0, (points, blocks of columns).
+  // NOLINTNEXTLINE(readability-redundant-member-init): callers leave it out
+  Matrix field{};
+  /// Or what is added to the factors 1 at its points, projected on the modes that are columns.
+  // NOLINTNEXTLINE(readability-redundant-member-init)
+  std::shared_ptr<const stochastic::Coupling> coupling{};
 };
 
 /// A body whose members have their stiffness multiplied by a factor a, which differs from column to column.
