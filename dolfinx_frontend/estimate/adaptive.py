@@ -37,6 +37,7 @@ from dolfinx_frontend.estimate.errors import (
     next_halving,
     of_direct,
     not_known,
+    over_ranks,
     sizes_of,
     whole_of,
 )
@@ -375,7 +376,8 @@ class _Search:
         except SceneError as error:
             self.notes += (f"no witnesses: {str(error).splitlines()[0]}",)
             return
-        self.per_point = (perf_counter() - began) / len(self.seen.points)
+        seconds = (perf_counter() - began) / len(self.seen.points)
+        self.per_point = float(over_ranks(self.result, seconds, max))  # on which all ranks decide alike
 
     def _witnessed(self, quantity: Wanted, left: float) -> Errors:
         """The chaos enlarged by the next degree in every germ, once at least, until that changes little and
@@ -410,13 +412,13 @@ class _Search:
         raise AssertionError
 
     def _wider(self) -> Chaos | None:
-        """The chaos with the modes that an accuracy twenty times tighter would want, and the next degree in
+        """The chaos with the modes that an accuracy ten times tighter would want, and the next degree in
         every germ; None: that would be too large."""
         result = self.result
         whole = enlarged(result, self.quantity, 0.0)
         assert whole.indices is not None
-        if len(whole.indices) > 2 * result.modes + 20:
-            chosen = enlarged(result, self.quantity, 0.05 * self.target)
+        if len(whole.indices) > 1.5 * result.modes + 30:
+            chosen = enlarged(result, self.quantity, 0.1 * self.target)
             pure = [i for i in whole.indices[result.modes :] if sum(d > 0 for d in i) == 1]
             assert chosen.indices is not None
             indices = tuple(dict.fromkeys([*chosen.indices, *pure]))

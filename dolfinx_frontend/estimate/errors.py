@@ -50,6 +50,7 @@ __all__ = [
     "next_halving",
     "of_direct",
     "not_known",
+    "over_ranks",
     "sizes_of",
     "whole_of",
 ]
@@ -93,7 +94,7 @@ def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     return change
 
 
-def _over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | None = None) -> Any:
+def over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | None = None) -> Any:
     """What the ranks have of something together: their sum, or what `join` makes of them; collective."""
     comm = result.problem.comm
     if comm is None:
@@ -114,7 +115,7 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
     data[:, places] -= other.state.data
     traces[:, places] -= other.state.traces
     forces = data - solver.directions[:, None] * traces
-    square = float(_over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
+    square = float(over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
     return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
 
 
@@ -139,7 +140,7 @@ def sizes_of(result: ChaosResult, quantity: Wanted | None) -> tuple[Array, Array
     steps = result.steps
     metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
-    square = _over_ranks(result, square)
+    square = over_ranks(result, square)
     of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
     if not isinstance(quantity, Resultant) or quantity.interface in result.collocations:
         return of_field, of_field
@@ -380,8 +381,8 @@ def _iteration_cost(result: Result) -> tuple[float, float]:
     """Operations of one iteration on all ranks, by the model of the plan, and the seconds that it took."""
     cost, summary = result.plan.cost, result.summary
     spent = max(summary.global_s + summary.local_s + summary.other_s, 1e-6)
-    seconds = float(_over_ranks(result, spent / max(result.iterations, 1), max))
-    return float(_over_ranks(result, cost.iteration_flops if cost is not None else 0.0)), seconds
+    seconds = float(over_ranks(result, spent / max(result.iterations, 1), max))
+    return float(over_ranks(result, cost.iteration_flops if cost is not None else 0.0)), seconds
 
 
 def _smaller_tolerance(result: Result, made: Errors) -> str:
@@ -412,11 +413,11 @@ def _smaller_cells(result: Result, made: Errors) -> str:
     cost = result.plan.cost
     # a rank may have no part
     degrees = [part.V.ufl_element().degree for part in result.problem.substructures.values()]
-    degree = min(_over_ranks(result, degrees))
+    degree = min(over_ranks(result, degrees))
     finer = 2.0 ** (-1.0 / degree)
     factor = finer ** (-2.0 * result.problem.dim)
-    more = factor * float(_over_ranks(result, cost.factor_flops if cost is not None else 0.0))
-    seconds = factor * float(_over_ranks(result, sum(result.seconds.values()), max))
+    more = factor * float(over_ranks(result, cost.factor_flops if cost is not None else 0.0))
+    seconds = factor * float(over_ranks(result, sum(result.seconds.values()), max))
     return (
         f"cells of {finer:.2g} times the size: {finer ** -result.problem.dim:.1f} times the unknowns, "
         f"{shown(more, 'Flop')} to factorise, about {seconds:.2g} s"

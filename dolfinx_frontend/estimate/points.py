@@ -2,8 +2,8 @@
 
 A *witness* is solved on its own, not started from what it judges, and lies where no rule and no chaos has
 put its points: half of the witnesses follow the distribution of the germs, the other half a wider one, so
-that what happens at 3 to 6 standard deviations is met. Each is weighted by the ratio of its density to that of the
-mixture, which is at most 2.
+that what happens at 3 to 6 standard deviations is met. Each is weighted by the ratio of its density to that
+of the mixture, which is at most 2.
 
 *Calibrated samples* are such points in independent scrambled sets, whose weights are changed as little as
 possible so that polynomials of low degree are integrated exactly: the smooth part of a quantity then has no

@@ -173,7 +173,7 @@ class Measure:
         return self.value(result)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Quantile:
     """The value that a quantity of a random answer is below with a probability.
 
@@ -198,6 +198,9 @@ class Quantile:
     def needs_states(self) -> bool:
         """Whether samples must keep their states."""
         return self._inner.needs_states
+
+    def __repr__(self) -> str:
+        return f"Quantile({self._inner}, {self.level:g})"
 
     @property
     def _inner(self) -> Resultant | Measure:
