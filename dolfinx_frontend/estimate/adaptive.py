@@ -713,8 +713,10 @@ def _by_panels(
         leaves = [leaf for leaf, cut in zip(leaves, split, strict=True) if not cut]
         for k, parent in enumerate(parents):
             pair = found[2 * k : 2 * k + 2]
-            # what halving has changed is what was wrong before: a kink leaves a quarter of it, a jump half
-            error = 0.25 * np.abs(parent.sums - pair[0] - pair[1])
+            # what halving has changed is what was wrong before, and with a kink may be small by chance
+            error = 0.5 * np.abs(parent.sums - pair[0] - pair[1])
+            if np.all(np.isfinite(parent.error)):
+                error = np.maximum(error, FORGOTTEN**4 * parent.error)
             ends = halves[2 * k : 2 * k + 2]
             leaves += [Panel(*end, sums, error) for end, sums in zip(ends, pair, strict=True)]
     return None
