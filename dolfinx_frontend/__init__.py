@@ -22,7 +22,7 @@ from dolfinx_frontend.results.writing import ResultFileError
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Measure, Quantile, Resultant
 from dolfinx_frontend.results.tables import Table
 from dolfinx_frontend.results.uncertain import StochasticResult
 from dolfinx_frontend.results.probes import AtPoint
@@ -103,6 +103,7 @@ __all__ = [
     "LinearElastic",
     "LogNormal",
     "Material",
+    "Measure",
     "NearlyIndefiniteWarning",
     "Normal",
     "Options",
@@ -112,6 +113,7 @@ __all__ = [
     "Preload",
     "Pressure",
     "Problem",
+    "Quantile",
     "Quantity",
     "RandomField",
     "RandomLaws",

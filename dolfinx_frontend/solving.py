@@ -25,7 +25,7 @@ from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, c
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.result import HistoryResult, Result
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.uncertainty.quantities import Kind
 from dolfinx_frontend.solvers import sampling
@@ -56,7 +56,7 @@ def solve(
     method: Method = "auto",
     *,
     accuracy: float,
-    quantity: Resultant | str | None = None,
+    quantity: Interest = None,
     meshes: bool = True,
     times: npt.ArrayLike | None = None,
     active: Sequence[str] | Literal["all"] | None = None,
@@ -133,7 +133,7 @@ def solve(
     callback: Callable[[Iteration], None] | None = None,
     progress: bool = True,
     accuracy: float | None = None,
-    quantity: Resultant | str | None = None,
+    quantity: Interest = None,
     meshes: bool = True,
 ) -> Result | SampleResult:
     """Solve a problem.

@@ -155,7 +155,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "galerkin",
         "export",
     ),
-    "estimate": ("recovery", "mesh_error", "errors", "adaptive"),
+    "estimate": ("recovery", "mesh_error", "errors", "points", "adaptive"),
     "solving": (),
     "io": ("facets", "paraview"),
     "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),

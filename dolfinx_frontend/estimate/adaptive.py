@@ -7,14 +7,18 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from math import isfinite, log2
+from time import perf_counter
 from typing import Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from latin_core import Options
+from scipy.special import ndtr
 
 from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.common.arrays import Array
 from dolfinx_frontend.common.checks import check_optional_kind, checked_flag, is_real
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
@@ -23,7 +27,6 @@ from dolfinx_frontend.estimate.errors import (
     FINEST,
     INTERRUPTED,
     lost_variance,
-    REPLICATES,
     UNKNOWN,
     by_solves,
     change_of,
@@ -32,25 +35,43 @@ from dolfinx_frontend.estimate.errors import (
     enlarged,
     error_of_meshes,
     errors,
-    errors_of_samples,
     next_halving,
     of_direct,
     not_known,
+    over_ranks,
     sizes_of,
     whole_of,
+)
+from dolfinx_frontend.estimate.points import (
+    FIRST_PANELS,
+    POINTS,
+    SETS,
+    Panel,
+    Witnesses,
+    calibrated,
+    checked_cold,
+    lost_of_fields,
+    misfit,
+    moments_of_sets,
+    panel_points,
+    solved,
+    surrogate,
+    wide_points,
+    witnesses,
 )
 from dolfinx_frontend.kernel.running import Interrupted
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.accuracy import largest_of
-from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Resultant, interest
+from dolfinx_frontend.results.resultant import Interest, Quantile, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.deterministic import solve_once
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on, solve_chaos
 from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
 
 __all__ = ["solve_to_accuracy"]
 
@@ -69,9 +90,11 @@ STALLED = 0.6
 
 MOST_SAMPLES = 8192
 
+LEAST_SAMPLES = 16
+"""Samples of a set that the search begins with."""
+
 RULES = (3, 5, 7, 9, 12, 16, 20)
-"""Points per germ of the tensor rules that are tried one after the other, at least three of them: the third
-reaches out to 3.8 standard deviations: a kink beyond that has next to no weight."""
+"""Points per germ of the tensor rules that are tried one after the other, at least two of them."""
 
 SUREST = 0.5
 """Smallest factor by which changes are assumed to fall from rule to rule: at kinks they fall irregularly."""
@@ -81,6 +104,35 @@ FORGOTTEN = 0.5
 
 FEW_GERMS = 3
 """Most germs that are integrated by tensor rules where a law is nonlinear."""
+
+MOST_HALVINGS = 16
+"""Times that pieces of a germ are halved."""
+
+ENOUGH_FOR_ZERO = 1024
+"""Samples after which a mean that cannot be told from 0 is given up."""
+
+KINKED = 4.0 / 3.0
+"""Power of the misfit of a polynomial that the error of its rule is at most: with n points of a germ, a kink
+leaves a misfit of n^(-3/4) or less, and an error of n^-1 in the rule."""
+
+MOST_RULE = 2048
+"""Points of a tensor rule at most."""
+
+STEPS = 6
+"""Times that a chaos is enlarged by the next degree in every germ and compared with its witnesses."""
+
+MOST_BYTES = 2e9
+"""Memory of the Galerkin matrices of a random field at most."""
+
+EIGENVECTORS = 3e-9
+"""Seconds that the eigenvectors of a matrix of n rows take, over n^3."""
+
+TIGHT = 3e-3
+"""Tolerance of single points, relative to the accuracy of the deviation: a force may be a small part of the
+energy, and the last digits take Newton's method one iteration."""
+
+PRICE = 1024
+"""Points that a chaos may cost at most as much as."""
 
 
 # --- solve to an accuracy ---------------------------------------------------------------------------
@@ -119,12 +171,13 @@ def solve_to_accuracy(
     check_optional_kind("solve", "options", options, Options, "give Options(rtol=...)")
     checked_flag("solve", "meshes", meshes)
     what = interest(problem.interfaces, quantity)
+    of_one = what.interface if isinstance(what, Resultant) else None
     options = options or (Options.plain() if method == "latin" else Options())
     options = options.with_(rtol=max(DIGIT * accuracy, FINEST))
     random = RandomLaws.of(problem)
     if random.every:
-        if what is not None and active is None and what.interface not in random.interfaces:
-            active = [what.interface]
+        if of_one is not None and active is None and of_one not in random.interfaces:
+            active = [of_one]
         first = solve_chaos(
             problem,
             Chaos(order=1, check_points=0),
@@ -140,7 +193,7 @@ def solve_to_accuracy(
     return _tight_enough(solve_once(problem, plan, estimator=errors), accuracy, what, meshes)
 
 
-def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, meshes: bool) -> Result:
+def _tight_enough(result: Result, accuracy: float, quantity: Wanted | None, meshes: bool) -> Result:
     """A deterministic run carried on until its algebraic error is small enough."""
     of_meshes: ErrorShare | None = None
     notes: tuple[str, ...] = ()
@@ -163,7 +216,7 @@ def _tight_enough(result: Result, accuracy: float, quantity: Resultant | None, m
 
 
 def _visible(
-    accuracy: float, of_meshes: ErrorShare | None, quantity: Resultant | None, result: Result
+    accuracy: float, of_meshes: ErrorShare | None, quantity: Wanted | None, result: Result
 ) -> float:
     """Target of the other errors: the accuracy, but not less than a tenth of the error of the meshes."""
     if of_meshes is None:
@@ -174,7 +227,7 @@ def _visible(
     return float(np.clip(0.1 * relative, accuracy, 0.5)) if isfinite(relative) else accuracy
 
 
-def _settled(result: Result, quantity: Resultant | None) -> Errors:
+def _settled(result: Result, quantity: Wanted | None) -> Errors:
     """Algebraic error of a deterministic run."""
     if quantity is None:
         estimate = ErrorShare(result.error, how="its estimate")
@@ -232,13 +285,16 @@ class _Search:
         How much worse the quantity is than the energy norm.
     """
 
-    def __init__(self, first: ChaosResult, accuracy: float, quantity: Resultant | None) -> None:
+    def __init__(self, first: ChaosResult, accuracy: float, quantity: Wanted | None) -> None:
         self.result = first
         self.accuracy = self.target = accuracy
         self.quantity = quantity
         self.rtol = first.plan.options.rtol
         self.gain = 1.0
         self.of_meshes: ErrorShare | None = None
+        self.of_fields: ErrorShare | None = None
+        self.seen: Witnesses | None = None
+        self.per_point = np.inf
         self.notes: tuple[str, ...] = ()
 
     def answer(self, meshes: bool) -> ChaosResult | SampleResult:
@@ -257,23 +313,150 @@ class _Search:
         self.target = _visible(self.accuracy, self.of_meshes, quantity, result)
         self.rtol = float(np.clip(0.2 * self.target / self.gain, FINEST, 1e-3))
         curved = bool(result.collocations)
-        if curved and quantity is not None and result.space.dimension <= FEW_GERMS:
-            # few germs and nonlinear laws: rules converge where the chaos does, and a point costs less; the
-            # error of the iteration is part of the changes from rule to rule
-            each = float(np.clip(0.03 * self.target, FINEST, 3e-3))
-            by_rules = _by_rules(result, quantity, self.target, each)
-            if by_rules is None:
-                return self._by_samples()
-            return _with_errors(*by_rules, self.accuracy, self.of_meshes, self.notes)
+        if quantity is not None:
+            self._resolve(quantity)
+            self.of_fields = self._lost(quantity)
+            if not curved:
+                self._look(quantity)
+        if quantity is not None and (curved or not isinstance(quantity, Resultant)):
+            return self._by_points(quantity)
         left, stalled = self._grow(curved)
-        if curved and (stalled or left > 0.5 * self.target):
-            return self._by_samples()
-        made = _errors_of_chaos(self.result, quantity, left, self.gain)
-        if curved:
-            made = replace(made, truncation=by_solves(self.result, quantity))
-            if made.relative("truncation") > self.target and quantity is not None:
-                return self._by_samples()
+        if quantity is None:
+            if curved and (stalled or left > 0.5 * self.target):
+                return self._by_samples_of_energy()
+            made = _errors_of_chaos(self.result, None, left, self.gain)
+            if curved:
+                made = replace(made, truncation=by_solves(self.result, None))
+            return self._found(made)
+        made = self._witnessed(quantity, left)
+        if made.total > self.accuracy and made.relative("truncation") > 0.7 * self.target:
+            self.notes += ("the chaos converges slowly: points on the same solver",)
+            try:
+                other = self._points_of(quantity)
+            except SceneError as error:
+                self.notes += (f"no points: {str(error).splitlines()[0]}",)
+                return self._found(made)
+            if not other[1].total >= made.total:
+                return self._of_points(*other)
         return self._found(made)
+
+    def _resolve(self, quantity: Wanted) -> None:
+        """Tighten the tolerance until the deviation is more than the error of the iteration."""
+        for _ in range(4):
+            value = self.result.mean_std(quantity)
+            rtol = _reached(self.result)
+            if value.std is None or value.std > NOISE * rtol * abs(value.mean) or rtol <= 1e-11:
+                return
+            if not isinstance(quantity, Resultant) or not value.std:
+                return
+            wanted = max(min(0.3 * value.std / (NOISE * abs(value.mean)), 0.01 * self.rtol), FINEST)
+            self.rtol = wanted
+            self._carry_on(self.result.chaos, wanted)
+
+    def _lost(self, quantity: Wanted) -> ErrorShare | None:
+        """What the modes that random fields leave out do."""
+        value = self.result.mean_std(quantity)
+        lost = lost_of_fields(self.result, quantity, self._each(), value, complete)
+        if lost is None:
+            return None
+        return ErrorShare(np.nan, lost.mean, lost.std, f"samples of all modes of {lost.of}")
+
+    def _each(self) -> float:
+        """Tolerance of single points: relative to the whole, of which the quantity may scatter little."""
+        spread = 1.0
+        if self.quantity is not None:
+            value = self.result.mean_std(self.quantity)
+            spread = min(share_of(value.std or 0.0, value.mean), 1.0) or 1e-6
+        return float(np.clip(TIGHT * self.target * spread, FINEST, 1e-6))
+
+    def _look(self, quantity: Wanted) -> None:
+        """Solve the witnesses, which tells what a point costs, too."""
+        began = perf_counter()
+        try:
+            self.seen = witnesses(self.result, quantity, self._each(), complete)
+        except SceneError as error:
+            self.notes += (f"no witnesses: {str(error).splitlines()[0]}",)
+            return
+        seconds = (perf_counter() - began) / len(self.seen.points)
+        self.per_point = float(over_ranks(self.result, seconds, max))  # on which all ranks decide alike
+
+    def _witnessed(self, quantity: Wanted, left: float) -> Errors:
+        """The chaos enlarged by the next degree in every germ, once at least, until that changes little and
+        witnesses that are solved on their own agree with it."""
+        for step in range(STEPS):
+            made = replace(_errors_of_chaos(self.result, quantity, left, self.gain), field=self.of_fields)
+            seen = self.seen
+            if seen is None:
+                return made
+            value = self.result.mean_std(quantity)
+            assert isinstance(quantity, Resultant)
+            psi = self.result.basis.evaluate(seen.points)
+            found = misfit(seen, psi @ self.result.resultant_coefficients(quantity), value)
+            assert made.truncation is not None
+            of_mean = max(made.truncation.quantity or 0.0, found.mean)
+            of_std = max(made.truncation.std or 0.0, found.std)
+            how = f"the change by the last modes, and {len(seen.points)} points solved on their own"
+            made = replace(made, truncation=ErrorShare(np.nan, of_mean, of_std, how))
+            if step and (made.relative("truncation") <= 0.7 * self.target or step == STEPS - 1):
+                return made
+            chaos = self._wider()
+            if chaos is None:
+                return made
+            before = value
+            try:
+                self._carry_on(chaos, self.rtol)
+            except SceneError as error:
+                self.notes += (f"the chaos cannot grow: {str(error).splitlines()[0]}",)
+                return made
+            change = change_of(before, self.result.mean_std(quantity), _reached(self.result))
+            left = change  # what is left is less, if it falls to a half at least
+        raise AssertionError
+
+    def _wider(self) -> Chaos | None:
+        """The chaos with the modes that an accuracy ten times tighter would want, and the next degree in
+        every germ; None: that would be too large."""
+        result = self.result
+        whole = enlarged(result, self.quantity, 0.0)
+        assert whole.indices is not None
+        if len(whole.indices) > 1.5 * result.modes + 30:
+            chosen = enlarged(result, self.quantity, 0.1 * self.target)
+            pure = [i for i in whole.indices[result.modes :] if sum(d > 0 for d in i) == 1]
+            assert chosen.indices is not None
+            indices = tuple(dict.fromkeys([*chosen.indices, *pure]))
+            whole = replace(whole, indices=indices, order=max(sum(i) for i in indices))
+        assert whole.indices is not None
+        if whole.order > MOST_ORDER + 16 or not self._affordable(len(whole.indices)):
+            self.notes += (f"the chaos was not carried beyond {result.modes} modes",)
+            return None
+        return whole
+
+    def _affordable(self, modes: int) -> bool:
+        """Whether a chaos of so many modes is in reach of time and memory."""
+        rows = _points_of_fields(self.result.random)
+        if modes > MOST_MODES or 16.0 * rows * modes**2 > MOST_BYTES:
+            return False
+        return rows * modes**3 * EIGENVECTORS <= 1.0 + PRICE * self.per_point
+
+    def _by_points(self, quantity: Wanted) -> SampleResult:
+        return self._of_points(*self._points_of(quantity))
+
+    def _of_points(self, samples: SampleResult, made: Errors) -> SampleResult:
+        made = replace(made, field=self.of_fields)
+        return _with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
+
+    def _points_of(self, quantity: Wanted) -> tuple[SampleResult, Errors]:
+        """Solved points instead of a chaos: rules that agree with witnesses, pieces of a single germ, or
+        calibrated samples."""
+        result = self.result
+        if result.space.dimension <= FEW_GERMS and not isinstance(quantity, Quantile):
+            found = _by_rules(result, quantity, self.target, self._each())
+            if found is None and result.space.dimension == 1 and result.space.germs[0].capacity is None:
+                found = _by_panels(result, quantity, self.target, self._each())
+            if found is not None:
+                return found
+        made = _by_samples(result, quantity, self.target, self._each())
+        self.notes += made[2]
+        return made[:2]
 
     def _found(self, made: Errors) -> ChaosResult:
         halving = partial(next_halving, self.result)
@@ -288,6 +471,8 @@ class _Search:
         result, quantity, rtol = self.result, self.quantity, self.rtol
         complete(result)
         loose = result.error
+        if quantity is not None and not isinstance(quantity, Resultant):
+            return  # an answer by points
         before = None if quantity is None else result.mean_std(quantity)
         self._carry_on(result.chaos, max(DIGIT * min(rtol, loose), FINEST))
         if quantity is not None and before is not None and loose > 0.0:
@@ -299,7 +484,7 @@ class _Search:
         quantity, target = self.quantity, self.target
         change_before, left, fall = np.nan, np.inf, SLOWEST
         stalled = False
-        while not stalled and left > 0.5 * target:
+        while not stalled and left > (0.5 if quantity is None else 1.0) * target:
             old = self.result
             chaos = self._next(curved)
             if chaos is None:
@@ -330,38 +515,29 @@ class _Search:
         if curved:
             chaos = Chaos(order=result.chaos.order + 1, check_points=0)
         modes = len(chaos.indices) if chaos.indices is not None else 0
-        if chaos.order > MOST_ORDER + (0 if curved else 12) or modes > MOST_MODES:
+        if chaos.order > MOST_ORDER + (0 if curved else 12) or not self._affordable(modes):
             self.notes += (
                 f"the chaos was not carried beyond order {result.chaos.order}, {result.modes} modes",
             )
             return None
         return chaos
 
-    def _by_samples(self) -> ChaosResult | SampleResult:
-        """Quasi-Monte Carlo on the solver of a chaos that converges too slowly."""
-        result, quantity = self.result, self.quantity
-        if quantity is None:
-            return self._found(_errors_of_chaos(result, None, by_solves(result, None).energy, 1.0))
-        self.notes += (
-            "chaos and Gauss rules converge slowly (a law is nonlinear): quasi-Monte Carlo on the same "
-            "solver",
-        )
-        each = 32
-        while True:
-            parts = [result.space.sample_sobol(each, seed) for seed in range(REPLICATES)]
-            samples = result.sample(np.concatenate(parts), kind="qmc")
-            complete(samples)
-            made = errors_of_samples(samples, quantity)
-            total = each * REPLICATES
-            if made.relative("truncation") <= 0.7 * self.target:
-                break
-            # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
-            factor = 2 ** max(1, min(3, round(log2(made.relative("truncation") / (0.5 * self.target)))))
-            if total * factor > MOST_SAMPLES:
-                self.notes += (f"{total} samples: more are left to you, see quasi_monte_carlo",)
-                break
-            each *= factor
-        return _with_errors(samples, made, self.accuracy, self.of_meshes, self.notes)
+    def _by_samples_of_energy(self) -> ChaosResult:
+        """A chaos that converges too slowly, of which no quantity is asked."""
+        left = by_solves(self.result, None).energy
+        return self._found(_errors_of_chaos(self.result, None, left, 1.0))
+
+
+def _reached(result: Result) -> float:
+    """Error that the iteration has reached, or its tolerance."""
+    rtol = result.plan.options.rtol
+    return max(min(rtol, result.error), 1e-13) if isfinite(result.error) else rtol
+
+
+def _points_of_fields(random: RandomLaws) -> int:
+    """Points of random fields, each of which has a Galerkin matrix of its own."""
+    fields = {id(s): s for s in random.sources.values() if isinstance(s, DiscretisedField)}
+    return sum(len(each.points) for each in fields.values())
 
 
 def _mean_over_spread(result: ChaosResult) -> float:
@@ -371,7 +547,7 @@ def _mean_over_spread(result: ChaosResult) -> float:
     return float(np.sqrt((1.0 + spread) / spread)) if spread > 1e-6 else 1.0
 
 
-def _decay(result: ChaosResult, quantity: Resultant | None) -> float:
+def _decay(result: ChaosResult, quantity: Wanted | None) -> float:
     """Size of the modes of the last degree, relative to those of the last but one."""
     sizes, _ = sizes_of(result, quantity)
     degree = result.basis.indices.table.sum(axis=1)
@@ -383,7 +559,7 @@ def _decay(result: ChaosResult, quantity: Resultant | None) -> float:
 
 
 def _errors_of_chaos(
-    result: ChaosResult, quantity: Resultant | None, left: float, gain: float
+    result: ChaosResult, quantity: Wanted | None, left: float, gain: float
 ) -> Errors:
     """Errors that an adaptive run has found on its way."""
     algebraic = ErrorShare(result.error, how="its estimate")
@@ -391,7 +567,7 @@ def _errors_of_chaos(
     if quantity is None:
         return Errors(algebraic, ErrorShare(left, how=how), None, None, None)
     value = result.mean_std(quantity)
-    whole = whole_of(value, result.plan.options.rtol)
+    whole = whole_of(value, _reached(result))
     assert whole is not None  # of a chaos
     size = gain * result.error
     algebraic = ErrorShare(
@@ -402,19 +578,24 @@ def _errors_of_chaos(
 
 
 def _by_rules(
-    result: ChaosResult, quantity: Resultant, target: float, rtol: float
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float
 ) -> tuple[SampleResult, Errors] | None:
-    """Tensor Gauss rules of rising order on the solver of a chaos; None: they do not converge in time."""
+    """Tensor Gauss rules of rising order, which witnesses must agree with; None: they do not in time."""
+    space = result.space
     before: MeanStd | None = None
     changes: list[float] = []
+    seen = witnesses(result, quantity, rtol, complete)
     for points in RULES:
-        rule = result.space.tensor_gauss(points)
-        if len(rule.points) > MOST_SAMPLES:
+        counts = [points if g.capacity is None else min(points, g.capacity) for g in space.germs]
+        rule = space.tensor_gauss(counts)
+        if len(rule.points) > MOST_RULE:
             return None
-        samples = result.sample(rule.points, rule.weights, "quadrature", rtol=rtol)
+        samples = solved(result, rule.points, rule.weights, rtol, quantity)
         complete(samples)
         value = samples.mean_std(quantity)
         if before is not None:
+            values = quantity.at_end(samples, samples)
+            whole = whole_of(value, rtol) or abs(value.mean)
             changes.append(change_of(before, value, rtol))
             # earlier changes count with less weight, and the fall is the mean over all of them
             change = max(c * FORGOTTEN**k for k, c in enumerate(reversed(changes)))
@@ -423,23 +604,177 @@ def _by_rules(
                 mean = (changes[-1] / changes[0]) ** (1.0 / (len(changes) - 1))
                 fall = float(np.clip(mean, SUREST, SLOWEST))
             left = change * fall / (1.0 - fall)
-            if len(changes) > 1 and left <= 0.5 * target:
-                whole = whole_of(value, rtol)
-                error = largest_of(samples.error)
-                how = f"the change by the last of {points} points per germ, carried on"
+            smooth = surrogate(space, counts, rule.points, np.asarray(rule.weights), values)
+            off = misfit(seen, smooth(seen.points), value)
+            spread = value.std or 0.0
+            kinked = share_of(off.size, spread) ** KINKED * spread
+            if not spread > 0.0 and not value.mean:
+                return None  # nothing happens at any point of the rule
+            of_mean = max(left * abs(value.mean), kinked)
+            of_std = max(left * whole, kinked)
+            relative = max(share_of(of_mean, value.mean), share_of(of_std, whole))
+            if relative <= 0.5 * target:
+                outside = f"{len(seen.points)} points outside it"
+                how = f"the change by the last of {points} points per germ, {outside}"
+                away = checked_cold(result, samples, quantity, values)
+                if not away <= 0.3 * target * min(abs(value.mean), whole):
+                    return None
                 made = Errors(
-                    ErrorShare(error, error * abs(value.mean), error * abs(value.mean), "its estimate"),
-                    ErrorShare(np.nan, left * abs(value.mean), left * (whole or 0.0), how),
+                    ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter"),
+                    ErrorShare(np.nan, of_mean, of_std, how),
                     None,
                     quantity,
                     value,
                     whole,
                 )
                 more = RULES[min(RULES.index(points) + 1, len(RULES) - 1)]
-                count = more**result.space.dimension
+                count = more**space.dimension
                 seconds = sum(samples.seconds.values()) * count / len(rule.points)
                 return samples, replace(
                     made, next_halving=f"{more} points per germ, {count} solves, about {seconds:.2g} s"
                 )
+            if kinked > 5.0 * target * whole and points >= 7:
+                return None  # a kink: more points would not do
         before = value
     return None
+
+
+def _by_panels(
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float
+) -> tuple[SampleResult, Errors] | None:
+    """Gauss rules on pieces of one germ, which are halved around kinks; None: they do not converge."""
+    space = result.space
+
+    def integrated(ends: list[tuple[float, float]]) -> list[Array]:
+        z, weights = panel_points(ends)
+        samples = solved(result, space.from_uniform(ndtr(z.reshape(-1, 1))), weights.ravel(), rtol, quantity)
+        complete(samples)
+        values = quantity.at_end(samples, samples).reshape(z.shape)
+        powers = (np.ones_like(values), values, values**2)
+        return [np.array([float(w @ p[k]) for p in powers]) for k, w in enumerate(weights)]
+
+    ends = list(pairwise(FIRST_PANELS))
+    unknown = np.full(3, np.inf)
+    leaves = [Panel(*end, sums, unknown) for end, sums in zip(ends, integrated(ends), strict=True)]
+    for _ in range(MOST_HALVINGS):
+        total = np.sum([leaf.sums for leaf in leaves], axis=0)
+        mean = float(total[1] / total[0])
+        value = MeanStd(mean, float(np.sqrt(max(total[2] / total[0] - mean**2, 0.0))))
+        whole = whole_of(value, min(rtol, 1e-10)) or abs(mean)
+
+        def relative(wrong: Array, value: MeanStd = value, whole: float = whole) -> tuple[float, float]:
+            """Errors of mean and deviation, of those of the moments."""
+            if not np.all(np.isfinite(wrong)):
+                return np.inf, np.inf
+            of_mean = wrong[1] + wrong[0] * abs(value.mean)
+            square = wrong[2] + 2.0 * abs(value.mean) * wrong[1] + wrong[0] * value.mean**2
+            std = value.std or 0.0
+            return float(of_mean), float(min(square / (2.0 * std), np.sqrt(square)) if std > 0.0 else square)
+
+        of_mean, of_std = relative(np.sum([leaf.error for leaf in leaves], axis=0))
+        if value.mean == 0.0 and not value.std and np.isfinite(of_mean):
+            return None  # nothing happens at any point
+        if max(share_of(of_mean, mean), share_of(of_std, whole)) <= 0.5 * target:
+            z, weights = panel_points([(leaf.lower, leaf.upper) for leaf in leaves])
+            points = space.from_uniform(ndtr(z.reshape(-1, 1)))
+            samples = solved(result, points, weights.ravel(), rtol, quantity)
+            complete(samples)
+            values = quantity.at_end(samples, samples)
+            value = samples.mean_std(quantity)
+            away = checked_cold(result, samples, quantity, values)
+            if not away <= 0.3 * target * min(abs(value.mean), whole):
+                return None
+            how = f"the change by the last halving of {len(leaves)} pieces of the germ"
+            made = Errors(
+                ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter"),
+                ErrorShare(np.nan, of_mean, of_std, how),
+                None,
+                quantity,
+                value,
+                whole,
+            )
+            seconds = 2.0 * sum(samples.seconds.values())
+            return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")
+        each = 0.25 * target / len(leaves)
+        shares = [relative(leaf.error) for leaf in leaves]
+        split = [
+            max(share_of(a, mean), share_of(b, whole)) > each or not np.isfinite(a) for a, b in shares
+        ]
+        if sum(split) * 2 * POINTS > MOST_RULE:
+            return None
+        halves = [
+            half
+            for leaf, cut in zip(leaves, split, strict=True)
+            if cut
+            for middle in [0.5 * (leaf.lower + leaf.upper)]
+            for half in ((leaf.lower, middle), (middle, leaf.upper))
+        ]
+        found = integrated(halves)
+        parents = [leaf for leaf, cut in zip(leaves, split, strict=True) if cut]
+        leaves = [leaf for leaf, cut in zip(leaves, split, strict=True) if not cut]
+        for k, parent in enumerate(parents):
+            pair = found[2 * k : 2 * k + 2]
+            # what halving has changed is what was wrong before, and with a kink may be small by chance
+            error = 0.5 * np.abs(parent.sums - pair[0] - pair[1])
+            if np.all(np.isfinite(parent.error)):
+                error = np.maximum(error, FORGOTTEN**4 * parent.error)
+            ends = halves[2 * k : 2 * k + 2]
+            leaves += [Panel(*end, sums, error) for end, sums in zip(ends, pair, strict=True)]
+    return None
+
+
+def _by_samples(
+    result: ChaosResult, quantity: Wanted, target: float, rtol: float
+) -> tuple[SampleResult, Errors, tuple[str, ...]]:
+    """Calibrated samples, as many as their sets ask for."""
+    each = LEAST_SAMPLES
+    notes: tuple[str, ...] = ()
+    space = result.space
+    while True:
+        sets = [wide_points(space, each, seed) for seed in range(SETS)]
+        points = np.concatenate([p for p, _ in sets])
+        weights = np.concatenate([calibrated(space, p, w) for p, w in sets]) / SETS
+        samples = solved(result, points, weights, rtol, quantity)
+        complete(samples)
+        values = quantity.at_end(samples, samples)
+        value, of_mean, of_std = moments_of_sets(quantity, values, weights, SETS)
+        whole = whole_of(value, min(rtol, 1e-10)) or abs(value.mean)
+        nothing = value.mean == 0.0 and not value.std
+        relative = np.inf if nothing else max(share_of(of_mean, value.mean), share_of(of_std, whole))
+        total = each * SETS
+        if relative <= 0.6 * target:
+            away = checked_cold(result, samples, quantity, values)
+            off = max(share_of(away, value.mean), share_of(away, whole))
+            if off <= 0.3 * target or rtol <= 1e-10:
+                break
+            rtol = max(0.03 * rtol, FINEST)
+            continue
+        # errors of scrambled points fall like 1 / N at best, more slowly where there are kinks
+        factor = 2 ** max(1, min(2, round(log2(relative / (0.5 * target))))) if isfinite(relative) else 4
+        known = value.std is not None and share_of(of_std, whole) <= 0.6 * target
+        lost = known and abs(value.mean) <= of_mean
+        if total >= MOST_SAMPLES or (lost and total >= ENOUGH_FOR_ZERO):
+            away = checked_cold(result, samples, quantity, values)
+            notes = (f"{total} samples: more are left to you, see quasi_monte_carlo",)
+            if nothing:
+                notes += ("no sample has met what makes the quantity differ from 0",)
+            elif lost:
+                notes += (
+                    f"the mean {value.mean:.3g} cannot be told from 0 (+- {of_mean:.1g}, the deviation is "
+                    f"{value.std:.3g}): no error is small relative to it; ask for a function that adds what "
+                    "the quantity is to be compared with",
+                )
+            break
+        each = min(each * factor, MOST_SAMPLES // SETS)
+    unseen = np.inf if nothing else None
+    made = Errors(
+        ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter"),
+        ErrorShare(np.nan, unseen or of_mean, unseen or of_std, f"{SETS} sets of {each} samples"),
+        None,
+        quantity,
+        value,
+        whole,
+    )
+    seconds = sum(samples.seconds.values())
+    halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
+    return samples, replace(made, next_halving=halving), notes

@@ -30,7 +30,7 @@ from dolfinx_frontend.results.chaos import NOISE, ChaosResult
 from dolfinx_frontend.results.answer import AnswerKind
 from dolfinx_frontend.results.errors import Errors, ErrorShare, MeanStd, Source, share_of
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Interest, Resultant, interest
+from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.solvers.galerkin import IndefiniteError, carry_on
 from dolfinx_frontend.uncertainty.chaos import Chaos
@@ -50,6 +50,7 @@ __all__ = [
     "next_halving",
     "of_direct",
     "not_known",
+    "over_ranks",
     "sizes_of",
     "whole_of",
 ]
@@ -76,7 +77,8 @@ REPLICATES = 4
 
 # --- quantities -------------------------------------------------------------------------------------
 def whole_of(value: MeanStd, rtol: float) -> float | None:
-    """What an error of the standard deviation is relative to."""
+    """What an error of the standard deviation is relative to: itself, if it is more than what a run with this
+    error leaves of a mean."""
     if value.std is None:
         return None
     noise = value.std <= NOISE * rtol * abs(value.mean)
@@ -92,7 +94,7 @@ def change_of(one: MeanStd, other: MeanStd, rtol: float) -> float:
     return change
 
 
-def _over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | None = None) -> Any:
+def over_ranks(result: Result, value: Any, join: Callable[[list[Any]], Any] | None = None) -> Any:
     """What the ranks have of something together: their sum, or what `join` makes of them; collective."""
     comm = result.problem.comm
     if comm is None:
@@ -113,7 +115,7 @@ def distance(one: ChaosResult, other: ChaosResult) -> float:
     data[:, places] -= other.state.data
     traces[:, places] -= other.state.traces
     forces = data - solver.directions[:, None] * traces
-    square = float(_over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
+    square = float(over_ranks(one, np.sum(traces * solver.weights[:, None] * forces)))
     return float(np.sqrt(abs(square) / one.summary.energy)) if one.summary.energy > 0.0 else 0.0
 
 
@@ -133,21 +135,21 @@ def _margin(table: npt.NDArray[np.int32], caps: Sequence[int]) -> list[Index]:
     return sorted(found)
 
 
-def sizes_of(result: ChaosResult, quantity: Resultant | None) -> tuple[Array, Array]:
+def sizes_of(result: ChaosResult, quantity: Wanted | None) -> tuple[Array, Array]:
     """(P + 1,) size of each mode in the quantity, and in the whole field, relative to the mean."""
     steps = result.steps
     metric = (result.solver.weights / result.solver.directions)[:, None]
     square = np.sum(metric * result.state.data**2, axis=0).reshape(-1, steps).sum(axis=1)
-    square = _over_ranks(result, square)
+    square = over_ranks(result, square)
     of_field = np.sqrt(square / square[0]) if square[0] > 0.0 else np.sqrt(square)
-    if quantity is None or quantity.interface in result.collocations:
+    if not isinstance(quantity, Resultant) or quantity.interface in result.collocations:
         return of_field, of_field
     values = np.abs(result.resultant_coefficients(quantity))
     mean = values[0] if values[0] > 0.0 else max(float(values.max()), 1e-300)
     return values / mean, of_field
 
 
-def enlarged(result: ChaosResult, quantity: Resultant | None, target: float = 0.0) -> Chaos:
+def enlarged(result: ChaosResult, quantity: Wanted | None, target: float = 0.0) -> Chaos:
     """The chaos with those of its next modes that are predicted to matter at an accuracy; 0: all of them."""
     table = result.basis.indices.table
     caps = [germ.capacity - 1 if germ.capacity is not None else 2**30 for germ in result.space.germs]
@@ -219,8 +221,8 @@ def errors(result: Result | SampleResult, quantity: Interest = None) -> Errors:
 
 def _errors_of_run(
     result: Result,
-    quantity: Resultant | None,
-    truncation: Callable[[Any, Resultant | None], ErrorShare] | None = None,
+    quantity: Wanted | None,
+    truncation: Callable[[Any, Wanted | None], ErrorShare] | None = None,
 ) -> Errors:
     """Errors of a run with fields; `truncation` measures that of its chaos, from the tightened run."""
     made = replace(not_known(result, quantity), notes=lost_variance(result))
@@ -266,7 +268,7 @@ def complete(result: Result | SampleResult) -> None:
         raise Interrupted
 
 
-def not_known(result: Result, quantity: Resultant | None) -> Errors:
+def not_known(result: Result, quantity: Wanted | None) -> Errors:
     """The errors of a result of which nothing is measured."""
     value = None if quantity is None else result.mean_std(quantity)
     nan = None if value is None else np.nan
@@ -280,7 +282,7 @@ def not_known(result: Result, quantity: Resultant | None) -> Errors:
 
 
 def _algebraic(
-    result: Result, tight: Result, quantity: Resultant | None, value: MeanStd | None
+    result: Result, tight: Result, quantity: Wanted | None, value: MeanStd | None
 ) -> ErrorShare:
     """The error of the iteration, from the run with the tighter tolerance."""
     complete(tight)
@@ -295,7 +297,7 @@ def _difference(one: float | None, other: float | None) -> float | None:
     return None if one is None or other is None else abs(one - other)
 
 
-def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
+def _truncation(result: ChaosResult, quantity: Wanted | None) -> ErrorShare:
     """The error of a chaos, from a larger one."""
     if result.collocations:
         return by_solves(result, quantity)
@@ -312,7 +314,7 @@ def _truncation(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     return replace(found, quantity=abs(after.mean - before.mean), std=of_std)
 
 
-def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
+def by_solves(result: ChaosResult, quantity: Wanted | None) -> ErrorShare:
     """The error of a chaos of a nonlinear law, by deterministic solves.
 
     The chaos is their control variate: moments are corrected by mean and variance of the difference, and two
@@ -321,7 +323,7 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     count = max(result.chaos.check_points, 32)
     truth = result.sample(result.space.sample(count, 1))
     complete(truth)
-    names = result.plan.active if quantity is None else (quantity.interface,)
+    names = (quantity.interface,) if isinstance(quantity, Resultant) else result.plan.active
     problem = result.problem
     here = [name for name in names if problem.speaks_for(name)]
     with agreement(problem.comm):
@@ -343,7 +345,7 @@ def by_solves(result: ChaosResult, quantity: Resultant | None) -> ErrorShare:
     return ErrorShare(error, float(abs(shift.mean()) + margin), float(away), how)
 
 
-def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Errors:
+def errors_of_samples(result: SampleResult, quantity: Wanted | None) -> Errors:
     """Errors of samples, from the differences between consecutive parts of the sample."""
     error = largest_of(result.error)
     if quantity is None:
@@ -368,10 +370,11 @@ def errors_of_samples(result: SampleResult, quantity: Resultant | None) -> Error
     return replace(made, next_halving=halving, notes=lost_variance(result))
 
 
-def error_of_meshes(result: Result, quantity: Resultant | None) -> ErrorShare | None:
+def error_of_meshes(result: Result, quantity: Wanted | None) -> ErrorShare | None:
     """The error of the meshes, where it can be estimated."""
     try:
-        found = discretisation_error(result, quantity)
+        # of a function there is no dual problem: the energy has to do
+        found = discretisation_error(result, quantity if isinstance(quantity, Resultant) else None)
     except SceneError as error:
         _log.info("no estimate of the discretisation error: %s", error)
         return None
@@ -387,8 +390,8 @@ def _iteration_cost(result: Result) -> tuple[float, float]:
     """Operations of one iteration on all ranks, by the model of the plan, and the seconds that it took."""
     cost, summary = result.plan.cost, result.summary
     spent = max(summary.global_s + summary.local_s + summary.other_s, 1e-6)
-    seconds = float(_over_ranks(result, spent / max(result.iterations, 1), max))
-    return float(_over_ranks(result, cost.iteration_flops if cost is not None else 0.0)), seconds
+    seconds = float(over_ranks(result, spent / max(result.iterations, 1), max))
+    return float(over_ranks(result, cost.iteration_flops if cost is not None else 0.0)), seconds
 
 
 def _smaller_tolerance(result: Result, made: Errors) -> str:
@@ -419,11 +422,11 @@ def _smaller_cells(result: Result, made: Errors) -> str:
     cost = result.plan.cost
     # a rank may have no part
     degrees = [part.V.ufl_element().degree for part in result.problem.substructures.values()]
-    degree = min(_over_ranks(result, degrees))
+    degree = min(over_ranks(result, degrees))
     finer = 2.0 ** (-1.0 / degree)
     factor = finer ** (-2.0 * result.problem.dim)
-    more = factor * float(_over_ranks(result, cost.factor_flops if cost is not None else 0.0))
-    seconds = factor * float(_over_ranks(result, sum(result.seconds.values()), max))
+    more = factor * float(over_ranks(result, cost.factor_flops if cost is not None else 0.0))
+    seconds = factor * float(over_ranks(result, sum(result.seconds.values()), max))
     return (
         f"cells of {finer:.2g} times the size: {finer ** -result.problem.dim:.1f} times the unknowns, "
         f"{shown(more, 'Flop')} to factorise, about {seconds:.2g} s"
@@ -447,11 +450,12 @@ def _iterations_for(result: Result, fall: float) -> int | None:
 _HALVINGS: Mapping[Source, Callable[[Any, Errors], str]] = {
     "algebraic": _smaller_tolerance,
     "truncation": _more_modes,  # which only a chaos has among the runs
+    "field": lambda result, made: "more modes of the fields: RandomField(variance_captured=...)",
     "discretisation": _smaller_cells,
 }
 
 
-_BY_KIND: Mapping[AnswerKind, Callable[[Any, Resultant | None], Errors]] = {
+_BY_KIND: Mapping[AnswerKind, Callable[[Any, Wanted | None], Errors]] = {
     "deterministic": _errors_of_run,
     "history": _errors_of_run,
     "chaos": partial(_errors_of_run, truncation=_truncation),

@@ -147,6 +147,10 @@ def discretisation_error(
     check_step(result.times, step, "discretisation_error")
     problem = result.problem
     quantity = interest(problem.interfaces, quantity)
+    if quantity is not None and not isinstance(quantity, Resultant):
+        raise SceneError(
+            f"discretisation_error: {quantity} has no dual problem; give a Resultant, or None for the energy"
+        )
     problem.check_alike("discretisation_error", quantity=quantity, step=step)
     with agreement(problem.comm):
         problem.check_sources()

@@ -15,7 +15,7 @@ from latin_core import Laws, State, stochastic
 
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_kind, check_known, checked_names, checked_whole
+from dolfinx_frontend.common.checks import check_known, checked_names, checked_whole
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -42,7 +42,7 @@ from dolfinx_frontend.results.errors import MeanStd
 from dolfinx_frontend.results.moments import Accumulator, of_modes
 from dolfinx_frontend.results.readings import Readings
 from dolfinx_frontend.results.result import Result
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, Resultant, asked
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
@@ -268,16 +268,20 @@ class ChaosResult(Result, StochasticResult):
         return None
 
     @together("mean_std")
-    def mean_std(self, quantity: Resultant) -> MeanStd:
-        """A total force or mean jump, of a history at its end; collective."""
-        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
-        if quantity.interface in self.collocations:
+    def mean_std(self, quantity: Interest) -> MeanStd:
+        """A total force or mean jump, of a history at its end, or what a function makes of the fields;
+        collective."""
+        what = asked("mean_std", self.problem.interfaces, quantity)
+        if not isinstance(what, Resultant):
+            values = what.sampled(self)
+            return MeanStd(*what.statistic(values, np.full(len(values), 1.0 / len(values))))
+        if what.interface in self.collocations:
             sums = Accumulator()
             for block in self.moment_blocks():
-                sums.add({"": quantity.at_end(self, block)}, block.weights)
+                sums.add({"": what.at_end(self, block)}, block.weights)
             mean, std = sums.found()[""]
         else:
-            mean, std = of_modes(self.resultant_coefficients(quantity))
+            mean, std = of_modes(self.resultant_coefficients(what))
         return MeanStd(float(mean), float(std))
 
     def resultant_coefficients(self, quantity: Resultant) -> Array:

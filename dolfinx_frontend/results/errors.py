@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, Wanted
 
 __all__ = [
     "Continuation",
@@ -23,7 +23,7 @@ __all__ = [
     "share_of",
 ]
 
-Source = Literal["algebraic", "truncation", "discretisation"]
+Source = Literal["algebraic", "truncation", "field", "discretisation"]
 
 
 class MeanStd(NamedTuple):
@@ -64,6 +64,8 @@ class Errors:
     algebraic, truncation, discretisation
         Of the iteration, of the chaos or the samples (None: nothing is random), of the meshes (None: not
         estimated).
+    field
+        Of the modes that random fields leave out (None: there are none, or it was not measured).
     quantity, moments
         What they are measured in (None: the energy norm), and its value.
     whole
@@ -79,12 +81,13 @@ class Errors:
     algebraic: ErrorShare
     truncation: ErrorShare | None
     discretisation: ErrorShare | None
-    quantity: Resultant | None
+    quantity: Wanted | None
     moments: MeanStd | None
     whole: float | None = None
     asked: float | None = None
     next_halving: str = ""
     notes: tuple[str, ...] = ()
+    field: ErrorShare | None = None
 
     def relative(self, source: Source) -> float:
         """One error, relative: the larger of mean and deviation, or that in the energy norm; 0: none."""
@@ -105,8 +108,8 @@ class Errors:
 
     @property
     def total(self) -> float:
-        """Relative error of the answer on its meshes: algebraic and truncation together."""
-        return self.relative("algebraic") + self.relative("truncation")
+        """Relative error of the answer on its meshes: algebraic, truncation and field together."""
+        return self.relative("algebraic") + self.relative("truncation") + self.relative("field")
 
     @property
     def reached(self) -> bool:
@@ -123,7 +126,7 @@ class Errors:
         if self.moments is not None:
             spread = "" if self.moments.std is None else f", standard deviation {self.moments.std:.6g}"
             lines[0] += f" (value {self.moments.mean:.6g}{spread})"
-        for source in ("algebraic", "truncation", "discretisation"):
+        for source in get_args(Source):
             share: ErrorShare | None = getattr(self, source)
             if share is not None:
                 mark = "  <- dominates" if source == self.dominating else ""
@@ -144,10 +147,10 @@ def share_of(error: float, whole: float) -> float:
 class Estimator(Protocol):
     """Measures the errors of a result, see :meth:`dolfinx_frontend.Result.errors`."""
 
-    def __call__(self, result: Any, quantity: Resultant | str | None = None) -> Errors: ...
+    def __call__(self, result: Any, quantity: Interest = None) -> Errors: ...
 
 
-def not_measured(result: Any, quantity: Resultant | str | None = None) -> Errors:
+def not_measured(result: Any, quantity: Interest = None) -> Errors:
     """The estimator of a result that was made without one."""
     raise SceneError(
         "this result was made without an estimator: dolfinx_frontend.errors(result) measures its errors"

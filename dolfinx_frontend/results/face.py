@@ -355,7 +355,7 @@ class Face(ABC):
             mean.x.array[:] = found[0]
             deviation.x.array[:] = np.sqrt(np.sum(np.square(found[1:]), axis=0)) if len(found) > 1 else 0.0
             return mean, deviation
-        sums = Accumulator()
+        sums = Accumulator(self.statistics != "qmc")
         for block in [self.shown()] if self.statistics == "grid" else self.moment_blocks():
             fields = stepped(block.displacement(part), self.times, 1)[:, step]
             factors = block.factor(part)
@@ -432,7 +432,7 @@ class Face(ABC):
                 total += stress(stepped(each, self.times)[step], now) ** 2
             out.x.array[:] = np.sqrt(total)
         else:
-            sums = Accumulator()
+            sums = Accumulator(self.statistics != "qmc")
             for block in self.moment_blocks():
                 fields = stepped(block.displacement(part), self.times, 1)[:, step]
                 every = [stepped(block.load(*key), self.times, 1)[:, step] for key in keys]
@@ -481,7 +481,7 @@ class Face(ABC):
         modes = self.modes_of(name)
         if modes is not None:
             return of_modes(modes[0] if of == "force" else modes[1])
-        sums = Accumulator()
+        sums = Accumulator(self.statistics != "qmc")
         for block in self.moment_blocks():
             sums.add({name: block.force(name) if of == "force" else block.jump(name)}, block.weights)
         return sums.found()[name]

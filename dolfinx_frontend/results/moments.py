@@ -14,17 +14,21 @@ __all__ = ["Accumulator", "of_modes"]
 class Accumulator:
     """Sums of samples about the first of them, so that nothing cancels."""
 
-    def __init__(self) -> None:
+    def __init__(self, independent: bool = True) -> None:
+        """Samples without weights are `independent` draws; Sobol points are not: they fill the space evenly,
+        and their variance is divided by their number."""
+        self._independent = independent
         self._origin: dict[str, Array] = {}
         self._sums: dict[str, tuple[Array, Array]] = {}
         self._total = 0.0
         self._lost = 0.0
 
     def add(self, fields: Mapping[str, Array], weights: Array | None) -> None:
-        """Fields (n, ...) by name, with weights (n,); None: of a random sample, with an unbiased variance."""
+        """Fields (n, ...) by name, with weights (n,); None: of a sample, with an unbiased variance if its
+        points are independent."""
         if weights is None:
             weights = np.ones(len(next(iter(fields.values()))))
-            self._lost = 1.0
+            self._lost = float(self._independent)
         self._total += float(weights.sum())
         for name, values in fields.items():
             origin = self._origin.setdefault(name, values[0].copy())

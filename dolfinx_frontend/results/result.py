@@ -14,7 +14,7 @@ from dolfinx_frontend.assembly.interface import Interface
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.assembly.ranks import together
 from dolfinx_frontend.common.arrays import Array, Ints
-from dolfinx_frontend.common.checks import check_kind, checked_number
+from dolfinx_frontend.common.checks import checked_number
 from dolfinx_frontend.common.describe import shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.frozen import read_only
@@ -33,7 +33,7 @@ from dolfinx_frontend.results.errors import (
     not_measured,
 )
 from dolfinx_frontend.results.face import Face
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, asked
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.value import Value
 
@@ -174,13 +174,13 @@ class Result(Value, Face):
         return more
 
     @together("mean_std")
-    def mean_std(self, quantity: Resultant) -> MeanStd:
-        """A total force or mean jump, of a history at its end; its standard deviation if it is random.
+    def mean_std(self, quantity: Interest) -> MeanStd:
+        """A total force or mean jump, of a history at its end, or what a function makes of the fields; its
+        standard deviation if it is random.
 
         Collective: to be called on all ranks.
         """
-        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
-        value = self.everywhere(quantity.interface, lambda: quantity.value(self))
+        value = asked("mean_std", self.problem.interfaces, quantity).everywhere(self)
         return MeanStd(float(np.ravel(value)[-1]), None)
 
     def unknowns(self, part: str) -> Array:
@@ -221,7 +221,7 @@ class Result(Value, Face):
         return u if unknowns is None else u[..., unknowns]
 
     @together("errors")
-    def errors(self, quantity: Resultant | str | None = None) -> Errors:
+    def errors(self, quantity: Interest = None) -> Errors:
         """Errors of the iteration, the chaos and the meshes, in the energy norm and in a quantity.
 
         The iteration is carried on until its error is ten times smaller, a chaos gets its next modes: about

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from dolfinx_frontend.common.arrays import Array
-from dolfinx_frontend.common.checks import check_kind, check_known, checked_name, is_whole
+from dolfinx_frontend.common.checks import (
+    check_kind,
+    check_known,
+    checked_callable,
+    checked_name,
+    checked_number,
+    is_whole,
+)
 from dolfinx_frontend.common.errors import SceneError
 
-__all__ = ["Interest", "Resultant", "interest"]
+__all__ = ["Interest", "Measure", "Quantile", "Resultant", "Wanted", "asked", "interest"]
 
 Of = Literal["force", "jump"]
 _COMPONENTS = ("normal", "shear1", "shear2")
@@ -41,6 +48,15 @@ class Resultant:
     interface: str
     of: Of = "force"
     component: int = 0
+
+    @property
+    def needs_states(self) -> bool:
+        """Whether samples must keep their states: force and jump are there without."""
+        return False
+
+    def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
+        """Mean and deviation of values (N,) with weights (N,) of sum 1."""
+        return _mean_and_std(values, weights)
 
     def __post_init__(self) -> None:
         checked_name("Resultant", self.interface)
@@ -95,12 +111,161 @@ class Resultant:
         weights = interfaces[self.interface].weights
         return self.total(self.field(result), weights)
 
+    def everywhere(self, result: Any) -> Array:
+        """The number in a result, on all ranks; collective."""
+        found: Array = result.everywhere(self.interface, lambda: self.value(result))
+        return found
 
-Interest = Resultant | str | None
-"""A quantity of interest as users give it; a name: the normal force of that interface."""
+    def sampled(self, result: Any) -> Array:
+        """The number (N,) at samples of a chaos; collective."""
+        return np.concatenate([self.at_end(result, block) for block in result.blocks()])
 
 
-def interest(interfaces: Mapping[str, Any], quantity: Interest) -> Resultant | None:
+@dataclass(frozen=True)
+class Measure:
+    """A number that a function makes of the fields of an answer.
+
+    The largest stress, a displacement at a point, the force of several bolts; or 1 where something happens
+    and 0 elsewhere, whose mean is its probability.
+
+    Attributes
+    ----------
+    function
+        Takes the fields at n samples (:class:`Block`), returns (n,) values; it is called several times.
+    name
+        For tables and messages.
+    """
+
+    function: Callable[[Any], Any] = field(repr=False)
+    name: str = "quantity"
+
+    def __post_init__(self) -> None:
+        wanted = "give a function of the fields of n samples that returns (n,) values"
+        checked_callable("Measure", "function", self.function, wanted)
+        checked_name("Measure", self.name)
+
+    @property
+    def needs_states(self) -> bool:
+        """Whether samples must keep their states: the function may ask for displacements."""
+        return True
+
+    def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
+        """Mean and deviation of values (N,) with weights (N,) of sum 1."""
+        return _mean_and_std(values, weights)
+
+    def __str__(self) -> str:
+        return self.name
+
+    def at_end(self, answer: Any, fields: Any) -> Array:
+        """The number (N,) in samples; `fields` are the samples themselves."""
+        return np.asarray(fields.quantity(self.function, self.name).values)
+
+    def value(self, result: Any) -> Array:
+        """The number in a result: (1,), (N,) of samples."""
+        return np.asarray(result.quantity(self.function, self.name).values)
+
+    def everywhere(self, result: Any) -> Array:
+        """The same; a function reads what its rank has."""
+        return self.value(result)
+
+    def sampled(self, result: Any) -> Array:
+        """The number (N,) at samples of a chaos."""
+        return self.value(result)
+
+
+@dataclass(frozen=True, repr=False)
+class Quantile:
+    """The value that a quantity of a random answer is below with a probability.
+
+    Attributes
+    ----------
+    of
+        A :class:`Resultant`, a function of the fields, or the name of an interface (its normal force).
+    level
+        The probability, in (0, 1).
+    """
+
+    of: Resultant | Measure | Callable[[Any], Any] | str
+    level: float
+
+    def __post_init__(self) -> None:
+        checked_number("Quantile", "level", self.level, above=0.0, below=1.0)
+        wanted = "give a Resultant, a function of the fields, or the name of an interface"
+        if not isinstance(self.of, Resultant | Measure | str):
+            checked_callable("Quantile", "of", self.of, wanted)
+
+    @property
+    def needs_states(self) -> bool:
+        """Whether samples must keep their states."""
+        return self._inner.needs_states
+
+    def __repr__(self) -> str:
+        return f"Quantile({self._inner}, {self.level:g})"
+
+    @property
+    def _inner(self) -> Resultant | Measure:
+        if isinstance(self.of, str):
+            return Resultant(self.of)
+        return self.of if isinstance(self.of, Resultant | Measure) else measure(self.of)
+
+    def __str__(self) -> str:
+        return f"{100.0 * self.level:g} % quantile of {self._inner}"
+
+    def at_end(self, answer: Any, fields: Any) -> Array:
+        """The quantity (N,) in samples."""
+        return self._inner.at_end(answer, fields)
+
+    def everywhere(self, result: Any) -> Array:
+        """The quantity in a result, on all ranks; collective."""
+        return self._inner.everywhere(result)
+
+    def sampled(self, result: Any) -> Array:
+        """The quantity (N,) at samples of a chaos; collective."""
+        return self._inner.sampled(result)
+
+    def statistic(self, values: Array, weights: Array) -> tuple[float, float | None]:
+        """The quantile of values (N,) with weights (N,) of sum 1, which has no deviation."""
+        ranked = np.argsort(values)
+        below = np.maximum.accumulate(np.cumsum(weights[ranked]) - 0.5 * weights[ranked])
+        return float(np.interp(self.level, below, values[ranked])), None
+
+
+def measure(function: Callable[[Any], Any]) -> Measure:
+    """A function of the fields as a quantity, by its own name."""
+    return Measure(function, str(getattr(function, "__name__", "quantity")).strip("<>"))
+
+
+def _mean_and_std(values: Array, weights: Array) -> tuple[float, float | None]:
+    """Mean and deviation of values (N,) with weights (N,) of sum 1."""
+    mean = float(weights @ values)
+    return mean, float(np.sqrt(max(float(weights @ (values - mean) ** 2), 0.0)))
+
+
+Wanted: TypeAlias = Resultant | Measure | Quantile
+"""A number whose error is asked about."""
+
+Interest = Resultant | Measure | Quantile | Callable[[Any], Any] | str | None
+"""A quantity of interest as users give it; a name: the normal force of that interface; a function: a
+:class:`Measure`."""
+
+
+def asked(where: str, interfaces: Mapping[str, Any], quantity: Interest) -> Wanted:
+    """The quantity that is meant, which is not the energy norm.
+
+    Raises
+    ------
+    SceneError
+        There is no such interface, or no quantity.
+    """
+    found = interest(interfaces, quantity)
+    if found is None:
+        raise SceneError(
+            f"{where}: quantity = {quantity!r}; give a Resultant, the name of an interface, or a function"
+        )
+    return found
+
+
+def interest(interfaces: Mapping[str, Any], quantity: Interest) -> Wanted | None:
     """The quantity that is meant; None: the energy norm.
 
     Raises
@@ -110,7 +275,15 @@ def interest(interfaces: Mapping[str, Any], quantity: Interest) -> Resultant | N
     """
     if quantity is None or (isinstance(quantity, str) and quantity == "energy"):
         return None
-    wanted = "give a Resultant, the name of an interface, or 'energy'"
+    if isinstance(quantity, Measure):
+        return quantity
+    if isinstance(quantity, Quantile):
+        if isinstance(quantity._inner, Resultant):
+            check_known("interface", quantity._inner.interface, interfaces, "quantity of interest")
+        return quantity
+    if callable(quantity):
+        return measure(quantity)
+    wanted = "give a Resultant, a function of the fields, the name of an interface, or 'energy'"
     check_kind("quantity of interest", "quantity", quantity, (Resultant, str), wanted)
     if isinstance(quantity, str):
         check_known("interface", quantity, interfaces, "quantity of interest")

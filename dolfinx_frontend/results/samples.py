@@ -25,7 +25,7 @@ from dolfinx_frontend.results.answer import AnswerKind, Block
 from dolfinx_frontend.results.contact import ContactValues
 from dolfinx_frontend.results.errors import Errors, Estimator, MeanStd, not_measured
 from dolfinx_frontend.results.moments import Accumulator
-from dolfinx_frontend.results.resultant import Resultant
+from dolfinx_frontend.results.resultant import Interest, asked
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.sweep import PointResults
 from dolfinx_frontend.results.uncertain import StochasticResult
@@ -178,7 +178,7 @@ class SampleResult(Value, PointResults, StochasticResult):
 
     @cached_property
     def _moments(self) -> dict[str, tuple[Array, Array]]:
-        sums = Accumulator()
+        sums = Accumulator(self.statistics != "qmc")
         for block in self.blocks():
             sums.add({n: block.displacement(n) for n in self.problem.substructures}, block.weights)
         return {name: (read_only(m), read_only(s)) for name, (m, s) in sums.found().items()}
@@ -198,15 +198,17 @@ class SampleResult(Value, PointResults, StochasticResult):
                 out[name] = out.get(name, 0.0) + np.moveaxis(block.displacement(name), 0, -1) @ weighted
         return out
 
-    def mean_std(self, quantity: Resultant) -> MeanStd:
-        """A total force or mean jump, of a history at its end; collective."""
-        check_kind("mean_std", "quantity", quantity, Resultant, "give a Resultant")
-        sums = Accumulator()
-        sums.add({"": quantity.at_end(self, self)}, self.weights)
-        mean, std = sums.found()[""]
-        return MeanStd(float(mean), float(std))
+    def mean_std(self, quantity: Interest) -> MeanStd:
+        """A total force or mean jump, of a history at its end, or what a function makes of the fields;
+        collective."""
+        what = asked("mean_std", self.problem.interfaces, quantity)
+        values = what.at_end(self, self)
+        mean, std = what.statistic(values, self.probabilities)
+        if std is not None and self.statistics == "random" and len(values) > 1:
+            std *= float(np.sqrt(len(values) / (len(values) - 1.0)))  # unbiased: independent samples
+        return MeanStd(mean, std)
 
-    def errors(self, quantity: Resultant | str | None = None) -> Errors:
+    def errors(self, quantity: Interest = None) -> Errors:
         """As :meth:`Result.errors`; the error of the sampling from the spread over parts of it."""
         return self.estimator(self, quantity)
 

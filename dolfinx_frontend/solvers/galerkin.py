@@ -124,10 +124,9 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
         if parameter not in random.problem.interfaces[name].law.spans:
             continue
         if id(source) not in done:
-            coefficients, indices = random.space.expansion(source, basis)
             transforms = [
-                stochastic.galerkin_transform(stochastic.galerkin_matrix(basis, row, indices))
-                for row in coefficients
+                stochastic.galerkin_transform(matrix)
+                for matrix in random.space.galerkin_matrices(source, basis)
             ]
             done[id(source)] = (
                 [np.asfortranarray(t.forward) for t in transforms],

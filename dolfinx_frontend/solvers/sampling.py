@@ -216,6 +216,7 @@ def sample_on(
     start: Mapping[int, State] | None = None,
     setup: float = 0.0,
     estimator: Estimator = not_measured,
+    scatter: bool = True,
 ) -> SampleResult:
     """As :func:`sample`, on a solver that is factorised already.
 
@@ -225,6 +226,8 @@ def sample_on(
         Guesses of the states of some points.
     setup
         Seconds that the solver took.
+    scatter
+        Hold the tolerance by what every part scatters by, too, however little that is.
     """
     problem = random.problem
     check_running("sampling", callback, progress, keep_states=keep_states)
@@ -252,7 +255,7 @@ def sample_on(
             plan.amplitudes,
             parameters,
             _short_steps(points),
-            plan.options.with_(scatter=True),
+            plan.options.with_(scatter=scatter),
             checkpoint=file,
             header=header,
             progress=done,

@@ -434,6 +434,20 @@ class DiscretisedField:
         positive: Array = self.mean * np.exp(shapes @ xi.T - 0.5 * variance[:, None])
         return positive
 
+    def factors(self, mode: int, degree: int) -> Array:
+        """(m, degree + 1, degree + 1): E[exp(s xi - s^2 / 2) psi_j psi_k] of one germ of a lognormal field,
+        whose product over the germs times the mean is E[field Psi_j Psi_k].
+
+        psi_j(xi) under the tilted density is sum_i sqrt(binomial(j, i) / (j - i)!) s^(j - i) psi_i(xi - s).
+        """
+        s = self._log_shapes[:, mode]
+        shift = np.zeros((len(s), degree + 1, degree + 1))
+        for j in range(degree + 1):
+            for i in range(j + 1):
+                shift[:, j, i] = math.sqrt(math.comb(j, i) / math.factorial(j - i)) * s ** (j - i)
+        found: Array = shift @ shift.transpose(0, 2, 1)
+        return found
+
     def coefficients(self, table: npt.NDArray[np.int32]) -> Array:
         """(m, n) chaos coefficients on multi-indices (n, r) of the germs."""
         degrees = table.sum(axis=1)

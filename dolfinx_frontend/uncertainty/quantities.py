@@ -201,7 +201,8 @@ class Quantity:
         return Estimate(value, value - half, value + half, level)
 
     def variance(self, level: float = 0.95) -> Estimate:
-        """Variance (unbiased for samples), unit squared, with Bonett's interval.
+        """Variance (unbiased for independent samples, divided by N for Sobol points), unit squared, with
+        Bonett's interval.
 
         The interval on the logarithm of the variance takes its width from the kurtosis of the
         samples, where the chi-square interval takes that of the normal distribution:
@@ -230,7 +231,7 @@ class Quantity:
                     "rule is too coarse for this quantity; raise its level"
                 )
             return Estimate(variance, math.nan, math.nan, level)
-        variance = float(np.var(self.values, ddof=1))
+        variance = float(np.var(self.values, ddof=0 if self.kind == "qmc" else 1))
         z = float(stats.norm.isf(0.5 * (1.0 - level)))
         if n < 5 or n <= z:
             return Estimate(variance, 0.0, math.inf, level)

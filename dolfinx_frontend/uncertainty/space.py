@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from latin_core import stochastic as core
 from latin_core.stochastic import ChaosBasis, Germ, MultiIndexSet, Rule
 from scipy import linalg, special
+from scipy.sparse import csc_matrix
 from scipy.stats import qmc
 
 from dolfinx_frontend.common.arrays import Array
@@ -398,8 +400,38 @@ class RandomSpace:
 
     def galerkin_matrix(self, source: Source, basis: ChaosBasis, row: int = 0) -> Any:
         """E[a Psi_j Psi_k] of a parameter, or of a field at its point `row`: (P + 1, P + 1)."""
+        return csc_matrix(next(islice(self.galerkin_matrices(source, basis), row, None)))
+
+    def galerkin_matrices(self, source: Source, basis: ChaosBasis) -> Iterator[Any]:
+        """E[a Psi_j Psi_k] of a parameter, (P + 1, P + 1), or of a field at each of its points.
+
+        A lognormal field is a product of functions of one germ each, and so are these: nothing is enumerated,
+        whatever the number of germs.
+        """
+        if isinstance(source, DiscretisedField) and not source.affine:
+            yield from self._of_factors(source, basis)
+            return
         coefficients, indices = self.expansion(source, basis)
-        return core.galerkin_matrix(basis, coefficients[row], indices)
+        for row in coefficients:
+            yield core.galerkin_matrix(basis, row, indices)
+
+    def _of_factors(self, source: DiscretisedField, basis: ChaosBasis) -> Iterator[Array]:
+        table = basis.indices.table
+        columns = list(self.columns(source))
+        others = np.setdiff1d(np.arange(self.dimension), columns)
+        scale = np.full((len(table), len(table)), source.mean)
+        for column in others:
+            scale[table[:, column, None] != table[None, :, column]] = 0.0
+        tops = [int(table[:, column].max(initial=0)) for column in columns]
+        # germs of which no mode has a degree have factor 1
+        used = [(k, column, top) for k, (column, top) in enumerate(zip(columns, tops, strict=True)) if top]
+        factors = [source.factors(k, top) for k, _, top in used]
+        places = [table[:, column, None] * (top + 1) + table[None, :, column] for _, column, top in used]
+        for row in range(len(source.points)):
+            matrix = scale.copy()
+            for factor, place in zip(factors, places, strict=True):
+                matrix *= np.take(factor[row], place)
+            yield matrix
 
     # -- points --------------------------------------------------------------------------------
     def checked_points(self, points: npt.ArrayLike, where: str) -> Array:

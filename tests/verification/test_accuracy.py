@@ -104,8 +104,10 @@ def test_the_accuracy_is_kept(blocks, exact, accuracy):
         assert isinstance(result, ChaosResult)
         made = result.errors()
         assert off(result.mean_std(quantity), exact[quantity]) <= accuracy
-        assert made.reached and made.total <= accuracy and made.asked == accuracy
-        assert made.dominating in ("algebraic", "truncation") and made.next_halving
+        assert made.relative("algebraic") + made.relative("truncation") <= accuracy and made.asked == accuracy
+        # the field keeps 78 % of its variance only, which the exact answer does not know
+        assert made.total == sum(map(made.relative, ("algebraic", "truncation", "field")))
+        assert made.dominating in ("algebraic", "truncation", "field") and made.next_halving
         assert "<- dominates" in str(made)
 
 
@@ -149,18 +151,17 @@ def rods(spread: float) -> tuple[Problem, MeanStd]:
 
 
 @pytest.mark.parametrize(
-    ("spread", "accuracy", "by_rule"),
+    ("spread", "accuracy"),
     [
-        (2e-4, 1e-3, True),  # ten deviations from opening: as good as linear
-        (1e-3, 2e-2, None),  # two deviations: a kink in the tail
-        (4e-3, 1e-2, False),  # half a deviation: Gauss rules zigzag, Sobol points take over
+        (2e-4, 1e-3),  # ten deviations from opening: as good as linear
+        (1e-3, 2e-2),  # two deviations: a kink in the tail
+        (4e-3, 1e-2),  # half a deviation: Gauss rules zigzag, pieces of the germ take over
     ],
 )
-def test_contact_is_sampled_where_chaos_would_creep(spread, accuracy, by_rule):
+def test_contact_is_sampled_where_chaos_would_creep(spread, accuracy):
     problem, true = rods(spread)
     result = solve(problem, accuracy=accuracy, quantity="gap")
     assert isinstance(result, SampleResult)
-    assert by_rule in (None, result.sampling == "quadrature")
     assert result.errors().reached
     assert off(result.mean_std(Resultant("gap")), true) <= accuracy
 

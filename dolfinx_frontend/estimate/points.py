@@ -1,0 +1,390 @@
+"""Solved points of the germs as witnesses and as answers.
+
+A *witness* is solved on its own, not started from what it judges, and lies where no rule and no chaos has
+put its points: half of the witnesses follow the distribution of the germs, the other half a wider one, so
+that what happens at 3 to 6 standard deviations is met. Each is weighted by the ratio of its density to that
+of the mixture, which is at most 2.
+
+*Calibrated samples* are such points in independent scrambled sets, whose weights are changed as little as
+possible so that polynomials of low degree are integrated exactly: the smooth part of a quantity then has no
+sampling error. The sets tell the error of their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.errors import SceneError
+from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.chaos import ChaosResult
+from dolfinx_frontend.results.errors import MeanStd
+from dolfinx_frontend.results.resultant import Wanted
+from dolfinx_frontend.results.samples import SampleResult
+from dolfinx_frontend.solvers.sampling import sample_on
+from dolfinx_frontend.uncertainty.chaos import Chaos
+from dolfinx_frontend.uncertainty.fields import DiscretisedField
+from dolfinx_frontend.uncertainty.space import RandomSpace, sobol_points
+
+__all__ = [
+    "SETS",
+    "FIRST_PANELS",
+    "POINTS",
+    "Lost",
+    "Misfit",
+    "Panel",
+    "Witnesses",
+    "calibrated",
+    "checked_cold",
+    "lost_of_fields",
+    "misfit",
+    "moments_of_sets",
+    "panel_points",
+    "solved",
+    "surrogate",
+    "wide_points",
+    "witnesses",
+]
+
+SAFE = 3.0
+"""What the variance is said to lack, over what it seems to lack by few points."""
+
+SETS = 8
+"""Independent sets of calibrated samples."""
+
+SURE = 3.0
+"""Standard errors of the mean of the sets that an error is at most: of Student's t with 7 degrees of freedom,
+2 % are beyond."""
+
+MOST_DEGREE = 4
+"""Degree up to which calibrated samples integrate polynomials exactly."""
+
+CHECKED = 4
+"""Points that are solved again from nothing, to a hundredth of the tolerance."""
+
+AGAIN = 32
+"""Points that are solved again to a hundredth of the tolerance, in another order."""
+
+PAIRS = 32
+"""Pairs of samples of what a truncated field leaves out."""
+
+MOST_FIELD_MODES = 300
+
+TAIL = np.array([2.5, 3.5, 4.5, 5.5, 6.5])
+"""Normal scores of the witnesses along each germ."""
+
+FIRST_PANELS = (-8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0)
+"""Ends of the pieces of the normal score of a single germ that are split where there are kinks."""
+
+POINTS = 4
+"""Gauss points of a piece."""
+
+MOST_LINES = 16
+"""Most germs that have such witnesses."""
+
+
+# --- points -----------------------------------------------------------------------------------------
+def wide_points(space: RandomSpace, count: int, seed: int) -> tuple[Array, Array]:
+    """Points (count, L) of the germs and weights (count,) of mean about 1; half of a power of two each."""
+    dimension = space.dimension
+    wide = np.sqrt(1.0 + 3.0 / dimension)
+    tiny = 2.0**-54
+    scores = []
+    for kind, scale in enumerate((1.0, wide)):
+        unit = sobol_points(dimension, count // 2, np.random.default_rng([seed, kind]))
+        scores.append(scale * ndtri(np.clip(unit, tiny, 1.0 - tiny)))
+    z = np.concatenate(scores)
+    exponent = 0.5 * np.sum(z**2, axis=1) * (1.0 - wide**-2) - dimension * np.log(wide)
+    weights: Array = 2.0 / (1.0 + np.exp(np.minimum(exponent, 700.0)))
+    return space.from_uniform(ndtr(z)), weights
+
+
+def calibrated(space: RandomSpace, points: Array, weights: Array) -> Array:
+    """Weights (n,) of sum 1 close to the given ones that integrate polynomials of low degree exactly."""
+    count, dimension = len(points), space.dimension
+    plain = weights / weights.sum()
+    for degree in range(MOST_DEGREE if dimension > 1 else 2 * MOST_DEGREE, 0, -1):
+        if 5 * comb(dimension + degree, degree) > count:
+            continue
+        psi = space.basis(Chaos(order=degree)).evaluate(points)
+        if not np.all(np.isfinite(psi)):
+            continue
+        gram = psi.T @ (plain[:, None] * psi)
+        wanted = np.eye(1, len(gram))[0] - psi.T @ plain
+        values, vectors = np.linalg.eigh(gram)
+        if values[0] < 1e-8 * values[-1]:
+            continue
+        factor: Array = 1.0 + psi @ (vectors @ ((vectors.T @ wanted) / values))
+        if factor.min() > -0.5:
+            return np.asarray(plain * factor, dtype=np.float64)
+    return np.asarray(plain, dtype=np.float64)
+
+
+class Panel(NamedTuple):
+    """A piece of the range of the normal score of one germ, with what its points say."""
+
+    lower: float
+    upper: float
+    sums: Array  # (3,): 1, value and square of the value, integrated with the density
+    error: Array  # (3,): how much they changed when the panel that this is half of was split
+
+
+def panel_points(panels: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+    """Normal scores and weights (panels, POINTS) of Gauss rules with the normal density."""
+    at, weights = np.polynomial.legendre.leggauss(POINTS)
+    ends = np.array(panels)
+    half = 0.5 * (ends[:, 1] - ends[:, 0])[:, None]
+    z = ends[:, :1] + half * (1.0 + at)
+    return z, half * weights * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+
+
+# --- solves -----------------------------------------------------------------------------------------
+def solved(
+    result: ChaosResult, points: Array, weights: Array, rtol: float, quantity: Wanted | None = None
+) -> SampleResult:
+    """Deterministic solves at points of the germs, from neighbour to neighbour: not started from a chaos.
+
+    The tolerance is relative to the whole: what a part scatters by matters as far as the quantity does.
+    """
+    plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
+    keep = quantity is not None and quantity.needs_states
+    return sample_on(
+        result.solver,
+        result.random,
+        plan,
+        points,
+        weights / weights.sum(),
+        "quadrature",
+        keep_states=keep,
+        scatter=False,
+        estimator=result.estimator,
+    )
+
+
+def _lawful(random: RandomLaws, points: Array) -> Array:
+    """Which points make laws: a normal stiffness is negative far out."""
+    if not len(points) or random.make_laws(points):
+        return np.ones(len(points), dtype=bool)
+    return np.array([random.make_laws(point[None]) for point in points])
+
+
+class Witnesses(NamedTuple):
+    """Solved points that judge."""
+
+    points: Array  # (n, L)
+    weights: Array  # (n,), of sum 1; 0 in the tails
+    tails: Array  # (n,) probability of the piece of a tail that a point stands for, 0 elsewhere
+    values: Array  # (n,) of the quantity
+
+
+class Lost(NamedTuple):
+    """What truncated fields lack in mean and deviation of a quantity, and which."""
+
+    mean: float
+    std: float
+    of: str
+
+
+class Misfit(NamedTuple):
+    """What solved points say of moments that were made without them."""
+
+    mean: float
+    std: float
+    size: float  # root mean square of what is not in the approximation
+
+
+def witnesses(
+    result: ChaosResult, quantity: Wanted, rtol: float, complete: Callable[[SampleResult], None]
+) -> Witnesses:
+    """Solve some points that nothing else has seen: 32 and more with more germs."""
+    count = 2 ** int(np.ceil(np.log2(max(32, 8 * min(result.space.dimension, 16)))))
+    points, weights = wide_points(result.space, count, 12345)
+    good = _lawful(result.random, points)
+    points, weights = points[good], weights[good]
+    weights = np.abs(calibrated(result.space, points, weights))
+    lines, shares = _tails(result.space)
+    good = _lawful(result.random, lines)
+    tails = np.concatenate([np.zeros(len(points)), shares[good]])
+    points = np.concatenate([points, lines[good]])
+    weights = np.concatenate([weights / weights.sum(), np.zeros(int(good.sum()))])
+    samples = solved(result, points, np.ones(len(points)), rtol, quantity)
+    complete(samples)
+    return Witnesses(points, weights, tails, quantity.at_end(samples, samples))
+
+
+def _tails(space: RandomSpace) -> tuple[Array, Array]:
+    """Points far out along each germ, the others at their median, and what probability they stand for."""
+    dimension = space.dimension
+    if dimension > MOST_LINES:
+        return np.zeros((0, dimension)), np.zeros(0)
+    scores = np.concatenate([-TAIL[::-1], TAIL])
+    half = 0.5 * (TAIL[1] - TAIL[0])
+    share = ndtr(-np.abs(scores) + half) - ndtr(-np.abs(scores) - half)
+    z = np.zeros((dimension * len(scores), dimension))
+    for germ in range(dimension):
+        z[germ * len(scores) : (germ + 1) * len(scores), germ] = scores
+    return space.from_uniform(ndtr(z)), np.tile(share, dimension)
+
+
+def misfit(seen: Witnesses, approximate: Array, value: MeanStd) -> Misfit:
+    """What witnesses say of an approximation (n,) at their points, whose moments are `value`.
+
+    What the approximation has not is orthogonal to it if it is a projection: its square is what the
+    variance lacks. Of a shift of the mean or a correlation, only what exceeds two standard errors counts.
+    """
+    share = seen.weights
+    rest = seen.values - approximate
+    size = float(np.sqrt((share + seen.tails) @ rest**2))
+
+    def certain(values: Array) -> float:
+        """What the mean of some values is more than two standard errors; of n equal weights 1 / sqrt(n)."""
+        mean = float(share @ values)
+        doubt = 2.0 * float(np.sqrt(share @ (values - mean) ** 2) * np.sqrt(share @ share))
+        return max(abs(mean) - doubt, 0.0)
+
+    std = value.std or 0.0
+    shift = certain(rest * (approximate - value.mean))
+    of_std = float(np.sqrt(std**2 + size**2) - std) * SAFE + (shift / std if std > 0.0 else size)
+    # what is missing shifts the mean by as much as its square couples
+    coupled = 0.5 * size * min(size / std, 1.0) if std > 0.0 else size
+    return Misfit(max(certain(rest), coupled), of_std, size)
+
+
+def surrogate(
+    space: RandomSpace, counts: Sequence[int], points: Array, weights: Array, values: Array
+) -> Callable[[Array], Array]:
+    """The polynomial that a tensor rule with these counts sees, as a function of points."""
+    order = max(counts) - 1
+    basis = space.basis(Chaos(order=order, index_set="tensor"))
+    table = np.asarray(basis.indices.table)
+    inside = np.all(table < np.asarray(counts), axis=1)
+    psi = basis.evaluate(points)[:, inside]
+    coefficients = psi.T @ (weights * values)
+    return lambda at: np.asarray(basis.evaluate(at)[:, inside] @ coefficients)
+
+
+def checked_cold(result: ChaosResult, samples: SampleResult, quantity: Wanted, values: Array) -> float:
+    """Root mean square difference of some points to the same points solved again to a hundredth of the
+    tolerance, the most important ones from nothing; NaN: one of these did not converge."""
+    weights = samples.probabilities
+    weight = np.abs(weights) * (values - weights @ values) ** 2
+    ranked = np.argsort(-weight, kind="stable")
+    rtol = max(0.01 * samples.plan.options.rtol, 1e-12)
+    away = []
+    groups = [ranked[k : k + 1] for k in range(0, min(CHECKED, len(ranked)))]
+    some = ranked[CHECKED :: max(1, (len(ranked) - CHECKED) // AGAIN)]
+    if len(some):
+        groups.append(some)
+    for chosen in groups:
+        again = solved(result, samples.germs[chosen], np.ones(len(chosen)), rtol, quantity)
+        away += [float(v) for v in quantity.at_end(again, again) - values[chosen]]
+    return float(np.sqrt(np.mean(np.square(away))))
+
+
+def moments_of_sets(
+    quantity: Wanted, values: Array, weights: Array, sets: int
+) -> tuple[MeanStd, float, float]:
+    """The statistics of a quantity over sets (sets * n,) with weights of sum 1, and the errors of both."""
+    value = MeanStd(*quantity.statistic(values, weights))
+    each = zip(values.reshape(sets, -1), sets * weights.reshape(sets, -1), strict=True)
+    own = np.array([[0.0 if x is None else x for x in quantity.statistic(v, w)] for v, w in each])
+    spread = SURE * own.std(axis=0, ddof=1) / np.sqrt(sets)
+    # what the sets have in common is the bias of so few samples each
+    bias = np.abs(own.mean(axis=0) - [value.mean, value.std or 0.0])
+    return value, float(spread[0] + bias[0]), float(spread[1] + bias[1])
+
+
+def _sure(values: Array) -> float:
+    """What the mean of some samples is more than three standard errors."""
+    doubt = 3.0 * float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else np.inf
+    return max(abs(float(values.mean())) - doubt, 0.0)
+
+
+# --- fields -----------------------------------------------------------------------------------------
+def _fuller(random: RandomLaws) -> RandomLaws | None:
+    """The same with all modes that the points of its fields resolve; None: there is no field."""
+    wider: dict[int, DiscretisedField] = {}
+    for source in random.sources.values():
+        if isinstance(source, DiscretisedField) and id(source) not in wider:
+            most = min(len(source.points), MOST_FIELD_MODES)
+            if most <= len(source.eigenvalues):
+                continue
+            try:
+                field = replace(source.field, modes=most, variance_captured=None)
+                wider[id(source)] = field.on(source.points, source.weights)
+            except SceneError:
+                continue
+    if not wider:
+        return None
+    sources = {key: wider.get(id(s), s) for key, s in random.sources.items()}
+    of_loads = [each for found in random.loads.values() for each in found]
+    space = RandomSpace([*sources.values(), *of_loads, *random.parts.values()])
+    return replace(random, sources=sources, space=space)
+
+
+def lost_of_fields(
+    result: ChaosResult,
+    quantity: Wanted,
+    rtol: float,
+    value: MeanStd,
+    complete: Callable[[SampleResult], None],
+) -> Lost | None:
+    """What the modes that fields leave out do to mean and deviation of a quantity, and of which fields.
+
+    Samples of the fields as they are and with all modes that their points resolve, in antithetic pairs.
+    None: nothing is left out.
+    """
+    full = _fuller(result.random)
+    if full is None:
+        return None
+    rng = np.random.default_rng(0)
+    own = result.space
+    points = own.from_uniform(rng.random((PAIRS, own.dimension)))
+    names = list(full.space.germ_names)
+    at = rng.standard_normal((PAIRS, full.space.dimension))
+    known = [names.index(name) for name in own.germ_names]
+    lost = np.setdiff1d(np.arange(len(names)), known)
+    other = at.copy()
+    other[:, lost] *= -1.0
+    for block in (at, other):
+        block[:, known] = points
+    both = np.concatenate([at, other])
+    good = np.logical_and(_lawful(full, both[:PAIRS]), _lawful(full, both[PAIRS:]))
+    if not good.any():
+        return Lost(np.nan, np.nan, "fields")
+    plan = replace(result.plan, options=result.plan.options.with_(rtol=rtol))
+    known_ones = solved(result, points[good], np.ones(int(good.sum())), rtol, quantity)
+    complete(known_ones)
+    twice = both[np.tile(good, 2)]
+    with_all = sample_on(
+        result.solver,
+        full,
+        plan,
+        twice,
+        np.full(len(twice), 1.0 / len(twice)),
+        "quadrature",
+        keep_states=quantity.needs_states,
+        scatter=False,
+    )
+    complete(with_all)
+    base = quantity.at_end(known_ones, known_ones)
+    change = quantity.at_end(with_all, with_all).reshape(2, -1) - base
+    shift = change.mean(axis=0)
+    mean = _sure(shift)
+    # a sum of squares of n normal numbers, whose standard error is sqrt(2 / n): two of these more
+    square = float(np.mean(change**2)) * (1.0 + 2.0 * np.sqrt(2.0 / len(base)))
+    along = _sure(shift * (base - base.mean()))
+    std = value.std or 0.0
+    of_std = float(np.sqrt(std**2 + square + 2.0 * along)) - std
+    told = ", ".join(
+        f"{s.name} ({100.0 * s.captured:.4g} % of its variance)"
+        for s in dict.fromkeys(result.random.sources.values())
+        if isinstance(s, DiscretisedField)
+    )
+    return Lost(mean, of_std, told)
