@@ -11,13 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "latin/algebra/eigenvectors.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
-
-// LAPACK; hidden lengths of texts are not read for one letter
-extern "C" void dsyevd_(const char* jobz, const char* uplo, const int* n, double* a, const int* lda,
-                        double* w, double* work, const int* lwork, int* iwork, const int* liwork,
-                        int* info);
 
 namespace latin::substructure {
 namespace {
@@ -179,29 +175,6 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
       out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
     }
   }
-}
-
-/// A symmetric matrix is replaced by its eigenvectors. @return the eigenvalues
-Vector eigenvectors_in_place(Matrix& matrix, const std::string& name) {
-  const int n = static_cast<int>(matrix.rows());
-  Vector values(n);
-  int info = 0;
-  int most = -1;
-  int most_integers = -1;
-  double wanted = 0.0;
-  int wanted_integers = 0;
-  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), &wanted, &most, &wanted_integers,
-          &most_integers, &info);
-  most = static_cast<int>(wanted);
-  most_integers = wanted_integers;
-  std::vector<double> work(static_cast<std::size_t>(most));
-  std::vector<int> integers(static_cast<std::size_t>(most_integers));
-  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), work.data(), &most, integers.data(),
-          &most_integers, &info);
-  if (info != 0) {
-    throw NumericalError("body '" + name + "': the eigenvalues of its springs did not converge");
-  }
-  return values;
 }
 
 std::string shape_of(Index rows, Index cols) {
@@ -756,7 +729,11 @@ const Body::Spectrum& Body::spectrum() const {
     share.transposeInPlace();
     lower.solveInPlace(share);
     Spectrum spectrum;
-    spectrum.shares = eigenvectors_in_place(share, name_).cwiseMax(0.0).cwiseMin(1.0);
+    const Vector shares = algebra::eigenvectors_in_place(share);
+    if (shares.size() != share.rows()) {
+      throw NumericalError("body '" + name_ + "': the eigenvalues of its springs did not converge");
+    }
+    spectrum.shares = shares.cwiseMax(0.0).cwiseMin(1.0);
     lower.transpose().solveInPlace(share);
     spectrum.vectors = std::move(share);
     return spectrum;
