@@ -141,7 +141,7 @@ def _likeliest(owner: Ints) -> Ints:
     best, most = owner[:, 0].copy(), np.ones(len(owner), dtype=np.int64)
     run = most.copy()
     for k in range(1, owner.shape[1]):
-        run = np.where(owner[:, k] == owner[:, k - 1], run + 1, 1)
+        run[:] = np.where(owner[:, k] == owner[:, k - 1], run + 1, 1)
         better = run > most
         best[better], most[better] = owner[better, k], run[better]
     return best
@@ -188,7 +188,7 @@ def _project(facets: FacetMap, points: Array, normals: Array) -> tuple[Ints, Arr
     settled = np.zeros(m, dtype=bool)
 
     def consider(who: Ints, which: Ints, within: float) -> None:
-        """Take the nearest of facets `which` for points `who`; `within`, by size of the facet, is near enough."""
+        """Take the nearest of facets `which` for points `who`; `within` of the size of a facet is enough."""
         if not who.size:
             return
         inner, x, outside = facets.closest(which, points[who])

@@ -398,9 +398,16 @@ def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
 
 @cache
 def _isotropic(
-    cell: str, order: int, variant: int, degree: int, dim: int, plane: str, quadrature_degree: int, around: bool
+    cell: str,
+    order: int,
+    variant: int,
+    degree: int,
+    dim: int,
+    plane: str,
+    quadrature_degree: int,
+    around: bool,
 ) -> tuple[Any, Any, Any]:
-    """The compiled form of isotropic parts of one kind of element, and its E and nu: the same for all parts."""
+    """The compiled form of isotropic parts of one kind of element, and its E and nu."""
     lagrange = basix.LagrangeVariant(variant)
     domain = ufl.Mesh(element("Lagrange", cell, order, lagrange_variant=lagrange, shape=(dim,)))
     space = ufl.FunctionSpace(domain, element("Lagrange", cell, degree, shape=(dim,)))
@@ -417,10 +424,16 @@ def _form(spec: SubstructureSpec, space: Any) -> tuple[Any, Sources]:
         material.check(spec.dim)
         cmap = coordinate_map(mesh)
         compiled, *names = _isotropic(
-            spec.cell, int(cmap.degree), int(cmap.variant), spec.degree, spec.dim, material.plane, _degree(spec),
+            spec.cell,
+            int(cmap.degree),
+            int(cmap.variant),
+            spec.degree,
+            spec.dim,
+            material.plane,
+            _degree(spec),
             spec.axisymmetric,
         )
-        values = (fem.Constant(mesh, float(value)) for value in (material.E, material.nu))
+        values = (fem.Constant(mesh, np.float64(value)) for value in (material.E, material.nu))
         constants = dict(zip(names, values, strict=True))
         return fem.create_form(compiled, [space, space], mesh, {}, {}, constants), Sources.of(mesh)
     bilinear = _bilinear(spec, space)

@@ -79,10 +79,9 @@ class _Reader:
             self.in_time = file.numbers("in_time", None, None if self.times is None else len(self.times))
         history = self.times if self.in_time is None else self.in_time
         self.columns = 1 if history is None else len(history)
-        points = {name: node.numbers("points", None, None) for name, node in file.groups("interfaces").items()}
-        self.points = {name: len(each) for name, each in points.items()}
-        parts = {name: node.numbers("nodes", None, None) for name, node in file.groups("substructures").items()}
-        self.nodes = {name: each.shape for name, each in parts.items()}
+        interfaces, parts = file.groups("interfaces").items(), file.groups("substructures").items()
+        self.points = {name: len(node.numbers("points", None, None)) for name, node in interfaces}
+        self.nodes = {name: node.numbers("nodes", None, None).shape for name, node in parts}
 
     def add_columns(self, out: Tree) -> None:
         """Fields of one answer, or of a history."""

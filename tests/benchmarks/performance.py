@@ -528,8 +528,8 @@ def markdown(record: dict[str, Any], path: Path) -> None:
         "## The loop",
         "",
         f"One thread multiplies matrices at {peak_rates['flops'] / 1e9:.1f} GFlop/s and copies at "
-        f"{peak_rates['bytes'] / 1e9:.1f} GB/s. The global stage on the mesh of the paper, called from Python "
-        "(the median of 1 000 calls, with the copies in and out):",
+        f"{peak_rates['bytes'] / 1e9:.1f} GB/s. The global stage on the mesh of the paper, called from "
+        "Python (the median of 1 000 calls, with the copies in and out):",
         "",
     ]
     table = common.markdown_table(

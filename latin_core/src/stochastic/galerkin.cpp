@@ -70,7 +70,8 @@ std::vector<Matrix> triple_products(const Germ& germ, Index first, Index second)
 TripleProducts::TripleProducts(const ChaosBasis& basis, const MultiIndexSet& property,
                                const std::vector<bool>& used)
     : modes_(basis.size()), of_property_(property.size()) {
-  if (property.dimension() != basis.dimension() || static_cast<Index>(used.size()) != of_property_) {
+  if (property.dimension() != basis.dimension() ||
+      static_cast<Index>(used.size()) != of_property_) {
     throw InputError("a property with " + std::to_string(used.size()) + " coefficients on " +
                      std::to_string(property.size()) + " modes in " +
                      std::to_string(property.dimension()) + " variables does not fit a basis in " +
@@ -151,8 +152,9 @@ TripleProducts::TripleProducts(const ChaosBasis& basis, const MultiIndexSet& pro
 
 SparseColumns TripleProducts::matrix(ConstVectorRef coefficients) const {
   if (coefficients.size() != of_property_ || !coefficients.allFinite()) {
-    throw InputError("the coefficients of a random property hold a NaN or an infinity, or are not " +
-                     std::to_string(of_property_));
+    throw InputError(
+        "the coefficients of a random property hold a NaN or an infinity, or are not " +
+        std::to_string(of_property_));
   }
   std::vector<Eigen::Triplet<double, int>> entries;
   for (const Entry& entry : entries_) {

@@ -41,7 +41,8 @@ ColumnTransform eigenvectors_of(const SparseColumns& matrix) {
     }
     transform.values.segment(column, width) = values;
     for (Index a = 0; a < width; ++a) {
-      transform.forward.row(block[static_cast<std::size_t>(a)]).segment(column, width) = dense.row(a);
+      transform.forward.row(block[static_cast<std::size_t>(a)]).segment(column, width) =
+          dense.row(a);
     }
     column += width;
   }

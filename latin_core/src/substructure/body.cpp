@@ -155,7 +155,8 @@ bool dense_is_cheaper(Index size, Index active) {
 
 /// Whether a product with the inverse is as good as two solutions with a triangular factor.
 bool well_scaled(const Matrix& factor) {
-  constexpr double least = 1e-4;  // of the pivots, which bounds the condition number from below by 1e8
+  constexpr double least =
+      1e-4;  // of the pivots, which bounds the condition number from below by 1e8
   const auto pivots = factor.diagonal();
   return pivots.size() > 0 && pivots.minCoeff() > least * pivots.maxCoeff();
 }
