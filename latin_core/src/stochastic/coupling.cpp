@@ -22,9 +22,9 @@ Coupling::Coupling(const ChaosBasis& basis, ConstMatrixRef coefficients,
                      std::to_string(coefficients.cols()) + ") do not fit a property of " +
                      std::to_string(property.size()) + " modes");
   }
-  std::vector<bool> used;
+  std::vector<bool> used(at(property.size()));
   for (Index i = 0; i < property.size(); ++i) {
-    used.push_back((coefficients.col(i).array() != 0.0).any());
+    used[at(i)] = (coefficients.col(i).array() != 0.0).any();
   }
   const TripleProducts products(basis, property, used);
   std::vector<Index> places;  // column * c + row

@@ -65,9 +65,9 @@ std::vector<ColumnTransform> galerkin_transforms(const ChaosBasis& basis,
                      std::to_string(coefficients.cols()) + ") do not fit a property of " +
                      std::to_string(property.size()) + " modes");
   }
-  std::vector<bool> used;
+  std::vector<bool> used(static_cast<std::size_t>(property.size()));
   for (Index i = 0; i < property.size(); ++i) {
-    used.push_back((coefficients.col(i).array() != 0.0).any());
+    used[static_cast<std::size_t>(i)] = (coefficients.col(i).array() != 0.0).any();
   }
   const TripleProducts products(basis, property, used);
   std::vector<ColumnTransform> transforms;
