@@ -37,10 +37,10 @@ def petsc_matrix(matrix: sp.csr_matrix) -> Any:
     """Sequential PETSc AIJ matrix of a SciPy one (copied)."""
     matrix = matrix.tocsr()
     matrix.sort_indices()
-    data = (
-        matrix.indptr.astype(PETSc.IntType),
-        matrix.indices.astype(PETSc.IntType),
-        matrix.data.astype(np.float64),
+    data = (  # PETSc copies
+        matrix.indptr.astype(PETSc.IntType, copy=False),
+        matrix.indices.astype(PETSc.IntType, copy=False),
+        matrix.data.astype(np.float64, copy=False),
     )
     out = PETSc.Mat().createAIJ(matrix.shape, csr=data, comm=PETSc.COMM_SELF)
     out.assemble()

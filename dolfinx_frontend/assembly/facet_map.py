@@ -110,6 +110,35 @@ def _numbered(rows: Ints) -> Ints:
     return out
 
 
+def _turned(tangents: Array) -> Array:
+    """(p, d): what is normal to tangents (p, d, d - 1), as long as the area they span."""
+    t = tangents[:, :, 0]
+    if tangents.shape[1] == 2:
+        return np.stack([-t[:, 1], t[:, 0]], axis=1)
+    u = tangents[:, :, 1]
+    turns = ((1, 2), (2, 0), (0, 1))
+    return np.stack([t[:, i] * u[:, j] - t[:, j] * u[:, i] for i, j in turns], axis=1)
+
+
+def _least_squares(tangents: Array, residual: Array) -> Array:
+    """(p, d - 1): the coefficients of tangents (p, d, d - 1) that come nearest to residual (p, d).
+
+    Tangent by tangent, as a QR factorisation: the normal equations would lose thin facets.
+    """
+    tiny = np.finfo(np.float64).tiny
+    t = tangents[:, :, 0]
+    length = np.maximum(np.sqrt((t * t).sum(axis=1)), tiny)
+    t = t / length[:, None]
+    along = (t * residual).sum(axis=1)
+    if tangents.shape[2] == 1:
+        return np.asarray(along / length)[:, None]
+    both = (t * tangents[:, :, 1]).sum(axis=1)
+    u = tangents[:, :, 1] - both[:, None] * t
+    square = np.maximum((u * u).sum(axis=1), tiny)
+    second = (u * (residual - along[:, None] * t)).sum(axis=1) / square
+    return np.stack([(along - both * second) / length, second], axis=1)
+
+
 class FacetMap:
     """The facets of one face of a part, as images of the reference facet.
 
@@ -135,6 +164,7 @@ class FacetMap:
             self._take(part)
         else:
             self._read(part, face, where)
+        self._surfaces: dict[bytes, tuple[Array, Array]] = {}
         tdim = self.dim
         corners = np.asarray(basix.geometry(self.cell))
         vertices = np.array(basix.topology(self.cell)[tdim - 1])
@@ -247,7 +277,13 @@ class FacetMap:
 
     def alike_surface(self, s: Array) -> tuple[Array, Array]:
         """Outward unit normals (facets, q, d), and area (of rings, if axisymmetric) per area of the reference
-        facet (facets, q), at the same facet coordinates s (q, fdim) of all facets."""
+        facet (facets, q), at the same facet coordinates s (q, fdim) of all facets; to be read."""
+        known = s.tobytes()  # the same rule is asked for several times
+        if known not in self._surfaces:
+            self._surfaces[known] = self._alike_surface(s)
+        return self._surfaces[known]
+
+    def _alike_surface(self, s: Array) -> tuple[Array, Array]:
         normals, sign = self.alike_normals(s)
         size = np.sqrt((normals * normals).sum(axis=2))
         unit = normals * (sign / np.where(size > 0.0, size, 1.0))[:, :, None]
@@ -275,14 +311,14 @@ class FacetMap:
         """Points (p, d), outward unit normals (p, d), area per area of the reference facet (p,)."""
         x, jacobian = self.push_forward(index, s)
         local = self.local[index]
-        conormal = np.linalg.solve(
-            np.swapaxes(jacobian, 1, 2), self.conormal[local][:, :, None]
-        )[:, :, 0]
-        length = np.linalg.norm(conormal, axis=1)
-        area = np.abs(np.linalg.det(jacobian)) * length * self.scale[local]
+        normal = _turned(jacobian @ self.tangents[local])
+        outward = (jacobian @ self.conormal[local][:, :, None])[:, :, 0]
+        area: Array = np.sqrt((normal * normal).sum(axis=1))
+        sign = np.where((normal * outward).sum(axis=1) < 0.0, -1.0, 1.0)
+        normal = normal * (sign / np.where(area > 0.0, area, 1.0))[:, None]
         if self.around:
             area = area * 2.0 * np.pi * x[:, 0]
-        return x, conormal / length[:, None], area
+        return x, normal, area
 
     def rule(self, degree: int) -> tuple[Array, Array]:
         """Facet coordinates (q, fdim) and weights (q,) on the reference facet.
@@ -476,10 +512,7 @@ class FacetMap:
                 n = along[active]
                 residual = residual - np.einsum("pi,pi->p", residual, n)[:, None] * n
                 tangents = tangents - n[:, :, None] * np.einsum("pi,pij->pj", n, tangents)[:, None]
-            # least squares by QR: the normal equations would lose thin facets
-            q, r = np.linalg.qr(tangents)
-            step = np.linalg.solve(r, np.swapaxes(q, 1, 2) @ residual[:, :, None])[:, :, 0]
-            updated = np.clip(s[active] + step, -3.0, 4.0)
+            updated = np.clip(s[active] + _least_squares(tangents, residual), -3.0, 4.0)
             change = np.abs(updated - s[active]).max(axis=1)
             s[active] = updated
             active = active[change > 1e-13]
@@ -503,6 +536,17 @@ class FacetMap:
         nodes = np.asarray(space.dofmap.list)[self.cells[index]]
         dofs = np.take_along_axis(nodes, closure, axis=1)
         p, k = closure.shape
+        matrix = sp.csr_matrix(
+            (values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns)
+        )
+        matrix.sum_duplicates()
+        return matrix
+
+    def alike_trace(self, space: Any, s: Array, columns: int) -> sp.csr_matrix:
+        """As :meth:`trace`, at the same facet coordinates s (q, fdim) of all facets, facet by facet."""
+        values = self.alike_shapes(space, s)
+        p, k = len(self) * len(s), values.shape[2]
+        dofs = np.repeat(self.closure_dofs(space), len(s), axis=0)
         matrix = sp.csr_matrix(
             (values.ravel(), dofs.ravel(), np.arange(0, p * k + 1, k)), shape=(p, columns)
         )

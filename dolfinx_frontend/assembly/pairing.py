@@ -137,13 +137,28 @@ def _trace(shape: sp.csr_matrix, d: int, along: tuple[sp.csr_matrix, Array] | No
     return (alike + normals.T @ more).tocsr() if more.nnz else alike
 
 
-def _candidates(facets: FacetMap, points: Array) -> tuple[Ints, Ints]:
-    """Pairs (point, facet) worth a look: owners of the nearest sample points."""
+def _nearest(facets: FacetMap, points: Array) -> Ints:
+    """(points, k): owners of the nearest sample points, ascending."""
     n, k, d = facets.samples.shape
     tree = cKDTree(facets.samples.reshape(n * k, d))
     near = min(12, n * k)
     _, found = tree.query(points, k=near)
-    owner = np.sort(found.reshape(len(points), near) // k, axis=1)
+    return np.sort(found.reshape(len(points), near) // k, axis=1)
+
+
+def _likeliest(owner: Ints) -> Ints:
+    """(points,): of ascending rows the number that is there most often."""
+    best, most = owner[:, 0].copy(), np.ones(len(owner), dtype=np.int64)
+    run = most.copy()
+    for k in range(1, owner.shape[1]):
+        run[:] = np.where(owner[:, k] == owner[:, k - 1], run + 1, 1)
+        better = run > most
+        best[better], most[better] = owner[better, k], run[better]
+    return best
+
+
+def _distinct(owner: Ints) -> tuple[Ints, Ints]:
+    """Pairs (row, number) of ascending rows."""
     fresh = np.ones(owner.shape, dtype=bool)
     fresh[:, 1:] = owner[:, 1:] != owner[:, :-1]
     who, which = np.nonzero(fresh)
@@ -182,7 +197,8 @@ def _project(facets: FacetMap, points: Array, normals: Array) -> tuple[Ints, Arr
     s = np.zeros((m, facets.dim - 1))
     settled = np.zeros(m, dtype=bool)
 
-    def consider(who: Ints, which: Ints) -> None:
+    def consider(who: Ints, which: Ints, within: float) -> None:
+        """Take the nearest of facets `which` for points `who`; `within` of the size of a facet is enough."""
         if not who.size:
             return
         inner, x, outside = facets.closest(which, points[who])
@@ -200,15 +216,20 @@ def _project(facets: FacetMap, points: Array, normals: Array) -> tuple[Ints, Arr
         best[target] = score[chosen]
         index[target] = which[chosen]
         s[target] = inner[chosen]
-        near = distance[chosen] < 0.1 * facets.sizes[which[chosen]]
+        near = distance[chosen] < within * facets.sizes[which[chosen]]
         settled[target] = near & (outside[chosen] < 1e-8) & ~away[chosen]
 
-    consider(*_candidates(facets, points))
+    owner = _nearest(facets, points)
+    consider(np.arange(m), _likeliest(owner), 1e-9)  # matching meshes: no facet can be nearer
+    rest = np.flatnonzero(~settled)
+    best[rest] = np.inf
+    who, which = _distinct(owner[rest])
+    consider(rest[who], which, 0.1)
     rest = np.flatnonzero(~settled)
     if rest.size:
         who, which = _box_candidates(facets, points[rest], best[rest])
         for part in np.array_split(np.arange(len(who)), 1 + len(who) // 200_000):
-            consider(rest[who[part]], which[part])
+            consider(rest[who[part]], which[part], 0.1)
     x, n2, _ = facets.surface(index, s)
     return index, s, x, n2
 
@@ -393,12 +414,14 @@ def _rule_degree(pair: _Pair) -> int:
 def _sample_points(pair: _Pair, limit: float) -> _Samples:
     """The space ``points``: quadrature points of side 1 and their closest points on side 2."""
     first, spaces = pair.faces[0], pair.spaces
-    index, s, w = first.quadrature(_rule_degree(pair))
-    points, normals, area = first.surface(index, s)
-    weights = w * area
-    first.areas(weights.reshape(len(first), -1), pair.where, pair.names[0])
+    rule, w = first.rule(_rule_degree(pair))
+    index = np.repeat(np.arange(len(first)), len(w))
+    points = first.alike(rule).reshape(len(index), -1)
+    outward, area = first.alike_surface(rule)
+    first.areas(w * area, pair.where, pair.names[0])
+    normals, weights = outward.reshape(points.shape), (w * area).ravel()
     columns = [v.dofmap.index_map.size_local for v in spaces]
-    shapes = [first.trace(spaces[0], index, s, columns[0])]
+    shapes = [first.alike_trace(spaces[0], rule, columns[0])]
     gap = np.zeros(len(points))
     if len(pair.faces) == 2:
         second = pair.faces[1]

@@ -5,16 +5,18 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import basix
 import dolfinx.fem as fem
-import dolfinx.fem.petsc as fem_petsc
 import numpy as np
 import scipy.sparse as sp
 import ufl
+from basix.ufl import element
+from dolfinx import jit
 from dolfinx import mesh as dmesh
+from mpi4py import MPI
 
 from dolfinx_frontend.assembly.elements import (
     DIGITS,
@@ -23,12 +25,14 @@ from dolfinx_frontend.assembly.elements import (
     coordinate_element,
     csr,
     noted,
+    petsc_matrix,
     quadrature,
     tabulate,
 )
 from dolfinx_frontend.assembly.ranks import PartSummary
 from dolfinx_frontend.assembly.rigid import rigid_modes
 from dolfinx_frontend.common.arrays import Array
+from dolfinx_frontend.common.checks import is_real
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
@@ -66,10 +70,10 @@ class Sources:
     what: str
 
     @classmethod
-    def of(cls, mesh: Any, form: Any, what: str = "its material") -> Sources:
-        """Of a UFL form on a mesh."""
-        values = [each for each in form.constants() if hasattr(each, "value")]
-        fields = [each for each in form.coefficients() if hasattr(each, "x")]
+    def of(cls, mesh: Any, form: Any = None, what: str = "its material") -> Sources:
+        """Of a UFL form on a mesh; None: nothing but the mesh."""
+        values = [] if form is None else [each for each in form.constants() if hasattr(each, "value")]
+        fields = [] if form is None else [each for each in form.coefficients() if hasattr(each, "x")]
         return cls(
             mesh,
             _checksum(mesh.geometry.x),
@@ -267,10 +271,10 @@ def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float,
     dofmap, x = cell_nodes(mesh), np.asarray(mesh.geometry.x, dtype=np.float64)
     for cells in np.array_split(dofmap, 1 + len(dofmap) // 20_000):
         nodes = x[cells][:, :, :d]
-        # one product of matrices: (cells, d, derivatives, points)
+        # one product of matrices
         by_point = nodes.transpose(0, 2, 1) @ tables[1:].reshape(-1, nodes.shape[1]).T
-        jacobians = by_point.reshape(len(nodes), d, d, -1).transpose(0, 3, 1, 2)
-        det = np.linalg.det(jacobians)
+        jacobians = by_point.reshape(len(nodes), d, d, -1)  # (cells, d, derivatives, points)
+        det = _determinant(jacobians)
         bad += np.count_nonzero(det.min(axis=1) * det.max(axis=1) <= 0.0)
         dx = np.abs(det) * weights
         if around:
@@ -278,11 +282,11 @@ def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float,
         volume += float(dx.sum())
         moment += np.tensordot(dx @ tables[0], nodes, 2)
         # singular values of those cells only that a cheap bound does not clear
-        length = np.linalg.norm(jacobians, axis=(2, 3))
+        length = np.sqrt(np.einsum("cijp,cijp->cp", jacobians, jacobians))
         low = np.minimum.reduce(np.abs(det) / length ** (d - 1), axis=1)
         thin = np.flatnonzero((low < _FLAT * length.max(axis=1)) | (low < DIGITS * np.abs(x).max()))
         if thin.size and not bad:
-            values = np.linalg.svd(jacobians[thin], compute_uv=False)
+            values = np.linalg.svd(jacobians[thin].transpose(0, 3, 1, 2), compute_uv=False)
             ratios = (values[..., -1] / values[..., 0]).min(axis=1)
             flat += np.count_nonzero(ratios < _FLAT)
             lowest = min(lowest, float(values[..., -1].min()))
@@ -304,6 +308,15 @@ def _measure(mesh: dmesh.Mesh, where: str, around: bool = False) -> tuple[float,
         text += ": rounding may be seen in the answer; mesh it again"
         warn(text, SceneWarning)
     return volume, np.asarray(moment / volume, dtype=np.float64)
+
+
+def _determinant(a: Array) -> Array:
+    """(cells, points): of matrices (cells, d, d, points)."""
+    if a.shape[1] == 2:
+        return np.asarray(a[:, 0, 0] * a[:, 1, 1] - a[:, 0, 1] * a[:, 1, 0])
+    turns = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+    parts = (a[:, 0, i] * (a[:, 1, j] * a[:, 2, k] - a[:, 1, k] * a[:, 2, j]) for i, j, k in turns)
+    return np.asarray(sum(parts))
 
 
 def _modulus(K: sp.csr_matrix, x: Array, volume: float, around: bool = False) -> float:
@@ -340,38 +353,98 @@ def ring(mesh: dmesh.Mesh) -> Any:
 def bilinear_of(part: Substructure, space: Any) -> Any:
     """The bilinear form of an assembled part on another space."""
     degree = int(part.space.element.basix_element.degree)
-    spec = SubstructureSpec(
-        part.name, part.part, part.material, degree, None, axisymmetric=part.around
-    )
+    spec = SubstructureSpec(part.name, part.part, part.material, degree, None, axisymmetric=part.around)
     return _bilinear(spec, space)
+
+
+_FLAGS = ("-O3", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-fno-math-errno")
+"""Of the compiler, for sums over quadrature points in vectors. Nothing that needs the processor at hand (the
+compiled forms are kept in a folder that machines may share), and NaN stays NaN."""
+
+
+def _jit() -> dict[str, Any]:
+    """Options of the form compiler: the user's, and flags that make the assembly of stiffnesses faster."""
+    known = jit.get_options()["cffi_extra_compile_args"]
+    return {"cffi_extra_compile_args": [*known, *_FLAGS]}
+
+
+def _degree(spec: SubstructureSpec) -> int:
+    """Degree of the quadrature of a stiffness.
+
+    Full integration of the element, exact for straight cells; the estimate of UFL would sum up the degrees of
+    the mapping and is far too high for hexahedra.
+    """
+    order = int(coordinate_map(spec.part.mesh).degree)
+    simplex = spec.cell in ("triangle", "tetrahedron")
+    constant = isinstance(spec.material, (LinearElastic, OrthotropicElastic))
+    degree = 2 * (spec.degree - (simplex and constant and not spec.axisymmetric)) + 2 * (order - 1)
+    return degree + spec.axisymmetric
+
+
+def _integral(integrand: Any, domain: Any, degree: int, around: bool) -> Any:
+    return (ring(domain) * integrand if around else integrand) * ufl.dx(domain=domain, degree=degree)
 
 
 def _bilinear(spec: SubstructureSpec, space: Any) -> Any:
     """The bilinear form of a substructure."""
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
-    material = spec.material
-    integrand = _integrand(material)(u, v)
+    integrand = _integrand(spec.material)(u, v)
     if not isinstance(integrand, ufl.Form):
         if integrand is None or getattr(integrand, "ufl_shape", None) != ():
             raise SceneError(
                 f"substructure {spec.name!r}: the material returned {type(integrand).__name__}; it "
                 "returns a scalar UFL integrand or a form"
             )
-        # Full integration of the element, exact for straight cells; the estimate of UFL would
-        # sum up the degrees of the mapping and is far too high for hexahedra.
-        order = int(coordinate_map(spec.part.mesh).degree)
-        simplex = spec.cell in ("triangle", "tetrahedron")
-        constant = isinstance(material, (LinearElastic, OrthotropicElastic))
-        degree = 2 * (spec.degree - (simplex and constant and not spec.axisymmetric)) + 2 * (order - 1)
-        if spec.axisymmetric:
-            integrand = ring(spec.part.mesh) * integrand
-            degree += 1
-        integrand = integrand * ufl.dx(domain=spec.part.mesh, degree=degree)
+        integrand = _integral(integrand, spec.part.mesh, _degree(spec), spec.axisymmetric)
     if len(integrand.arguments()) != 2:
         raise SceneError(
             f"substructure {spec.name!r}: what the material returned is not bilinear in (u, v)"
         )
     return integrand
+
+
+@cache
+def _isotropic(
+    cell: str,
+    order: int,
+    variant: int,
+    degree: int,
+    dim: int,
+    plane: str,
+    quadrature_degree: int,
+    around: bool,
+) -> tuple[Any, Any, Any]:
+    """The compiled form of isotropic parts of one kind of element, and its E and nu."""
+    lagrange = basix.LagrangeVariant(variant)
+    domain = ufl.Mesh(element("Lagrange", cell, order, lagrange_variant=lagrange, shape=(dim,)))
+    space = ufl.FunctionSpace(domain, element("Lagrange", cell, degree, shape=(dim,)))
+    E, nu = ufl.Constant(domain), ufl.Constant(domain)
+    integrand = LinearElastic(E, nu, plane).bilinear(ufl.TrialFunction(space), ufl.TestFunction(space))
+    form = _integral(integrand, domain, quadrature_degree, around)
+    return fem.compile_form(MPI.COMM_SELF, form, jit_options=_jit()), E, nu
+
+
+def _form(spec: SubstructureSpec, space: Any) -> tuple[Any, Sources]:
+    """The form of the stiffness, for assembly, and what a user can write to."""
+    material, mesh = spec.material, spec.part.mesh
+    if type(material) is LinearElastic and is_real(material.E) and is_real(material.nu):
+        material.check(spec.dim)
+        cmap = coordinate_map(mesh)
+        compiled, *names = _isotropic(
+            spec.cell,
+            int(cmap.degree),
+            int(cmap.variant),
+            spec.degree,
+            spec.dim,
+            material.plane,
+            _degree(spec),
+            spec.axisymmetric,
+        )
+        values = (fem.Constant(mesh, np.float64(value)) for value in (material.E, material.nu))
+        constants = dict(zip(names, values, strict=True))
+        return fem.create_form(compiled, [space, space], mesh, {}, {}, constants), Sources.of(mesh)
+    bilinear = _bilinear(spec, space)
+    return fem.form(bilinear, jit_options=_jit()), Sources.of(mesh, bilinear)
 
 
 def _load(spec: SubstructureSpec, space: Any, force: Any) -> Array:
@@ -403,10 +476,10 @@ def discretise(spec: SubstructureSpec) -> Substructure:
     volume, centre = _measure(mesh, where, spec.axisymmetric)
     if spec.axisymmetric:
         centre = np.array([0.0, centre[1]])
-    bilinear = _bilinear(spec, space)
-    matrix = fem_petsc.assemble_matrix(fem.form(bilinear))
-    matrix.assemble()
-    K = csr(matrix)
+    form, sources = _form(spec, space)
+    # in blocks of nodes: half the time of entries that are put into a PETSc matrix one by one
+    K = fem.assemble_matrix(form).to_scipy().tocsr()
+    matrix = petsc_matrix(K)
     if not np.all(np.isfinite(K.data)):
         count = np.count_nonzero(~np.isfinite(K.data))
         raise SceneError(
@@ -446,7 +519,7 @@ def discretise(spec: SubstructureSpec) -> Substructure:
         material=spec.material,
         around=spec.axisymmetric,
         factor=spec.stiffness,
-        sources=Sources.of(mesh, bilinear),
+        sources=sources,
     )
 
 

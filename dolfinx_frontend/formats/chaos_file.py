@@ -39,6 +39,7 @@ from dolfinx_frontend.formats.hdf5 import (
     Tree,
     LayoutError,
     h5py_module,
+    inside,
     placed,
     read_tree,
     write_tree,
@@ -503,12 +504,13 @@ def from_tree(path: Path, tree: Tree) -> ChaosFile:
 
     Raises
     ------
-    ValueError, LookupError, TypeError
+    LayoutError
         It is damaged or of another version.
     """
-    if tree["format"] != FORMAT or int(tree["version"]) != VERSION:
-        raise ValueError(f"a chaos of version {tree['version']}, known is {VERSION}")
-    return _read(path, tree)
+    with inside("chaos"):
+        if tree["format"] != FORMAT or int(tree["version"]) != VERSION:
+            raise ValueError(f"it has version {tree['version']}, known is {VERSION}")
+        return _read(path, tree)
 
 
 def save_chaos(
@@ -555,8 +557,11 @@ def save_chaos(
 # ---------------------------------------------------------------------------------------------
 def _numbers(node: Any, what: str, *shape: int | None) -> Array:
     """Finite numbers of a shape; None: any length."""
-    array = np.array(node, dtype=np.float64)
-    if array.size == 0 and None not in shape:
+    try:
+        array = np.array(node, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{what}: wanted numbers") from error
+    if array.size == 0 and None not in shape and 0 in shape:
         array = array.reshape([s or 0 for s in shape])
     fits = array.ndim == len(shape) and all(
         wanted is None or wanted == size for wanted, size in zip(shape, array.shape, strict=True)

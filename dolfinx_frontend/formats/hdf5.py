@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import importlib
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
 from urllib.parse import unquote
@@ -52,6 +54,17 @@ def placed(tree: Any, where: str = "") -> Any:
     if not isinstance(tree, dict):
         return tree
     return Node({key: placed(each, f"{where}/{key}" if where else key) for key, each in tree.items()}, where)
+
+
+@contextmanager
+def inside(where: str) -> Iterator[None]:
+    """Whatever a damaged group raises is said with its place."""
+    try:
+        yield
+    except LayoutError:
+        raise
+    except DAMAGE as error:
+        raise LayoutError(f"{where}: {error or type(error).__name__}") from error
 
 
 class ChaosFileError(FileError):

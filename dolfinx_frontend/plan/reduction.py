@@ -252,8 +252,12 @@ def _held_classes(
     row = np.repeat(np.arange(len(classes)), length)
     column = np.arange(len(node)) - np.repeat(first, length)
     key[row, column], spot[row, column] = index, place
-    sets, group = np.unique(key, axis=0, return_inverse=True)
-    group = group.reshape(-1)
+    # rows that are equal have the same number (np.unique by rows is slow)
+    number = np.zeros(len(key), dtype=np.int64)
+    for c in range(widest):
+        _, number = np.unique(number * (len(held) + 1) + key[:, c] + 1, return_inverse=True)
+    _, chosen_rows, group = np.unique(number, return_index=True, return_inverse=True)
+    sets = key[chosen_rows]
     for g, keys in enumerate(sets):
         used = [int(k) for k in keys if k >= 0]
         D = np.concatenate([rows[k] for k in used])

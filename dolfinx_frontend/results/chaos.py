@@ -129,6 +129,18 @@ def _at_points(block: Array, psi: Array) -> Array:
     return np.swapaxes((flat @ psi.T).reshape(m, components, steps, len(psi)), 2, 3)
 
 
+def _moments(blocks: Sequence[Array]) -> tuple[Array, Array]:
+    """Mean and standard deviation (m, components, steps) of blocks (m, components, samples, steps), which are
+    overwritten."""
+    count = sum(each.shape[2] for each in blocks)
+    mean = np.asarray(sum(each.sum(axis=2) for each in blocks) / count)
+    square = np.zeros(mean.shape)
+    for each in blocks:
+        each -= mean[:, :, None]
+        square += np.einsum("pcnt,pcnt->pct", each, each)
+    return mean, np.sqrt(square / count)
+
+
 def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
@@ -710,7 +722,7 @@ class ChaosResult(Result, StochasticResult):
             decay = by_degree[-1] * ratio / np.sqrt(1.0 - ratio**2) / deviation
         return float(decay), deviation
 
-    @property
+    @cached_property
     def points_of_misfit(self) -> Array:
         """Points (N, L) of the germs at which :meth:`misfit` asks the laws."""
         return self.space.sample_sobol(POINTS_OF_MISFIT, 1)
@@ -742,21 +754,25 @@ class ChaosResult(Result, StochasticResult):
                 self.solver.resolve_samples(self.laws, interface, each, parameters)[0].reshape(force.shape)
                 for each in (free, free + shift)
             )
-            # laws are linear: 1 where the jump is given, 0 where the force is
-            given = np.clip(flexible * (there - found) / shift, 0.0, 1.0)
-            wanted = force + (found - force) / ((1.0 - given) + given * compliance)
-            square += float(np.sum(weights * (wanted - force) ** 2)) / len(germs)
+            # laws are linear: 1 where the jump is given, 0 where the force is; in place, for blocks are large
+            given = np.subtract(there, found, out=there)
+            given *= flexible / shift
+            np.clip(given, 0.0, 1.0, out=given)
+            given *= compliance - 1.0
+            given += 1.0
+            change = np.subtract(found, force, out=found)
+            change /= given
+            square += float(weights.ravel() @ np.einsum("pcnt,pcnt->p", change, change)) / len(germs)
             own.append(force)
-            better.append(wanted)
-        whole, exact = np.concatenate(own, axis=2), np.concatenate(better, axis=2)
+            better.append(np.add(change, force, out=change))
         scale = weights[..., 0]
-        of_mean = _relative(whole.mean(axis=2) - exact.mean(axis=2), exact.mean(axis=2), scale)
-        deviation = exact.std(axis=2)
+        (mean, std), (mean_exact, deviation) = (_moments(each) for each in (own, better))
+        of_mean = _relative(mean - mean_exact, mean_exact, scale)
         spread = float(np.sum(scale * deviation**2))
-        size = float(np.sum(scale * exact.mean(axis=2) ** 2))
+        size = float(np.sum(scale * mean_exact**2))
         if spread <= (NOISE * self.plan.options.rtol) ** 2 * size:  # noise, as in a check
             return of_mean
-        of_std = _relative(whole.std(axis=2) - deviation, deviation, scale)
+        of_std = _relative(std - deviation, deviation, scale)
         return max(of_mean, of_std, square / spread)
 
     def misfit_of(self, term: LoadTerm) -> float:

@@ -26,6 +26,7 @@ from dolfinx_frontend.common.files import is_file
 from dolfinx_frontend.common.frozen import ReadOnlyDict, locked, locked_matrix, read_only
 from dolfinx_frontend.formats import chaos_file, hdf5
 from dolfinx_frontend.formats.chaos_file import ChaosFile
+from dolfinx_frontend.formats.layout import Group
 from dolfinx_frontend.formats.hdf5 import Tree
 from dolfinx_frontend.formats.meshes import StoredPart
 from dolfinx_frontend.results.answer import AnswerKind, Block, Surface, chunks
@@ -618,7 +619,8 @@ def load(path: str | Path) -> SavedResult:
     form, oldest, newest = (RUN_FORMAT, RUN_VERSION, RUN_VERSION) if of_run else (FORMAT, OLDEST, VERSION)
     try:
         tree = hdf5.read_tree(source, form)
-        version = int(tree.pop("version"))
+        version = Group(tree).whole("version", 0, 2**62)
+        del tree["version"]
     except hdf5.DAMAGE as error:
         raise ResultFileError(
             f"{source} cannot be read ({error}): it is truncated, damaged or no saved result; save it again"

@@ -116,6 +116,20 @@ class Galerkin:
         return float(self.values.min())
 
 
+def _transforms(
+    random: RandomLaws, source: Source, basis: stochastic.ChaosBasis
+) -> tuple[list[Array], Array]:
+    """Transforms and eigenvalues at every point of a parameter."""
+    if not random.space.multiplies(source):
+        coefficients, indices = random.space.expansion(source, basis)
+        forward, values = stochastic.galerkin_transforms(basis, coefficients, indices)
+        return forward, values
+    transforms = [
+        stochastic.galerkin_transform(matrix) for matrix in random.space.galerkin_matrices(source, basis)
+    ]
+    return [np.asfortranarray(t.forward) for t in transforms], np.array([t.values for t in transforms])
+
+
 def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str, str], Galerkin]:
     """Galerkin matrices of all random stiffnesses, by (interface, parameter)."""
     done: dict[int, tuple[list[Array], Array]] = {}
@@ -124,14 +138,7 @@ def galerkin(random: RandomLaws, basis: stochastic.ChaosBasis) -> dict[tuple[str
         if parameter not in random.problem.interfaces[name].law.spans:
             continue
         if id(source) not in done:
-            transforms = [
-                stochastic.galerkin_transform(matrix)
-                for matrix in random.space.galerkin_matrices(source, basis)
-            ]
-            done[id(source)] = (
-                [np.asfortranarray(t.forward) for t in transforms],
-                np.array([t.values for t in transforms]),
-            )
+            done[id(source)] = _transforms(random, source, basis)
         forward, values = done[id(source)]
         scale = random.area_factor(name, parameter)
         matrices[name, parameter] = Galerkin(name, parameter, source, forward, scale * values)
@@ -270,15 +277,14 @@ def _guard(
 
 def _through(block: Array, by: list[Array], points: int, modes: int) -> Array:
     """Columns (rows, modes * steps), time steps fastest, times one matrix for all points or one for each."""
-    if not by:
+    if not by or not np.any(block):
         return block
     steps = block.shape[1] // modes
-    parted = block.reshape(points, -1, modes, steps)
-    if len(by) == 1:
-        result: Array = np.einsum("pcjs,jq->pcqs", parted, by[0])
-    else:
-        result = np.einsum("pcjs,pjq->pcqs", parted, np.array(by))
-    return result.reshape(len(block), -1)
+    parted = block.reshape(points, -1, modes, steps).swapaxes(2, 3)  # (points, components, steps, modes)
+    result = np.empty(parted.shape)
+    for point in range(points):  # the matrices of a field may fill the memory: no copy of all
+        result[point] = parted[point] @ by[point if len(by) > 1 else 0]
+    return result.swapaxes(2, 3).reshape(len(block), -1)
 
 
 def _each_step(values: Array, columns: int, steps: int) -> Array:

@@ -402,14 +402,19 @@ class RandomSpace:
         """E[a Psi_j Psi_k] of a parameter, or of a field at its point `row`: (P + 1, P + 1)."""
         return csc_matrix(next(islice(self.galerkin_matrices(source, basis), row, None)))
 
+    @staticmethod
+    def multiplies(source: Source) -> bool:
+        """Whether a parameter is a product of functions of one germ each."""
+        return isinstance(source, DiscretisedField) and not source.affine
+
     def galerkin_matrices(self, source: Source, basis: ChaosBasis) -> Iterator[Any]:
         """E[a Psi_j Psi_k] of a parameter, (P + 1, P + 1), or of a field at each of its points.
 
         A lognormal field is a product of functions of one germ each, and so are these: nothing is enumerated,
         whatever the number of germs.
         """
-        if isinstance(source, DiscretisedField) and not source.affine:
-            yield from self._of_factors(source, basis)
+        if self.multiplies(source):
+            yield from self._of_factors(cast(DiscretisedField, source), basis)
             return
         coefficients, indices = self.expansion(source, basis)
         for row in coefficients:

@@ -133,6 +133,24 @@ void bind_galerkin(py::module_& m) {
       .def_readonly("weights", &stochastic::ColumnTransform::weights);
   m.def("galerkin_transform", &stochastic::galerkin_transform, "matrix"_a, Release());
   m.def(
+      "galerkin_transforms",
+      [](const ChaosBasis& basis, ConstMatrixRef coefficients, const MultiIndexSet& property) {
+        std::vector<stochastic::ColumnTransform> transforms;
+        {
+          const py::gil_scoped_release released;
+          transforms = stochastic::galerkin_transforms(basis, coefficients, property);
+        }
+        py::list forward;
+        latin::Matrix values(transforms.size(), basis.size());
+        Index point = 0;
+        for (stochastic::ColumnTransform& each : transforms) {
+          values.row(point++) = each.values.transpose();
+          forward.append(py::cast(std::move(each.forward)));
+        }
+        return py::make_tuple(std::move(forward), std::move(values));
+      },
+      "basis"_a, "coefficients"_a, "property"_a);
+  m.def(
       "quadrature_transform",
       [](const ChaosBasis& basis, latin::Matrix points, latin::Vector weights) {
         return stochastic::quadrature_transform(basis, {std::move(points), std::move(weights)});

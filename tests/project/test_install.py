@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -129,7 +130,7 @@ def call(command: list[str], cwd: Path, **variables: str) -> str:
 def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source distribution, unpacked."""
     pytest.importorskip("scikit_build_core")
-    folder = tmp_path_factory.mktemp("sdist")
+    folder = tmp_path_factory.mktemp("a folder with spaces")
     script = f"import scikit_build_core.build as backend; print(backend.build_sdist({str(folder)!r}))"
     call([sys.executable, "-c", script], ROOT)
     (archive,) = folder.glob("*.tar.gz")
@@ -229,19 +230,19 @@ def test_pip_installs(sdist: Path, tmp_path: Path, isolation: bool) -> None:
 def test_cmake_installs_the_library(sdist: Path, tmp_path: Path) -> None:
     """A program that knows nothing but the prefix finds the library; the wheel's part stays away."""
     variables = {"CCACHE_BASEDIR": str(sdist), "CCACHE_NOHASHDIR": "1"}
-    prefix, build = tmp_path / "prefix", sdist / "build" / "library" / "cmake"
+    first, build = tmp_path / "first prefix", sdist / "build" / "library" / "cmake"
     werror = "ON" if os.environ.get("LATIN_ENVIRONMENT", "").startswith("trixie-") else "OFF"
-    options = ["-G", "Ninja", f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DLATIN_WERROR={werror}"]
-    options += ["-DLATIN_BUILD_PYTHON=OFF"]
+    options = [f"-DCMAKE_INSTALL_PREFIX={first}", f"-DLATIN_WERROR={werror}", "-DLATIN_BUILD_PYTHON=OFF"]
     call(["cmake", "-S", str(sdist), "-B", str(build), *options], tmp_path, **variables)
     call(["cmake", "--build", str(build)], tmp_path, **variables)
     call(["cmake", "--install", str(build)], tmp_path)
+    prefix = first.rename(tmp_path / "a prefix that was moved")
     assert (prefix / "include" / "latin" / "latin.hpp").is_file()
     assert not list(prefix.rglob("_core*")) and not (prefix / "latin_core").exists()
 
-    demo = tmp_path / "demo"
-    source = str(ROOT / "demos" / "cpp")
-    call(["cmake", "-S", source, "-B", str(demo), "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}"], tmp_path)
+    source, demo = tmp_path / "my program", tmp_path / "my build"
+    shutil.copytree(ROOT / "demos" / "cpp", source)
+    call(["cmake", "-S", str(source), "-B", str(demo), f"-DCMAKE_PREFIX_PATH={prefix}"], tmp_path)
     call(["cmake", "--build", str(demo)], tmp_path)
     printed = call([str(demo / "bars")], tmp_path).splitlines()
     assert len(printed) == 11 and float(printed[-1].split()[-1]) < 1e-8

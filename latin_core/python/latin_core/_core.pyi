@@ -453,6 +453,10 @@ class stochastic:
     @staticmethod
     def galerkin_transform(matrix: Sparse) -> stochastic.ColumnTransform: ...
     @staticmethod
+    def galerkin_transforms(
+        basis: stochastic.ChaosBasis, coefficients: Array, property: stochastic.MultiIndexSet
+    ) -> tuple[list[Array], Array]: ...
+    @staticmethod
     def quadrature_transform(
         basis: stochastic.ChaosBasis, points: Array, weights: Array
     ) -> stochastic.ColumnTransform: ...

@@ -30,6 +30,7 @@ __all__ = [
     "critical_cov",
     "galerkin_matrix",
     "galerkin_transform",
+    "galerkin_transforms",
     "mean",
     "quadrature_transform",
     "smallest_eigenvalue",
@@ -397,6 +398,28 @@ def critical_cov(germ: Germ, order: int) -> float:
 def galerkin_transform(matrix: Sparse) -> ColumnTransform:
     """Exact Galerkin: the eigenvectors of the matrix and its eigenvalues as parameter values."""
     return _transform(_native.galerkin_transform(matrix))
+
+
+def galerkin_transforms(
+    basis: ChaosBasis, coefficients: npt.ArrayLike, indices: MultiIndexSet
+) -> tuple[list[Array], Array]:
+    """:func:`galerkin_transform` of :func:`galerkin_matrix` at every point of a field.
+
+    Parameters
+    ----------
+    coefficients
+        (m, I), on `indices`.
+
+    Returns
+    -------
+    forward
+        Of every point V (P + 1, P + 1); back it is the transpose.
+    values
+        (m, P + 1), eigenvalues.
+    """
+    given = _block(coefficients, "coefficients of a random property")
+    forward, values = _native.galerkin_transforms(basis._native, given, indices._native)
+    return forward, values
 
 
 def quadrature_transform(basis: ChaosBasis, rule: Rule) -> ColumnTransform:

@@ -4,7 +4,6 @@
 #include <limits>
 #include <numeric>
 #include <string>
-#include <utility>
 
 #include "latin/common/error.hpp"
 #include "latin/stochastic/galerkin.hpp"
@@ -23,39 +22,39 @@ Coupling::Coupling(const ChaosBasis& basis, ConstMatrixRef coefficients,
                      std::to_string(coefficients.cols()) + ") do not fit a property of " +
                      std::to_string(property.size()) + " modes");
   }
-  // E[Psi_i Psi_j Psi_k] of the modes i that the property has somewhere
-  std::vector<std::pair<Index, SparseColumns>> triples;
+  std::vector<bool> used(at(property.size()));
+  for (Index i = 0; i < property.size(); ++i) {
+    used[at(i)] = (coefficients.col(i).array() != 0.0).any();
+  }
+  const TripleProducts products(basis, property, used);
   std::vector<Index> places;  // column * c + row
   const Index c = basis.size();
-  for (Index i = 0; i < property.size(); ++i) {
-    if ((coefficients.col(i).array() != 0.0).any()) {
-      const SparseColumns& triple =
-          triples
-              .emplace_back(i, galerkin_matrix(basis, Vector::Unit(property.size(), i), property))
-              .second;
-      for (Index column = 0; column < c; ++column) {
-        for (SparseColumns::InnerIterator entry(triple, column); entry; ++entry) {
-          places.push_back(column * c + entry.row());
-        }
-      }
+  for (const TripleProducts::Entry& entry : products.entries()) {
+    places.push_back(entry.k * c + entry.j);
+    if (entry.j != entry.k) {
+      places.push_back(entry.j * c + entry.k);
     }
   }
   std::ranges::sort(places);
-  places.erase(std::ranges::unique(places).begin(), places.end());
   starts_.assign(at(c) + 1, 0);
   for (const Index place : places) {
     first_.push_back(place % c);
     ++starts_[at(place / c) + 1];
   }
   std::partial_sum(starts_.begin(), starts_.end(), starts_.begin());
-  values_ = Matrix::Zero(static_cast<Index>(places.size()), coefficients.rows());
-  for (const auto& [i, triple] : triples) {
-    for (Index column = 0; column < c; ++column) {
-      for (SparseColumns::InnerIterator entry(triple, column); entry; ++entry) {
-        const auto found = std::ranges::lower_bound(places, column * c + entry.row());
-        values_.row(found - places.begin()) += entry.value() * coefficients.col(i).transpose();
-      }
+  values_.resize(static_cast<Index>(places.size()), coefficients.rows());
+  const auto row_of = [&places](Index place) {
+    return std::ranges::lower_bound(places, place) - places.begin();
+  };
+  Vector sum(coefficients.rows());
+  for (const TripleProducts::Entry& entry : products.entries()) {
+    sum.setZero();
+    for (std::size_t t = entry.begin; t < entry.end; ++t) {
+      const TripleProducts::Term& term = products.terms()[t];
+      sum += term.value * coefficients.col(term.mode);
     }
+    values_.row(row_of(entry.k * c + entry.j)) = sum.transpose();
+    values_.row(row_of(entry.j * c + entry.k)) = sum.transpose();
   }
 }
 

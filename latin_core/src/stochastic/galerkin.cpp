@@ -67,16 +67,15 @@ std::vector<Matrix> triple_products(const Germ& germ, Index first, Index second)
   return tables;
 }
 
-SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficients,
-                              const MultiIndexSet& property) {
-  if (property.dimension() != basis.dimension() || coefficients.size() != property.size()) {
-    throw InputError("a property with " + std::to_string(coefficients.size()) +
-                     " coefficients on " + std::to_string(property.size()) + " modes in " +
+TripleProducts::TripleProducts(const ChaosBasis& basis, const MultiIndexSet& property,
+                               const std::vector<bool>& used)
+    : modes_(basis.size()), of_property_(property.size()) {
+  if (property.dimension() != basis.dimension() ||
+      static_cast<Index>(used.size()) != of_property_) {
+    throw InputError("a property with " + std::to_string(used.size()) + " coefficients on " +
+                     std::to_string(property.size()) + " modes in " +
                      std::to_string(property.dimension()) + " variables does not fit a basis in " +
                      std::to_string(basis.dimension()) + " variables");
-  }
-  if (!coefficients.allFinite()) {
-    throw InputError("the coefficients of a random property hold a NaN or an infinity");
   }
   const MultiIndexSet& set = basis.indices();
 
@@ -84,7 +83,7 @@ SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficien
   std::map<std::vector<Index>, std::vector<Index>> by_support;
   std::vector<Index> highest(at(basis.dimension()), 0);
   for (Index i = 0; i < property.size(); ++i) {
-    if (coefficients(i) == 0.0) {
+    if (!used[at(i)]) {
       continue;
     }
     std::vector<Index> support;
@@ -110,17 +109,17 @@ SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficien
     }
   }
 
-  std::vector<Eigen::Triplet<double, int>> entries;
-  const auto add = [&](Index row, Index column, double value) {
-    entries.emplace_back(static_cast<int>(row), static_cast<int>(column), value);
+  struct Found {
+    Index place;  // k * modes + j
+    Term term;
   };
+  std::vector<Found> found;
   for (const auto& [support, terms] : by_support) {
     for (const std::vector<Index>& line : lines_along(set, support)) {
       for (std::size_t a = 0; a < line.size(); ++a) {
         for (std::size_t b = a; b < line.size(); ++b) {
-          double sum = 0.0;
           for (const Index i : terms) {
-            double product = coefficients(i);
+            double product = 1.0;
             for (const Index l : support) {
               product *= tables[at(l)][at(property.table()(i, l))](set.table()(line[a], l),
                                                                    set.table()(line[b], l));
@@ -128,21 +127,60 @@ SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficien
                 break;
               }
             }
-            sum += product;
-          }
-          if (sum != 0.0) {
-            add(line[a], line[b], sum);
-            if (a != b) {
-              add(line[b], line[a], sum);
+            if (product != 0.0) {
+              const Index j = std::min(line[a], line[b]);
+              const Index k = std::max(line[a], line[b]);
+              found.push_back({k * modes_ + j, {static_cast<int>(i), product}});
             }
           }
         }
       }
     }
   }
-  SparseColumns matrix(basis.size(), basis.size());
+  std::ranges::stable_sort(found, {}, &Found::place);
+  terms_.reserve(found.size());
+  for (const Found& each : found) {
+    const auto j = static_cast<int>(each.place % modes_);
+    const auto k = static_cast<int>(each.place / modes_);
+    if (entries_.empty() || entries_.back().j != j || entries_.back().k != k) {
+      entries_.push_back({j, k, terms_.size(), terms_.size()});
+    }
+    terms_.push_back(each.term);
+    ++entries_.back().end;
+  }
+}
+
+SparseColumns TripleProducts::matrix(ConstVectorRef coefficients) const {
+  if (coefficients.size() != of_property_ || !coefficients.allFinite()) {
+    throw InputError(
+        "the coefficients of a random property hold a NaN or an infinity, or are not " +
+        std::to_string(of_property_));
+  }
+  std::vector<Eigen::Triplet<double, int>> entries;
+  for (const Entry& entry : entries_) {
+    double sum = 0.0;
+    for (std::size_t t = entry.begin; t < entry.end; ++t) {
+      sum += coefficients(terms_[t].mode) * terms_[t].value;
+    }
+    if (sum != 0.0) {
+      entries.emplace_back(entry.j, entry.k, sum);
+      if (entry.j != entry.k) {
+        entries.emplace_back(entry.k, entry.j, sum);
+      }
+    }
+  }
+  SparseColumns matrix(modes_, modes_);
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
+}
+
+SparseColumns galerkin_matrix(const ChaosBasis& basis, ConstVectorRef coefficients,
+                              const MultiIndexSet& property) {
+  std::vector<bool> used;
+  for (const double each : coefficients) {
+    used.push_back(each != 0.0);
+  }
+  return TripleProducts(basis, property, used).matrix(coefficients);
 }
 
 std::vector<std::vector<Index>> coupled_blocks(const SparseColumns& matrix) {

@@ -12,13 +12,9 @@
 #include <utility>
 #include <vector>
 
+#include "latin/algebra/eigenvectors.hpp"
 #include "latin/algebra/sparse_product.hpp"
 #include "latin/common/error.hpp"
-
-// LAPACK; hidden lengths of texts are not read for one letter
-extern "C" void dsyevd_(const char* jobz, const char* uplo, const int* n, double* a, const int* lda,
-                        double* w, double* work, const int* lwork, int* iwork, const int* liwork,
-                        int* info);
 
 namespace latin::substructure {
 namespace {
@@ -158,6 +154,14 @@ bool dense_is_cheaper(Index size, Index active) {
   return dense <= 50.0 * std::pow(static_cast<double>(size), 4.0 / 3.0);
 }
 
+/// Whether a product with the inverse is as good as two solutions with a triangular factor.
+bool well_scaled(const Matrix& factor) {
+  constexpr double least =
+      1e-4;  // of the pivots, which bounds the condition number from below by 1e8
+  const auto pivots = factor.diagonal();
+  return pivots.size() > 0 && pivots.minCoeff() > least * pivots.maxCoeff();
+}
+
 /// out = a * x with a symmetric. With few columns it is memory that costs: the lower triangle is read once, in
 /// panels that stay in the cache for both of their products.
 void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out) {
@@ -180,29 +184,6 @@ void multiply_symmetric(const Matrix& a, const ConstMatrixRef& x, MatrixRef out)
       out.col(c).tail(rest).noalias() += below * x.col(c).segment(j, width);
     }
   }
-}
-
-/// A symmetric matrix is replaced by its eigenvectors. @return the eigenvalues
-Vector eigenvectors_in_place(Matrix& matrix, const std::string& name) {
-  const int n = static_cast<int>(matrix.rows());
-  Vector values(n);
-  int info = 0;
-  int most = -1;
-  int most_integers = -1;
-  double wanted = 0.0;
-  int wanted_integers = 0;
-  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), &wanted, &most, &wanted_integers,
-          &most_integers, &info);
-  most = static_cast<int>(wanted);
-  most_integers = wanted_integers;
-  std::vector<double> work(static_cast<std::size_t>(most));
-  std::vector<int> integers(static_cast<std::size_t>(most_integers));
-  dsyevd_("V", "L", &n, matrix.data(), &n, values.data(), work.data(), &most, integers.data(),
-          &most_integers, &info);
-  if (info != 0) {
-    throw NumericalError("body '" + name + "': the eigenvalues of its springs did not converge");
-  }
-  return values;
 }
 
 std::string shape_of(Index rows, Index cols) {
@@ -798,24 +779,26 @@ LoadResponse Body::response_with(const std::vector<Matrix>& loads) const {
 }
 
 const Matrix* Body::compliance(Index columns) const {
-  if (rows() >= active_) {
-    return nullptr;
-  }
   if (const Matrix* made = compliance_.made()) {
     return made;
   }
-  // it is formed once the products so far have cost as much as forming it: a column costs active^2 numbers
-  // read twice, the product about active^2 rows + active rows^2 operations in blocks, each a third of one
-  // that waits for memory
-  const auto applied = static_cast<double>(applied_.add(columns));
-  const auto rows_on_active = static_cast<double>(rows()) / static_cast<double>(active_);
-  if (applied <= 0.3 * static_cast<double>(rows()) * (1.0 + rows_on_active)) {
+  const bool of_rows = rows() < active_;
+  const Index size = of_rows ? rows() : active_;
+  if (!of_rows && !well_scaled(condensed_)) {
     return nullptr;
   }
-  return &compliance_.get([this] {
-    Matrix half = Matrix(active_traces_.transpose());
+  // it is formed once the products so far have cost as much as forming it: a column costs active^2 numbers
+  // read twice, the product about active^2 size + active size^2 operations in blocks, each a third of one
+  // that waits for memory
+  const auto applied = static_cast<double>(applied_.add(columns));
+  const auto size_on_active = static_cast<double>(size) / static_cast<double>(active_);
+  if (applied <= 0.3 * static_cast<double>(size) * (1.0 + size_on_active)) {
+    return nullptr;
+  }
+  return &compliance_.get([this, of_rows, size] {
+    Matrix half = of_rows ? Matrix(active_traces_.transpose()) : Matrix::Identity(size, size);
     condensed_.triangularView<Eigen::Lower>().solveInPlace(half);
-    Matrix product(rows(), rows());
+    Matrix product(size, size);
     product.noalias() = half.transpose() * half;
     return product;
   });
@@ -827,9 +810,17 @@ void Body::apply(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const {
     return;
   }
   if (const Matrix* dense = compliance(data.cols())) {
-    Eigen::Map<Matrix> weighted = work.weighted.shaped(rows(), data.cols());
-    weighted = weights_.asDiagonal() * data;
-    multiply_symmetric(*dense, weighted, traces);
+    if (rows() < active_) {
+      Eigen::Map<Matrix> weighted = work.weighted.shaped(rows(), data.cols());
+      weighted = weights_.asDiagonal() * data;
+      multiply_symmetric(*dense, weighted, traces);
+      return;
+    }
+    Eigen::Map<Matrix> forces = work.weighted.shaped(active_, data.cols());
+    Eigen::Map<Matrix> moved = work.unknowns.shaped(active_, data.cols());
+    multiply_sparse(active_loads_, data, forces);
+    multiply_symmetric(*dense, forces, moved);
+    multiply_sparse(active_traces_, moved, traces);
     return;
   }
   Eigen::Map<Matrix> unknowns = work.unknowns.shaped(active_, data.cols());
@@ -910,7 +901,11 @@ const Body::Spectrum& Body::spectrum() const {
     share.transposeInPlace();
     lower.solveInPlace(share);
     Spectrum spectrum;
-    spectrum.shares = eigenvectors_in_place(share, name_).cwiseMax(0.0).cwiseMin(1.0);
+    const Vector shares = algebra::eigenvectors_in_place(share);
+    if (shares.size() != share.rows()) {
+      throw NumericalError("body '" + name_ + "': the eigenvalues of its springs did not converge");
+    }
+    spectrum.shares = shares.cwiseMax(0.0).cwiseMin(1.0);
     lower.transpose().solveInPlace(share);
     spectrum.vectors = std::move(share);
     return spectrum;
@@ -1017,7 +1012,10 @@ Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
     of_loads += loads.extra;
   }
   Matrix by_stage = active_loads_ * data;
-  if (condensed()) {
+  const Matrix* inverse = rows() < active_ ? nullptr : compliance_.made();
+  if (inverse != nullptr) {
+    by_stage = *inverse * by_stage;
+  } else if (condensed()) {
     condensed_.triangularView<Eigen::Lower>().solveInPlace(by_stage);
     condensed_.triangularView<Eigen::Lower>().transpose().solveInPlace(by_stage);
   } else {

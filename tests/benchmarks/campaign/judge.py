@@ -252,7 +252,7 @@ def tight_truth(
 ) -> list[list[Answer]]:
     """Where no reference exists: runs of the library at a tolerance of 1e-11, two that agree.
 
-    Their search directions (and coarse problem) are others than those of the run, or the same: a nonlinear law
+    Their search directions (and coarse problem) are not those of the run, or the same: a nonlinear law
     is projected on the chaos in the variables of the search direction, so that truncated chaoses of two
     directions differ by some of the truncation.
 

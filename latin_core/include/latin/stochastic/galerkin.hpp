@@ -11,6 +11,42 @@ namespace latin::stochastic {
 /// exactly 0.
 [[nodiscard]] std::vector<Matrix> triple_products(const Germ& germ, Index first, Index second);
 
+/// E[Psi_i Psi_j Psi_k] of the modes i of a property and the modes j, k of a basis: what the Galerkin matrices of
+/// all points of a field have in common. What vanishes by degree or symmetry is not stored.
+class TripleProducts {
+ public:
+  /// One of a pair of modes j <= k: its terms are [begin, end).
+  struct Entry {
+    int j;
+    int k;
+    std::size_t begin;
+    std::size_t end;
+  };
+  /// A mode of the property, and the product.
+  struct Term {
+    int mode;
+    double value;
+  };
+
+  /// @param used modes of the property that are to be taken
+  /// @throws InputError if the property is in other variables, or `used` has another size
+  TripleProducts(const ChaosBasis& basis, const MultiIndexSet& property,
+                 const std::vector<bool>& used);
+
+  [[nodiscard]] Index modes() const { return modes_; }
+  [[nodiscard]] const std::vector<Entry>& entries() const { return entries_; }
+  [[nodiscard]] const std::vector<Term>& terms() const { return terms_; }
+
+  /// Galerkin matrix of a scalar with these coefficients. @throws InputError if they are not finite
+  [[nodiscard]] SparseColumns matrix(ConstVectorRef coefficients) const;
+
+ private:
+  Index modes_;
+  Index of_property_;
+  std::vector<Entry> entries_;
+  std::vector<Term> terms_;
+};
+
 /// Galerkin matrix of a random scalar a = sum_i a_i Psi_i:
 ///
 ///     A_jk = sum_i a_i E[Psi_i Psi_j Psi_k]  =  E[a Psi_j Psi_k]      (paper, equation 19)

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <vector>
+
 #include "latin/stochastic/basis.hpp"
 
 namespace latin::stochastic {
@@ -21,6 +23,14 @@ struct ColumnTransform {
 /// exactly.
 /// @param matrix (c, c) symmetric, of galerkin_matrix() or germ_matrix()
 [[nodiscard]] ColumnTransform galerkin_transform(const SparseColumns& matrix);
+
+/// The same of a field, point by point, from what the matrices of all points have in common.
+/// @param coefficients (points, property.size())
+/// @return of every point; `backward` is empty, it is the transpose
+/// @throws InputError as galerkin_matrix()
+[[nodiscard]] std::vector<ColumnTransform> galerkin_transforms(const ChaosBasis& basis,
+                                                               ConstMatrixRef coefficients,
+                                                               const MultiIndexSet& property);
 
 /// Pseudo-spectral: forward evaluates the modes at the points, backward projects,
 /// forward = Psi^T, backward = diag(weights) Psi. Inverse of each other on the modes if the rule is

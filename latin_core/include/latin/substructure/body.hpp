@@ -245,7 +245,7 @@ class Body {
   void keep_terms(BodyDescription& description, std::vector<SparseRows> jumps);
   void keep_loads(const Loads& loads, const std::vector<BodySide>& sides);
 
-  /// T A^-1 T^T as a dense matrix, where it is the cheaper operator from now on; else null.
+  /// T A^-1 T^T, or A^-1 if that is smaller, as a dense matrix where it is cheaper from now on; else null.
   [[nodiscard]] const Matrix* compliance(Index columns) const;
   /// Right-hand side of the global stage, (n_body, c).
   [[nodiscard]] Matrix forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes,
@@ -286,7 +286,7 @@ class Body {
   Vector direction_;
   std::unique_ptr<algebra::Factor> factor_;
   Matrix condensed_;  ///< L of the Schur complement, or empty
-  // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), formed after many products
+  // T A^-1 T^T where the sides have fewer rows than unknowns (facet means do), else A^-1: after many products
   Lazy<Matrix> compliance_;
   mutable Counter applied_;  ///< columns so far
   Lazy<Eigen::MatrixXf> condensed_single_;
