@@ -177,10 +177,10 @@ def solve(
     -------
     Result
         Its ``status`` says whether the tolerance was reached; nothing is raised if it was not. With
-        times a :class:`HistoryResult`, with chaos a :class:`ChaosResult`. A deterministic run that gives up is
-        made again with the default settings, and with a softer search direction, unless a plan, the method
-        ``"latin"`` or fewer iterations than usual are asked for; the plan of the result is that of the run that
-        converged, and the log says so.
+        times a :class:`HistoryResult`, with chaos a :class:`ChaosResult`. A deterministic run that gives
+        up is made again with the default settings, and with a softer search direction, unless a plan,
+        the method ``"latin"`` or fewer iterations than usual are asked for; the plan of the result is
+        that of the run that converged, and the log says so.
 
     Raises
     ------

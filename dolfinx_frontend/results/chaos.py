@@ -725,7 +725,7 @@ class ChaosResult(Result, StochasticResult):
     @cached_property
     def points_of_misfit(self) -> Array:
         """Points (N, L) of the germs at which :meth:`misfit` asks the laws."""
-        return self.space.sample_sobol(POINTS_OF_MISFIT, 1)
+        return read_only(self.space.sample_sobol(POINTS_OF_MISFIT, 1))
 
     def misfit(self, interface: str) -> float:
         """How far the chaos is from the linear law of an interface with something random.

@@ -74,7 +74,7 @@ def interface_fields(answer: Answer, name: str) -> dict[str, Array]:
         for field, values in fields_at_points(surface, force, jump, None).items():
             out[field], out[f"{field} std"] = of_modes(values)
         return out
-    sums = Accumulator()
+    sums = Accumulator(answer.statistics != "qmc")
     for block in answer.moment_blocks():
         force, jump = (stepped(values, times, 1) for values in block.both(name))
         fields = fields_at_points(surface, force, jump, block.contact(name))

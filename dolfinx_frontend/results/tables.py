@@ -188,7 +188,8 @@ def _statistics(
         yield "std", np.sqrt(np.maximum(np.average((values - mean) ** 2, axis=0, weights=weights), 0.0))
         return
     many = len(values) > 1
-    yield "std", np.std(values, axis=0, ddof=1) if many else np.full_like(mean, np.nan)
+    lost = 0 if readings.statistics == "qmc" else 1
+    yield "std", np.std(values, axis=0, ddof=lost) if many else np.full_like(mean, np.nan)
     for q in quantiles:
         yield f"{100.0 * q:g} %", np.quantile(values, q, axis=0, method="median_unbiased")
 

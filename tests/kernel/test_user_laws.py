@@ -580,3 +580,22 @@ def test_mistakes_in_records_are_named() -> None:
     for name in ("friction", "threshold", "stiffness"):
         with pytest.raises(SceneError, match=f"{name} = -0.1 is negative"):
             Contact(**{name: -0.1})
+
+
+@pytest.mark.parametrize("far", [1.0, 1e4, 1e8, 1e12])
+def test_the_root_of_a_law_that_stiffens_far_away(far: float) -> None:
+    """y + c h |y|^2 y = d has one root, along d, whatever the size of the free jump d."""
+    hardening, compliance = 1e9, 1e-2
+    free = far * np.array([[-0.6, 1.0, -2.3]])
+
+    def force(jump: Array, _: int) -> Array:
+        return hardening * np.sum(jump**2, axis=1)[:, None] * jump
+
+    found, bad, _ = latin_core.find_roots(force, None, free, np.full((1, 3), compliance))
+    assert not any(bad)
+    jump = free - compliance * found
+    length, size = float(np.linalg.norm(jump)), float(np.linalg.norm(free))
+    # of the force all digits are known, of a jump that is the difference of larger numbers less
+    pull = float(np.linalg.norm(found))
+    assert pull * compliance + (pull / hardening) ** (1 / 3) == pytest.approx(size, rel=1e-9)
+    assert length <= size

@@ -127,7 +127,7 @@ NO_ARRAYS = (
     "Table TruncatedNormal TruncationError TruncationWarning Uniform discretisation_error errors figures "
     "export geometry io "
     "load make_plan monte_carlo progress quasi_monte_carlo read_step reference sparse_quadrature "
-    "tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
+    "Measure Quantile tensor_quadrature ChaosResult HistoryResult Result SampleResult SweepResult"
 )
 """Public names that take no arrays of a user, or are made by what is tried here."""
 

@@ -19,6 +19,8 @@ constexpr int most_steps = 500;
 /// Deepest cut of an ellipsoid that is accepted; a cut of depth 1 removes all of it.
 constexpr double deepest = 0.9;
 constexpr double smallest_radius = 1e-300;
+/// A force at the free jump that moves this many times as far is no place to begin at.
+constexpr double explosive = 1e8;
 
 constexpr int most = 3;  // components
 using Small = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, most, 1>;
@@ -255,8 +257,10 @@ class Search {
       return law_.tangent(root_.cwiseProduct(at.y));
     }
     constexpr double least = 1e-3;
+    constexpr double smallest_size = 1e-12;
     const Index n = at.y.cols();
-    PointRows size = at.y.cwiseAbs().cwiseMax(free_.cwiseAbs());
+    // of stiffening laws the root is far below the free jump
+    PointRows size = at.y.cwiseAbs().cwiseMax(smallest_size * free_.cwiseAbs());
     const double largest = size.maxCoeff();
     size = size.cwiseMax(least * largest);
     if (largest == 0.0) {
@@ -288,10 +292,11 @@ Roots find_roots(const ForceFunction& law, const PointRows& free_jump,
   const PointRows free = free_jump.cwiseQuotient(root);
   const Search search(law, free, root);
   Trial start{free, search.force_at(free, ForceFunction::Far::infinite)};
-  // where the force at the free jump overflows, begin at jump 0
+  // where the force at the free jump overflows, or is so large that it would take too many cuts, begin at jump 0
   bool far = false;
   for (Index row = 0; row < free.rows(); ++row) {
-    if (!start.force.row(row).allFinite()) {
+    const double pull = root.row(row).cwiseProduct(start.force.row(row)).norm();
+    if (!(pull <= explosive * free.row(row).norm())) {
       start.y.row(row).setZero();
       far = true;
     }

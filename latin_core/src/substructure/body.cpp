@@ -594,8 +594,11 @@ Body::Loads Body::assemble_loads(const BodyDescription& description,
   const Index loads = members.empty() ? 0 : members.front().load.cols();
   const bool shifted =
       std::ranges::any_of(members, [](const Member& m) { return m.offset.size() > 0; });
-  Loads sum{Matrix::Zero(size_, loads), Matrix::Zero(shifted ? size_ : 0, loads),
-            Matrix::Zero(loads, loads), {}, {}};
+  Loads sum{Matrix::Zero(size_, loads),
+            Matrix::Zero(shifted ? size_ : 0, loads),
+            Matrix::Zero(loads, loads),
+            {},
+            {}};
   for (std::size_t e = 0; e < members.size(); ++e) {
     const Member& member = members[e];
     sum.load += prolongations_[e].transpose() * member.load;
@@ -779,21 +782,26 @@ LoadResponse Body::response_with(const std::vector<Matrix>& loads) const {
 }
 
 const Matrix* Body::compliance(Index columns) const {
-  if (const Matrix* made = compliance_.made()) {
-    return made;
-  }
   const bool of_rows = rows() < active_;
   const Index size = of_rows ? rows() : active_;
-  if (!of_rows && !well_scaled(condensed_)) {
-    return nullptr;
-  }
-  // it is formed once the products so far have cost as much as forming it: a column costs active^2 numbers
-  // read twice, the product about active^2 size + active size^2 operations in blocks, each a third of one
-  // that waits for memory
-  const auto applied = static_cast<double>(applied_.add(columns));
-  const auto size_on_active = static_cast<double>(size) / static_cast<double>(active_);
-  if (applied <= 0.3 * static_cast<double>(size) * (1.0 + size_on_active)) {
-    return nullptr;
+  if (!of_rows) {
+    // decided by this call alone, so that an answer does not depend on those before it
+    constexpr Index least_columns = 16;
+    constexpr Index likely_stages = 40;
+    if (columns < least_columns || size > likely_stages * columns || !well_scaled(condensed_)) {
+      return nullptr;
+    }
+  } else if (const Matrix* made = compliance_.made()) {
+    return made;
+  } else {
+    // it is formed once the products so far have cost as much as forming it: a column costs active^2 numbers
+    // read twice, the product about active^2 rows + active rows^2 operations in blocks, each a third of one
+    // that waits for memory
+    const auto applied = static_cast<double>(applied_.add(columns));
+    const auto rows_on_active = static_cast<double>(size) / static_cast<double>(active_);
+    if (applied <= 0.3 * static_cast<double>(size) * (1.0 + rows_on_active)) {
+      return nullptr;
+    }
   }
   return &compliance_.get([this, of_rows, size] {
     Matrix half = of_rows ? Matrix(active_traces_.transpose()) : Matrix::Identity(size, size);

@@ -51,7 +51,8 @@ struct Summary {
   /// 1 where it is not asked for or not known.
   double scatter = 1.0;
   double indicator = 0.0;
-  double energy = 0.0;  ///< u^T K u of the bodies and springs, or their strain energy if that is less, all columns
+  double energy =
+      0.0;  ///< u^T K u of the bodies and springs, or their strain energy if that is less, all columns
   double global_s = 0.0;
   double local_s = 0.0;
   double newton_s = 0.0;   ///< tangents and dense systems of Newton steps
