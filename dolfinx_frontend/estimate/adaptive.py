@@ -577,6 +577,19 @@ def _errors_of_chaos(
     return Errors(algebraic, truncation, None, quantity, value, whole)
 
 
+def _of_solved_again(
+    samples: SampleResult,
+    away: float,
+    truncation: ErrorShare,
+    quantity: Wanted,
+    value: MeanStd,
+    whole: float,
+) -> Errors:
+    """Errors of solved points, some of which were solved again: by how much they were `away`."""
+    algebraic = ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter")
+    return Errors(algebraic, truncation, None, quantity, value, whole)
+
+
 def _by_rules(
     result: ChaosResult, quantity: Wanted, target: float, rtol: float
 ) -> tuple[SampleResult, Errors] | None:
@@ -619,14 +632,8 @@ def _by_rules(
                 away = checked_cold(result, samples, quantity, values)
                 if not away <= 0.3 * target * min(abs(value.mean), whole):
                     return None
-                made = Errors(
-                    ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter"),
-                    ErrorShare(np.nan, of_mean, of_std, how),
-                    None,
-                    quantity,
-                    value,
-                    whole,
-                )
+                truncation = ErrorShare(np.nan, of_mean, of_std, how)
+                made = _of_solved_again(samples, away, truncation, quantity, value, whole)
                 more = RULES[min(RULES.index(points) + 1, len(RULES) - 1)]
                 count = more**space.dimension
                 seconds = sum(samples.seconds.values()) * count / len(rule.points)
@@ -685,14 +692,8 @@ def _by_panels(
             if not away <= 0.3 * target * min(abs(value.mean), whole):
                 return None
             how = f"the change by the last halving of {len(leaves)} pieces of the germ"
-            made = Errors(
-                ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter"),
-                ErrorShare(np.nan, of_mean, of_std, how),
-                None,
-                quantity,
-                value,
-                whole,
-            )
+            truncation = ErrorShare(np.nan, of_mean, of_std, how)
+            made = _of_solved_again(samples, away, truncation, quantity, value, whole)
             seconds = 2.0 * sum(samples.seconds.values())
             return samples, replace(made, next_halving=f"half the pieces, about {seconds:.2g} s")
         each = 0.25 * target / len(leaves)
@@ -767,14 +768,9 @@ def _by_samples(
             break
         each = min(each * factor, MOST_SAMPLES // SETS)
     unseen = np.inf if nothing else None
-    made = Errors(
-        ErrorShare(largest_of(samples.error), away, away, "points solved again, and tighter"),
-        ErrorShare(np.nan, unseen or of_mean, unseen or of_std, f"{SETS} sets of {each} samples"),
-        None,
-        quantity,
-        value,
-        whole,
-    )
+    how = f"{SETS} sets of {each} samples"
+    truncation = ErrorShare(np.nan, unseen or of_mean, unseen or of_std, how)
+    made = _of_solved_again(samples, away, truncation, quantity, value, whole)
     seconds = sum(samples.seconds.values())
     halving = f"{2 * total} samples, about {2 * seconds:.2g} s"
     return samples, replace(made, next_halving=halving), notes

@@ -185,11 +185,13 @@ class Body {
   /// The answer to the load patterns.
   [[nodiscard]] const LoadResponse& response() const { return response_; }
   /// The answer to the load patterns and forces added to them.
-  /// @param loads (n, l), force, for each member, or empty: none
-  /// @throws InputError on a shape that does not fit
+  /// @param extra (n_body, l), force, or empty: none
   [[nodiscard]] LoadResponse response_to_extra(const Matrix& extra) const {
     return extra.size() > 0 ? respond(extra) : response_;
   }
+  /// The same.
+  /// @param loads (n, l), force, for each member, or empty: none
+  /// @throws InputError on a shape that does not fit
   [[nodiscard]] LoadResponse response_with(const std::vector<Matrix>& loads) const;
 
   /// Displacements of each member, (n, c).
