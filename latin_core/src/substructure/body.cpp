@@ -1036,7 +1036,7 @@ Matrix Body::defect(ConstMatrixRef data, ConstMatrixRef amplitudes,
   }
   const Matrix wrong =
       unknowns.bottomRows(active_) - by_stage + factor_->solve(left).bottomRows(active_);
-  return schur().selfadjointView<Eigen::Lower>() * wrong;
+  return active_ > 0 ? Matrix(schur().selfadjointView<Eigen::Lower>() * wrong) : wrong;
 }
 
 std::vector<Matrix> Body::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,

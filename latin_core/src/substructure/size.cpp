@@ -102,7 +102,9 @@ Matrix Yardstick::relative(const Sizes& error, const Sizes& whole) const {
       double moved = std::max(least(whole.trace, error.trace(g, b)),
                               square(held) * beside(whole.pressed, no_trace));
       if (strained) {
-        moved = std::max(moved, square(held) * strain);
+        // not with the strain of the mean, where the part scatters as a rigid body
+        const double own_strain = no_strain && !no_trace ? own(whole.strain) : strain;
+        moved = std::max(moved, square(held) * own_strain);
         strain = std::max(strain, square(held_strain) * beside(whole.pressed, no_strain));
       }
       if (moved <= square(above_rounding) * noise) {

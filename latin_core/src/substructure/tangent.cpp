@@ -73,6 +73,11 @@ SparseRows from(const Triplets& entries, Index rows, Index columns) {
   return matrix;
 }
 
+/// Product with the matrix whose lower triangle is given; BLAS refuses those of parts without active unknowns.
+Vector symmetric_times(const Matrix& lower, const Vector& x) {
+  return lower.rows() > 0 ? Vector(lower.selfadjointView<Eigen::Lower>() * x) : Vector(x);
+}
+
 }  // namespace
 
 bool Tangent::possible(const Structure& structure) {
@@ -366,7 +371,7 @@ Vector Tangent::stiffness_times(const Vector& moved) const {
   for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
     const Matrix& own = joined_->bodies()[b].stiffness;
     const auto at = Eigen::seqN(joined_->first_active()[b], own.rows());
-    forces(at) = own.selfadjointView<Eigen::Lower>() * moved(at);
+    forces(at) = symmetric_times(own, moved(at));
   }
   return forces;
 }
@@ -510,7 +515,9 @@ void Tangent::add_body_forces(const Matrix& moved, Matrix& forces) const {
   for (std::size_t b = 0; b < joined_->bodies().size(); ++b) {
     const Matrix& own = joined_->bodies()[b].stiffness;
     const auto at = Eigen::seqN(joined_->first_active()[b], own.rows());
-    forces(at, every).noalias() += own.selfadjointView<Eigen::Lower>() * moved(at, every);
+    if (own.rows() > 0) {
+      forces(at, every).noalias() += own.selfadjointView<Eigen::Lower>() * moved(at, every);
+    }
   }
 }
 
@@ -777,7 +784,7 @@ double Tangent::strain(Index body, ConstVectorRef moved) const {
   const auto at = static_cast<std::size_t>(joined_->first_body() + body);
   const Matrix& stiffness = joined_->bodies()[at].stiffness;
   const auto of_body = moved.segment(joined_->first_active()[at], stiffness.rows());
-  return std::max(of_body.dot(stiffness.selfadjointView<Eigen::Lower>() * of_body), 0.0);
+  return std::max(of_body.dot(symmetric_times(stiffness, of_body)), 0.0);
 }
 
 Matrix Tangent::inner_forces(const Matrix& traces) const {
