@@ -75,7 +75,8 @@ parameters
 columns
     interface -> groups, each a mapping ``begin``, ``end`` (its components), ``forward`` (none, one, or one a point
     of matrices (c, q)), ``backward`` ((q, c); left out: the transposes, of orthogonal ones), ``parameters`` (name -> values of q columns): how the columns of a
-    run become columns in which the law is deterministic, and back.
+    run become columns in which the law is deterministic, and back. A parameter of points that is given only there
+    has its mean (of the first column) outside, which tangents start from.
 extra_loads
     substructure -> forces (n, loads) that are added to its load patterns.
 stiffness

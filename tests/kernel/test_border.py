@@ -151,6 +151,8 @@ def test_parameters_reach_transformed_columns(structure: Structure, laws: Laws) 
     given = laws.with_(columns={"joint": [group | {"parameters": {"normal": 2.0}}]})
     _, state = structure.solve(given, options=TIGHT)
     assert end(structure, given, state) == pytest.approx(exact(2.0), rel=1e-8)
+    alone = structure.laws(columns={"joint": [group | {"parameters": {"normal": 2.0}}]})
+    assert alone.parameter("joint", "normal") == 2.0  # the tangents start from it
     refuses(
         lambda: given.with_(parameters={"joint": {"normal": 1.0}}),
         "interface 'joint': parameter 'normal' is given by the transforms of its columns",

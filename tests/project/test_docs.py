@@ -28,16 +28,22 @@ def test_examples(page: str) -> None:
         exec(compile(block, page, "exec"), names)
 
 
-def test_kernel_page_shows_its_demo() -> None:
-    """The lines of the demo on plain dolfinx as they stand in it, and an example that runs."""
+def test_kernel_page_shows_its_demo(capsys: pytest.CaptureFixture[str]) -> None:
+    """The lines of the demo on plain dolfinx as they stand in it, and examples that run and print what is said."""
     demo = (DOCS.parent / "demos" / "raw_dolfinx.py").read_text().splitlines()
     lines = {line.partition("  #")[0].strip() for line in demo}
-    blocks = re.findall(r"```python\n(.*?)```", (DOCS / "kernel.md").read_text(), flags=re.S)
-    *shown, runs = blocks
-    assert len(demo) <= 100 and len(shown) > 5
+    page = (DOCS / "kernel.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.S)
+    runs = [block for block in blocks if block.startswith("import ")]
+    shown = [block for block in blocks if block not in runs]
+    assert len(demo) <= 100 and len(shown) > 5 and len(runs) == 2
     for line in "".join(shown).splitlines():
         assert line.strip() in lines, line
-    exec(compile(runs, "kernel.md", "exec"), {"__name__": "docs"})
+    for block in runs:
+        capsys.readouterr()
+        exec(compile(block, "kernel.md", "exec"), {"__name__": "docs"})
+        for line in capsys.readouterr().out.splitlines() if "print(" in block else ():
+            assert f"    {line}\n" in page
 
 
 def test_every_public_name_is_in_the_reference() -> None:

@@ -85,6 +85,48 @@ std::vector<std::shared_ptr<const interface::Law>> laws_of_groups(
   return laws;
 }
 
+/// Means of values of the columns that transforms lead to, one for each row or point.
+Matrix means_of(const Matrix& values, const std::vector<stochastic::ColumnTransform>& transforms) {
+  const auto many = static_cast<Index>(transforms.size());
+  Matrix means(std::max(values.rows(), many), 1);
+  for (Index row = 0; row < means.rows(); ++row) {
+    const auto& own = transforms[static_cast<std::size_t>(many > 1 ? row : 0)];
+    const auto of_row = values.row(values.rows() > 1 ? row : 0);
+    const Vector back =
+        own.backward.size() > 0 ? own.backward.col(0) : Vector(own.forward.row(0).transpose());
+    means(row, 0) = own.forward.row(0).cwiseProduct(of_row).dot(back);
+  }
+  return means;
+}
+
+/// The law with means of parameters of points that only the groups give: tangents start from them.
+/// @return null if there is none
+std::shared_ptr<interface::Law> with_means(const interface::Law& law,
+                                           const std::vector<LawColumns>& groups) {
+  std::shared_ptr<interface::Law> changed;
+  const std::vector<interface::Law::ParameterInfo> known = law.parameters();
+  const auto of_points = [&known](const std::string& parameter) {
+    return std::ranges::find(known, parameter, &interface::Law::ParameterInfo::name)->shape ==
+           interface::Law::Shape::per_point;
+  };
+  for (const LawColumns& group : groups) {
+    for (const auto& [parameter, field] : group.parameters) {
+      if (group.transforms.empty() || !of_points(parameter) ||
+          field.values().cols() != group.transforms.front().forward.cols() ||
+          !law.get(parameter).values().isZero(0.0)) {
+        continue;
+      }
+      if (!changed) {
+        changed = law.copy();
+      }
+      changed->set(parameter,
+                   interface::ParameterField(means_of(field.values(), group.transforms)),
+                   interface::Law::Range::any);
+    }
+  }
+  return changed;
+}
+
 void check_fields(const ActiveInterface& interface, const interface::Law& law, Index columns) {
   for (const auto& info : law.parameters()) {
     const Matrix& values = law.get(info.name).values();
@@ -337,6 +379,10 @@ Laws Laws::with_columns(const std::string& interface, std::vector<LawColumns> gr
     group.find_zeros();
   }
   active.group_laws = laws_of_groups(interface, *active.law, groups);
+  if (std::shared_ptr<interface::Law> law = with_means(*active.law, groups)) {
+    active.law = std::move(law);
+    active.pair = std::make_shared<const Lazy<Pair>>();
+  }
   active.groups =
       groups.empty() ? nullptr : std::make_shared<const std::vector<LawColumns>>(std::move(groups));
   return with({{i, std::move(active)}});
