@@ -57,7 +57,7 @@ def timed(call: Callable[[], T], repeats: int = 3, budget: float = 120.0) -> Tim
 
 def settled(result: Any, rtol: float) -> dict[str, Any]:
     """Status and error of a solution that others are compared with, down to a tolerance `rtol` of theirs."""
-    if not (result.converged or result.error <= 0.01 * rtol):
+    if not (result.converged or result.error <= 0.05 * rtol):
         raise RuntimeError(f"a reference ended as {result.status} at an error of {result.error:.1e}")
     return {"status": result.status, "error": result.error}
 
