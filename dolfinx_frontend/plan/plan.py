@@ -824,7 +824,8 @@ def _history(
     constant = (None,) if constant_loads or _constant_loads(problem) else ()
     patterns: tuple[Amplitude | None, ...] = (*constant, *amplitudes)
     nonlinear = [n for n in kept if not problem.interfaces[n].law.superposes]
-    if not nonlinear and len(patterns) < len(times):
+    # a direct solution is checked and corrected pattern by pattern
+    if not nonlinear and (not kept or len(patterns) < len(times)):
         why = "the scene is linear: its history is a superposition of load patterns"
         return patterns, "patterns", why
     # active interfaces are told their values at every time; only what is assembled has patterns

@@ -65,6 +65,21 @@ def test_linear_histories_equal_the_monolithic_solution_at_every_time(active: An
         assert np.allclose(result.force("load")[k], exact.forces["load"], atol=1e-9)
 
 
+@pytest.mark.parametrize("steps", [1, 2, 4, 5])
+@pytest.mark.parametrize("active", [(), ("layer",)])
+def test_histories_with_no_more_steps_than_load_patterns(active: Any, steps: int) -> None:
+    """Four patterns: with four steps and nothing active, patterns were once taken for steps."""
+    problem = loaded_everywhere()
+    times = TIMES[3 : 3 + steps]
+    result = solve(problem, times=times, active=active, options=TIGHT)
+    assert result.converged
+    for k, time in enumerate(times):
+        now = problem.at(time)
+        exact = reference.monolithic(now)
+        fields = {name: u[k] for name, u in result.displacements.items()}
+        assert reference.energy_error(now, fields, exact.u) < 1e-8
+
+
 def test_a_history_without_memory_costs_nothing() -> None:
     scene = Scene()
     box = geometry.box((20.0, 10.0, 10.0), (2, 2, 2), cell="hexahedron")

@@ -167,7 +167,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
     return std::nullopt;
   }
   const Matrix errors = (std::sqrt(spread) * ahead).cwiseMax(least_error);
-  return Found{errors, errors, imbalance, false};
+  return Found{errors, errors, imbalance, imbalance, false};
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
@@ -283,8 +283,12 @@ std::optional<Verification::Found> Verification::check(const State& state, const
         if (!rounding) {
           least_error = least_error.cwiseMin(rtol);
         }
+        const auto imbalance_of_better = [this] {
+          return linear_->imbalance(stages_.laws(), better_, residual_,
+                                    within_rounding * rounding_share);
+        };
         Found found{(distance_ + ahead).cwiseMax(least_error), rest.cwiseMax(least_error),
-                    linear_->imbalance(stages_.laws(), state, residual),
+                    linear_->imbalance(stages_.laws(), state, residual), imbalance_of_better(),
                     rounding && everywhere((rest.array() <= least_error.array().max(rtol)).all())};
         if (count > 1) {
           // laws may change their branches on the way that is left: the error of the last but one is seen, not guessed
@@ -295,6 +299,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
             found.errors_better = seen;
             std::swap(better_, from);
             std::swap(residual_, residual_before);
+            found.imbalance_better = imbalance_of_better();
           }
         }
         return found;

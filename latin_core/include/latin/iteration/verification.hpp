@@ -49,6 +49,7 @@ class Verification {
     Matrix errors;         ///< (groups, bodies of this rank) of the iterate
     Matrix errors_better;  ///< of the better one, at most
     double imbalance;      ///< of the iterate, see Linearisation::imbalance()
+    double imbalance_better;  ///< of the better one, beyond rounding
     bool rounding;         ///< only rounding keeps the better one from the tolerance, by far
   };
   /// @param residual of the iterate
