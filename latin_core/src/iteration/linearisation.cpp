@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
-#include "latin/iteration/error_estimate.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
@@ -20,8 +19,6 @@ constexpr std::size_t most_tangents = 16;
 constexpr double no_slope = 1e-9;
 /// Forces of a column are measured with this fraction of the largest column at least.
 constexpr double quiet_column = 1e-3;
-/// Forces at points that are larger than this fraction of the terms they come from are more than rounding.
-constexpr double well_known = 1e-12;
 /// Rounding of forces at faces, relative to their terms: of many inside the bodies; and of the forces in the bodies.
 constexpr double rounding_of_faces = 1e-15;
 constexpr double rounding_of_bodies = 2e-16;
@@ -274,19 +271,13 @@ substructure::Sizes Linearisation::rounding_sizes(const substructure::Laws& laws
 double Linearisation::imbalance(const substructure::Laws& laws, const State& state,
                                 const Matrix& residual, double rounding) const {
   const substructure::Structure& structure = laws.structure();
-  const Matrix at_points = state.data - structure.directions().asDiagonal() * state.traces;
-  const Matrix forces = nodal(at_points);
+  const Matrix forces = nodal(state.data - structure.directions().asDiagonal() * state.traces);
   const Matrix left = nodal(0.5 * residual);
   const Matrix data = nodal(state.data);
-  const substructure::Joined& joined = tangents_.front()->joined();
-  const Matrix terms = joined.of_rows(state.data);
-  const Matrix acting = joined.of_rows(at_points);
-  const std::vector<Index>& first = joined.first_active();
+  const std::vector<Index>& first = tangents_.front()->first_active();
   double largest = 0.0;
   for (std::size_t b = 0; b + 1 < first.size(); ++b) {
     const auto rows = Eigen::seq(first[b], first[b + 1] - 1);
-    const auto points =
-        Eigen::seqN(joined.bodies()[b].first_row, joined.bodies()[b].traces.rows());
     const Eigen::RowVectorXd sizes = forces(rows, every).colwise().norm();
     const Eigen::RowVectorXd missing = left(rows, every).colwise().norm();
     const double least = quiet_column * (sizes.size() > 0 ? sizes.maxCoeff() : 0.0);
@@ -295,13 +286,6 @@ double Linearisation::imbalance(const substructure::Laws& laws, const State& sta
       const double of_terms = data.col(column)(rows).norm();
       if (size > 0.0 && missing(column) > rounding * of_terms) {
         largest = std::max(largest, missing(column) / size);
-      }
-      // a part that has flown off until its loads are less than the rounding of what moves with it
-      const bool known = (acting.col(column)(points).array().abs() >
-                          well_known * terms.col(column)(points).array().abs())
-                             .any();
-      if (known && sizes(column) >= least && size < rounding_share * of_terms) {
-        largest = std::max(largest, 1.0);
       }
     }
   }

@@ -66,7 +66,7 @@ class Linearisation {
     return tangents_.front()->nodal(forces);
   }
   /// The largest difference between the forces of the two stages that the meshes see, relative to these forces: of
-  /// any body in any column; 1 where a body moves so far that its forces are lost in rounding.
+  /// any body in any column.
   /// @param rounding differences below this fraction of the data of a body are none
   [[nodiscard]] double imbalance(const substructure::Laws& laws, const State& state,
                                  const Matrix& residual, double rounding = 0.0) const;
