@@ -149,7 +149,8 @@ class Maker:
         self.held_out = self.family == "held-out"
         d = self.draw
         drawn = d.pick(KINDS, (0.5, 0.17, 0.11, 0.11, 0.11))
-        self.kind = kind or drawn
+        # a scene drawn again keeps its ranks, and what runs on several of them
+        self.kind = kind or (drawn if ranks in (None, 1) or drawn in ("static", "history") else "static")
         self.linear = d.chance({"static": 0.45, "history": 0.15, "chaos": 0.75}.get(self.kind, 0.4))
         self.dim = 2 if d.chance(0.75) else 3
         several = d.chance(0.03) and self.kind in ("static", "history")
