@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/substructure/coupled.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
@@ -222,7 +223,7 @@ void Linearisation::measure(const substructure::Laws& laws, const State& state,
     if (body.rows() == 0) {
       continue;
     }
-    if (body.measurable()) {
+    if (body.measurable() && laws.scaled(b) == nullptr && laws.field(b) == nullptr) {
       auto rows = own.middleRows(first, body.active());
       rows.leftCols(state.data.cols()) =
           measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
@@ -324,26 +325,13 @@ Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& 
 }
 
 double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance,
-                                      MatrixRef residual, Matrix& moved) const {
-  const Index unknowns = local.laws().structure().interface_unknowns();
-  if (tangents_.size() != 1 || unknowns == 0) {
+                                      Vector& energies, MatrixRef residual, Matrix& moved) const {
+  if (tangents_.size() != 1 || !substructure::Coupled::possible(local.laws())) {
     return 0.0;
   }
-  Matrix at_rest(unknowns, residual.cols());
-  local.forces_of_jumps(Matrix::Zero(unknowns, residual.cols()), at_rest);
-  if (!at_rest.allFinite()) {
-    return 0.0;  // rigid laws with jumps
-  }
-  const bool none = at_rest.isZero(0.0);
   moved.resize(residual.rows(), residual.cols());
-  return tangents_.front()->correct_coupled(
-      [&](const Matrix& jumps, Matrix& forces) {
-        local.forces_of_jumps(jumps, forces);
-        if (!none) {
-          forces -= at_rest;
-        }
-      },
-      local.laws().groups(), tolerance, residual, moved);
+  return substructure::Coupled(*tangents_.front(), local)
+      .correct(tolerance, energies, residual, moved);
 }
 
 }  // namespace latin::iteration

@@ -7,6 +7,7 @@
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/multipliers.hpp"
+#include "latin/substructure/coupled.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -64,7 +65,7 @@ constexpr double bearable_rounding = 3.0;
 }  // namespace
 
 bool Verification::possible(const substructure::Laws& laws) {
-  if (!Tangent::possible(laws.structure()) || laws.scales_anywhere()) {
+  if (!Tangent::possible(laws.structure()) || (laws.scales_anywhere() && !coupled(laws))) {
     return false;  // tangents are those of the bodies without factors
   }
   return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
@@ -79,15 +80,16 @@ bool Verification::exact(const substructure::Laws& laws) {
 }
 
 bool Verification::coupled(const substructure::Laws& laws) {
-  return laws.modes() > 1 && laws.structure().communicator().alone() && laws.linear() &&
-         possible(laws);
+  return substructure::Coupled::possible(laws) && Tangent::possible(laws.structure());
 }
 
 bool Verification::solve_coupled(const State& state, double tolerance, Matrix& step) {
   try {
     linear_->take(stages_.laws(), state);
     substructure::LocalStage local(stages_.laws(), state.data.cols());
-    spread_of_coupled_ = safe_spread * linear_->correct_coupled(local, tolerance, step, moved_);
+    const double spread = linear_->correct_coupled(local, tolerance, energies_, step, moved_);
+    // a later round sees less
+    spread_of_coupled_ = spread > 0.0 ? std::max(spread_of_coupled_, safe_spread * spread) : 0.0;
     return spread_of_coupled_ > 0.0;
   } catch (const NumericalError&) {
     return false;  // the iteration may know better
@@ -171,7 +173,8 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
-                                                       const Whole& at_start, double rtol) {
+                                                       const Whole& at_start, double rtol,
+                                                       bool at_most_once) {
   // an iterate may be larger than the answer: errors are relative to where the steps lead
   Whole whole = at_start;
   better_ = state;
@@ -198,6 +201,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   }
   if (auto found = at_once(state, residual, at_start, rtol, spread)) {
     return found;
+  }
+  if (at_most_once) {
+    return std::nullopt;
   }
   for (Index count = 0; count <= most_steps; ++count) {
     borrowed = borrowed && count <= most_borrowed;

@@ -54,9 +54,11 @@ class Verification {
   /// @param residual of the iterate
   /// @param whole    what errors are relative to
   /// @param rtol     errors far below this need not be known
+  /// @param at_most_once take no steps: the iterate is the answer, or will be solved for
   /// @return nothing where the steps do not become short: the error is not known
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
-                                           const Whole& whole, double rtol);
+                                           const Whole& whole, double rtol,
+                                           bool at_most_once = false);
   /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
   /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
   /// iteration got stuck.
@@ -109,7 +111,8 @@ class Verification {
   std::optional<Matrix> settled_;
   Matrix moved_;
   double spread_of_coupled_ =
-      0.0;  ///< bound of errors in energy, see Tangent::correct_coupled(); 0: not known
+      0.0;  ///< bound of errors in energy, see Coupled::correct(); 0: not known
+  Vector energies_;  ///< of the coupled solution so far
 };
 
 }  // namespace latin::iteration
