@@ -324,14 +324,14 @@ Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& 
                                          fall, residual, moved);
 }
 
-double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance,
+double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance, int round,
                                       Vector& energies, MatrixRef residual, Matrix& moved) const {
   if (tangents_.size() != 1 || !substructure::Coupled::possible(local.laws())) {
     return 0.0;
   }
   moved.resize(residual.rows(), residual.cols());
   return substructure::Coupled(*tangents_.front(), local)
-      .correct(tolerance, energies, residual, moved);
+      .correct(tolerance, round, energies, residual, moved);
 }
 
 }  // namespace latin::iteration

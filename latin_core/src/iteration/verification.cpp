@@ -87,7 +87,7 @@ bool Verification::solve_coupled(const State& state, double tolerance, Matrix& s
   try {
     linear_->take(stages_.laws(), state);
     substructure::LocalStage local(stages_.laws(), state.data.cols());
-    const double spread = linear_->correct_coupled(local, tolerance, energies_, step, moved_);
+    const double spread = linear_->correct_coupled(local, tolerance, rounds_++, energies_, step, moved_);
     // a later round sees less
     spread_of_coupled_ = spread > 0.0 ? std::max(spread_of_coupled_, safe_spread * spread) : 0.0;
     return spread_of_coupled_ > 0.0;
@@ -166,6 +166,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   }
   const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole);
   if (largest(least_error) > rtol) {
+    rounding_decides_ = true;
     return std::nullopt;
   }
   const Matrix errors = (std::sqrt(spread) * ahead).cwiseMax(least_error);
@@ -202,7 +203,7 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   if (auto found = at_once(state, residual, at_start, rtol, spread)) {
     return found;
   }
-  if (at_most_once) {
+  if (at_most_once && !rounding_decides_) {
     return std::nullopt;
   }
   for (Index count = 0; count <= most_steps; ++count) {

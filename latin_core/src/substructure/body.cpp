@@ -450,7 +450,7 @@ void Body::keep_stretches(BodyDescription& description, const SparseRows& lower,
     return;
   }
   options_ = options;
-  lower_ = lower;
+  lower_ = SparseColumns(lower);  // which sorts the columns of every row
 }
 
 const Body::Spread& Body::spread() const {

@@ -15,6 +15,8 @@ using Row = Eigen::RowVectorXd;
 
 /// Steps of conjugate gradients at most.
 constexpr Index most_gradients = 100;
+/// What a round leaves of rigid laws, as they are taken: more exact need nothing else be.
+constexpr double of_rigid = 1e-5;
 /// Energies of a fluctuation relative to its mean, and of a time step relative to the others, that count as none: the
 /// square roots.
 constexpr double little = 5e-7;
@@ -151,20 +153,42 @@ Vector Coupled::products(const Unknowns& a, const Unknowns& b) const {
   return sums;
 }
 
-/// Forces of the laws per area for jumps, (unknowns, c), without those that they have without jumps.
+/// Forces of the laws per area for jumps, (unknowns, c), without those that they have without jumps; and of the means.
 void Coupled::springs(const Matrix& jumps, Matrix& forces) {
-  local_.forces_of_jumps(jumps, forces);
+  multiply_sparse(tangent_.springs(), jumps, of_means_);
+  of_means_ = tangent_.areas().cwiseInverse().asDiagonal() * of_means_;
+  local_.forces_of_jumps(jumps, forces, asked_);
   if (at_rest_.size() > 0) {
     forces -= at_rest_;
   }
-  const SparseRows& stiffness = tangent_.springs();
-  for (const Index row : rigid_) {
-    auto force = forces.row(row);
-    force.setZero();
-    for (SparseRows::InnerIterator it(stiffness, row); it; ++it) {
-      force += it.value() * jumps.row(it.col());
+  for (Index column = 0; column < forces.cols(); ++column) {
+    for (const Index row : rigid_) {
+      forces(row, column) = of_means_(row, column);
     }
-    force /= tangent_.areas()(row);
+  }
+}
+
+/// What the laws answer to no jump, and which of them are rigid.
+void Coupled::ask_at_rest(Index columns) {
+  const Index unknowns = structure_.interface_unknowns();
+  at_rest_.resize(unknowns, columns);
+  asked_.clear();
+  local_.forces_of_jumps(Matrix::Zero(unknowns, columns), at_rest_);
+  for (const ActiveInterface& interface : structure_.interfaces()) {
+    bool asked = false;
+    for (Index row = interface.first_unknown; row < interface.first_unknown + interface.size();
+         ++row) {
+      if (at_rest_.row(row).allFinite()) {
+        asked = true;
+      } else {
+        rigid_.push_back(row);
+        at_rest_.row(row).setZero();
+      }
+    }
+    asked_.push_back(asked);
+  }
+  if (at_rest_.isZero(0.0)) {
+    at_rest_.resize(0, 0);
   }
 }
 
@@ -208,9 +232,7 @@ void Coupled::add_scaled(const Unknowns& moved, Unknowns& forces) const {
 void Coupled::add_change(const Unknowns& moved, Unknowns& forces) {
   multiply_sparse(tangent_.jumps(), moved.active, jumps_);
   springs(jumps_, between_);
-  Matrix of_means(between_.rows(), between_.cols());
-  multiply_sparse(tangent_.springs(), jumps_, of_means);
-  between_ -= tangent_.areas().cwiseInverse().asDiagonal() * of_means;
+  between_ -= of_means_;
   Matrix added(moved.active.rows(), moved.active.cols());
   multiply_sparse(nodal_, between_, added);
   forces.active += added;
@@ -227,46 +249,21 @@ void Coupled::add_change(const Unknowns& moved, Unknowns& forces) {
   }
 }
 
-/// The bodies with fields have moved by that.
-/// @param of_means the system of the means on it
-void Coupled::advance_fields(const Unknowns& step, const Unknowns& of_means) const {
-  if (inside_.empty()) {
-    return;
-  }
-  // without the springs between the bodies, and with those on their sides
-  const Joined& joined = tangent_.joined();
-  const Matrix rows = tangent_.traces() * step.active;
-  const Vector robin =
-      joined.weights().cwiseProduct(joined.directions() - tangent_.holding());
-  Matrix added = tangent_.traces().transpose() * (robin.asDiagonal() * rows);
-  added -= tangent_.jumps().transpose() * (tangent_.springs() * (tangent_.jumps() * step.active));
-  for (std::size_t i = 0; i < inside_.size(); ++i) {
-    Matrix own = of_means.inside[i];
-    own.bottomRows(body(inside_[i]).active()) += added(rows_of(inside_[i]), every);
-    inside_[i].field->advance(step.inside[i], own);
-  }
-}
-
-double Coupled::correct(double tolerance, Vector& energies, MatrixRef residual, MatrixRef moved) {
+double Coupled::correct(double tolerance, int round, Vector& energies, MatrixRef residual,
+                        MatrixRef moved) {
   const Index columns = residual.cols();
   if (!tangent_.symmetric()) {
     return 0.0;
   }
   tangent_.expect(columns);
+  ask_at_rest(columns);
+  if (!rigid_.empty()) {
+    tolerance = std::max(tolerance, std::pow(of_rigid, round + 1));
+  }
   const Index unknowns = structure_.interface_unknowns();
-  at_rest_.resize(unknowns, columns);
-  local_.forces_of_jumps(Matrix::Zero(unknowns, columns), at_rest_);
-  for (Index row = 0; row < unknowns; ++row) {
-    if (!at_rest_.row(row).allFinite()) {
-      rigid_.push_back(row);
-      at_rest_.row(row).setZero();
-    }
-  }
-  if (at_rest_.isZero(0.0)) {
-    at_rest_.resize(0, 0);
-  }
   jumps_.resize(unknowns, columns);
-  between_.resize(unknowns, columns);
+  of_means_.resize(unknowns, columns);
+  between_ = Matrix::Zero(unknowns, columns);
 
   const Joined& joined = tangent_.joined();
   const Matrix half = 0.5 * residual;
@@ -283,8 +280,7 @@ double Coupled::correct(double tolerance, Vector& energies, MatrixRef residual, 
   }
   const Unknowns load = left;
   Unknowns answer = zero(columns);
-  Unknowns of_answer = zero(columns);  // the system of the means on it
-  Unknowns of_direction = left;
+  Unknowns of_direction = left;  // the system of the means on it
   Unknowns preconditioned = precondition(left);
   Unknowns direction = preconditioned;
   Vector size = products(left, preconditioned);
@@ -311,8 +307,6 @@ double Coupled::correct(double tolerance, Vector& energies, MatrixRef residual, 
     const Row share = (work.array() > 0.0).select(before.cwiseQuotient(work), 0.0);
     shares.push_back(share);
     each([&share](Matrix& a, const Matrix& b) { add_multiple(a, b, share); }, answer, direction);
-    each([&share](Matrix& a, const Matrix& b) { add_multiple(a, b, share); }, of_answer,
-         of_direction);
     const Row less = -share;
     each([&less](Matrix& a, const Matrix& b) { add_multiple(a, b, less); }, left, forces);
     preconditioned = precondition(left);
@@ -333,7 +327,9 @@ double Coupled::correct(double tolerance, Vector& energies, MatrixRef residual, 
     return 0.0;
   }
   energies = energies.cwiseMax(of_step);
-  advance_fields(answer, of_answer);
+  for (std::size_t i = 0; i < inside_.size(); ++i) {
+    inside_[i].field->advance(answer.inside[i]);
+  }
   multiply_sparse(tangent_.traces(), answer.active, moved);
   multiply_sparse(tangent_.jumps(), answer.active, jumps_);
   springs(apart - jumps_, between_);

@@ -210,10 +210,10 @@ Matrix FieldBody::left() const {
   return work_.forces - of_all;
 }
 
-void FieldBody::advance(const Matrix& step, const Matrix& of_means) const {
+void FieldBody::advance(const Matrix& step) const {
   const std::scoped_lock lock(mutex_);
   work_.unknowns += step;
-  work_.of_means += of_means;
+  work_.of_means += body_->lower_.selfadjointView<Eigen::Lower>() * step;
   work_.accuracy = std::numeric_limits<double>::infinity();
 }
 

@@ -47,8 +47,8 @@ class Linearisation {
   Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
                       const Vector& fall, MatrixRef residual, Matrix& moved) const;
   /// The same of a chaos with linear laws, whose columns random stiffnesses couple: see Coupled::correct().
-  double correct_coupled(substructure::LocalStage& local, double tolerance, Vector& energies,
-                         MatrixRef residual, Matrix& moved) const;
+  double correct_coupled(substructure::LocalStage& local, double tolerance, int round,
+                         Vector& energies, MatrixRef residual, Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
   /// again for another one, until other tangents are taken. Guessed, and measured of bodies that rounding leaves
   /// little of.

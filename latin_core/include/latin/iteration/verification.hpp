@@ -54,7 +54,7 @@ class Verification {
   /// @param residual of the iterate
   /// @param whole    what errors are relative to
   /// @param rtol     errors far below this need not be known
-  /// @param at_most_once take no steps: the iterate is the answer, or will be solved for
+  /// @param at_most_once take no steps, unless only rounding is left to be told from an error
   /// @return nothing where the steps do not become short: the error is not known
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
                                            const Whole& whole, double rtol,
@@ -113,6 +113,8 @@ class Verification {
   double spread_of_coupled_ =
       0.0;  ///< bound of errors in energy, see Coupled::correct(); 0: not known
   Vector energies_;  ///< of the coupled solution so far
+  int rounds_ = 0;   ///< of it
+  bool rounding_decides_ = false;  ///< whether an iterate is an answer: nothing else keeps it from that
 };
 
 }  // namespace latin::iteration

@@ -278,7 +278,7 @@ class Body {
   };
   /// Of samples of a field: made when first asked for.
   [[nodiscard]] const Spread& spread() const;
-  SparseRows lower_;  ///< of the operator, columns in no order; empty: without stretches
+  SparseRows lower_;  ///< of the operator, columns in order; empty: without stretches
   Lazy<Spread> spread_;
   OperatorOptions options_;
   /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.

@@ -29,12 +29,14 @@ class Coupled {
   /// From an iterate to the answer. Rigid laws are taken with the tangents that they have in the preconditioner: what a
   /// step misses of them shows in the residual after it.
   /// @param tolerance on the energy norm of the errors of every group, relative to the group
+  /// @param round     how often that was done before: what rigid laws leave is no smaller than so many rounds make it
   /// @param energies  of the groups so far, which grow by those of the step; empty: none
   /// @param residual  (rows, c) into the step on the data, in place
   /// @param moved     what the step does to the traces, (rows, c)
   /// @return the factor by which errors in energy may be larger than what Tangent::correct() says of them, squared; 0
   /// where there is no answer, and nothing has changed then
-  double correct(double tolerance, Vector& energies, MatrixRef residual, MatrixRef moved);
+  double correct(double tolerance, int round, Vector& energies, MatrixRef residual,
+                 MatrixRef moved);
 
  private:
   /// A body with a field, in all its unknowns.
@@ -55,22 +57,24 @@ class Coupled {
   }
   [[nodiscard]] Unknowns zero(Index columns) const;
   void springs(const Matrix& jumps, Matrix& forces);
+  void ask_at_rest(Index columns);
   [[nodiscard]] Unknowns precondition(const Unknowns& forces);
   void add_change(const Unknowns& moved, Unknowns& forces);
   void add_scaled(const Unknowns& moved, Unknowns& forces) const;
   [[nodiscard]] Vector products(const Unknowns& a, const Unknowns& b) const;
-  void advance_fields(const Unknowns& step, const Unknowns& of_means) const;
 
   Tangent& tangent_;
   LocalStage& local_;
   const Structure& structure_;
   ColumnGroups groups_;
   std::vector<Inside> inside_;
-  Matrix at_rest_;           ///< forces of the laws without jumps, (unknowns, c)
+  Matrix at_rest_;            ///< forces of the laws without jumps, (unknowns, c); empty: none
   std::vector<Index> rigid_;  ///< unknowns whose laws are rigid
+  std::vector<bool> asked_;   ///< interfaces with others
   SparseRows nodal_;          ///< J^T W
   Matrix jumps_;
   Matrix between_;
+  Matrix of_means_;  ///< forces per area of the means
 };
 
 }  // namespace latin::substructure

@@ -17,7 +17,7 @@ namespace latin::substructure {
 ///     (A + D) q = F + T^T W s,   D = sum B^T (a - 1) B  projected on the modes,
 ///
 /// with A the operator that is factorised, of the means. Conjugate gradients with A as preconditioner; A itself is
-/// never applied, for it is known on every search direction. They start from the last solution, which is kept: what
+/// not applied in them, for it is known on every search direction. They start from the last solution, which is kept: what
 /// was solved last is not solved again. Several threads may use it, one after the other.
 class FieldBody {
  public:
@@ -47,8 +47,8 @@ class FieldBody {
   void add_change(const Matrix& unknowns, Matrix& forces) const;
   /// What the last solution leaves of the equations, (n_body, c).
   [[nodiscard]] Matrix left() const;
-  /// Change the last solution by a step, (n_body, c). @param of_means A on the step
-  void advance(const Matrix& step, const Matrix& of_means) const;
+  /// Change the last solution by a step, (n_body, c).
+  void advance(const Matrix& step) const;
 
  private:
   /// The last solution.
