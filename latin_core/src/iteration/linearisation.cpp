@@ -143,7 +143,8 @@ void Linearisation::take_column(const substructure::Laws& laws, const State& sta
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
   if (tangents_.empty()) {
-    tangents_.push_back(std::make_unique<Tangent>(laws.structure()));
+    tangents_.push_back(std::make_unique<Tangent>(
+        laws.structure(), std::make_shared<const substructure::Joined>(laws)));
   }
 }
 

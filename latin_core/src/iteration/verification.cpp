@@ -64,15 +64,19 @@ constexpr double bearable_rounding = 3.0;
 
 }  // namespace
 
+bool Verification::known(const substructure::Laws& laws) {
+  return Tangent::possible(laws.structure()) &&
+         (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
+         (laws.steps() <= most_steps_of_history || !laws.remembers_anywhere());
+}
+
 bool Verification::possible(const substructure::Laws& laws) {
-  if (!Tangent::possible(laws.structure()) || (laws.scales_anywhere() && !coupled(laws))) {
-    return false;  // tangents are those of the bodies without factors
-  }
-  return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
+  // a sample with its own stiffness would be condensed for its check alone; tangents of a chaos are those of the means
+  return known(laws) && (!laws.scales_anywhere() || coupled(laws));
 }
 
 bool Verification::searches(const substructure::Laws& laws) {
-  return possible(laws) || Multipliers::suits(laws);
+  return known(laws) || Multipliers::suits(laws);
 }
 
 bool Verification::exact(const substructure::Laws& laws) {
@@ -396,7 +400,7 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
     residual_ = residual;
     return stages_.count() + most / 2;
   };
-  if (!possible(stages_.laws())) {
+  if (!known(stages_.laws())) {
     better_ = std::move(best.state);
     residual_ = std::move(best.residual);
     return best.norm < first;

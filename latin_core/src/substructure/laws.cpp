@@ -178,6 +178,19 @@ bool Laws::scales_anywhere() const {
   return !structure_->communicator().everywhere(scaled_ == nullptr && fields_ == nullptr);
 }
 
+bool Laws::stiffness_is_one() const {
+  if (modes_ > 1) {
+    return true;
+  }
+  for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
+    if ((scaled(b) != nullptr && scaled(b)->factors.values.size() != 1) ||
+        (field(b) != nullptr && field(b)->body == nullptr)) {
+      return false;
+    }
+  }
+  return true;
+}
+
 bool Laws::preconditions() const {
   return std::ranges::any_of(structure_->interfaces(), &ActiveInterface::paired);
 }

@@ -23,7 +23,11 @@ class Verification {
   /// Errors of nonlinear laws below this are not told apart: short steps do not say how short the next one is.
   [[nodiscard]] static double resolution(double rtol);
 
-  /// Whether there is one for these laws: not for long histories of laws with memory. Collective.
+  /// Whether the structure can be linearised: not for long histories of laws with memory. Collective.
+  [[nodiscard]] static bool known(const substructure::Laws& laws);
+
+  /// Whether every estimate is checked: not where the stiffness of bodies varies, but for what is solved at once.
+  /// Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
 
   /// Whether an answer can be searched for. Collective.
