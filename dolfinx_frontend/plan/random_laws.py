@@ -273,8 +273,9 @@ class RandomLaws:
         return SampledParameter(kernel_name, unit, values)
 
     def check_drawn(self, name: str, parameter: str, points: Array) -> None:
-        """Refuse samples (N, L) of the germs in which something that a derived parameter is made of makes no law: the
-        force of a torque may hide that its friction is negative.
+        """Refuse samples (N, L) of the germs where what a derived parameter is made of makes no law.
+
+        The force of a torque may hide that its friction is negative.
 
         Raises
         ------

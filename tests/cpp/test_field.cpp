@@ -51,7 +51,8 @@ Laws build(const Vector& moduli, bool second = false) {
   const Matrix one = Matrix::Ones(1, 1);
   const Vector area = Vector::Ones(1);
   std::vector<InterfaceDescription> interfaces;
-  interfaces.push_back({"in", "elastic", Vector::Constant(1, 2.0), one, {side("bar", nodes - 2, 0.4)}});
+  interfaces.push_back(
+      {"in", "elastic", Vector::Constant(1, 2.0), one, {side("bar", nodes - 2, 0.4)}});
   interfaces.push_back({"end", "elastic", area, one, {side("bar", nodes - 1, 1.7)}});
   Member member{"bar", owning_view(matrix), prolongation, load, offset};
   member.stretch = root.sparseView();
@@ -63,8 +64,10 @@ Laws build(const Vector& moduli, bool second = false) {
     Matrix pull = Matrix::Zero(nodes, 2);
     pull(nodes - 1, 0) = 5.0;
     bodies.push_back({"rod", nodes, {{"rod", chain::shared_bar(nodes), {}, pull, {}}}, {}});
-    interfaces.push_back({"joint", "elastic", area, one, {side("bar", nodes - 1, 1.0), side("rod", 0, 2.0)}});
-    interfaces.push_back({"glue", "perfect", area, one, {side("rod", nodes - 1, 1.0), side("bar", 1, 2.0)}});
+    interfaces.push_back(
+        {"joint", "elastic", area, one, {side("bar", nodes - 1, 1.0), side("rod", 0, 2.0)}});
+    interfaces.push_back(
+        {"glue", "perfect", area, one, {side("rod", nodes - 1, 1.0), side("bar", 1, 2.0)}});
   }
   OperatorOptions options;
   options.kind = OperatorKind::condensed;
@@ -150,7 +153,8 @@ TEST(Field, SeveralSamplesAreOnlyReadAtOnce) {
     const Matrix expected = displacements(alone, data.col(k), amplitudes.col(k))[0].second;
     EXPECT_LT((moved.col(k) - expected).norm(), 1e-13 * expected.norm());
   }
-  stochastic::expect_mentions([&] { laws.check_columns(2); }, {"bar", "2 samples", "one after the other"});
+  stochastic::expect_mentions([&] { laws.check_columns(2); },
+                              {"bar", "2 samples", "one after the other"});
 }
 
 /// B^T a (B u - g) = F + T^T W (s - k w), projected on the modes, step by step.
@@ -219,7 +223,8 @@ TEST(Field, WhatDoesNotFitIsRefused) {
   const Modulus modulus;
   StiffnessFactors other;
   other.coupling = std::make_shared<const stochastic::Coupling>(
-      modulus.basis, Matrix::Zero(cells + 2, 1), stochastic::MultiIndexSet(stochastic::total(2, 0)));
+      modulus.basis, Matrix::Zero(cells + 2, 1),
+      stochastic::MultiIndexSet(stochastic::total(2, 0)));
   refused({{"bar", other}}, {"bar", "7 points", "5 points"});
 }
 
@@ -250,8 +255,7 @@ TEST(Coupled, SolvesEverythingThatVariesAtOnce) {
   amplitudes.row(1).setLinSpaced(0.5, -0.2);
   iteration::Options options = chain::options(10, 1e-8);
   iteration::State state;
-  const iteration::Summary summary =
-      iteration::solve(laws, options, amplitudes, state, {}, {});
+  const iteration::Summary summary = iteration::solve(laws, options, amplitudes, state, {}, {});
   EXPECT_EQ(summary.status, iteration::Status::converged);
   EXPECT_LE(summary.iterations, 4);
   const auto moved = displacements(laws, state.data, amplitudes);
@@ -291,9 +295,12 @@ TEST(Coupled, SolvesEverythingThatVariesAtOnce) {
   const Matrix all = Eigen::kroneckerProduct(reduce, unit);
   Matrix given = Matrix::Zero(n, c);
   given.row(0) = 0.3 * amplitudes.row(1);
-  const auto stacked = [](const Matrix& block) { return Vector(Matrix(block.transpose()).reshaped()); };
+  const auto stacked = [](const Matrix& block) {
+    return Vector(Matrix(block.transpose()).reshaped());
+  };
   const Vector right = all.transpose() * (stacked(load) - whole * stacked(given));
-  const Vector found = all * Matrix(all.transpose() * whole * all).ldlt().solve(right) + stacked(given);
+  const Vector found =
+      all * Matrix(all.transpose() * whole * all).ldlt().solve(right) + stacked(given);
   const Matrix expected = found.reshaped(c, n).transpose();
   EXPECT_LT((moved[0].second - expected.topRows(nodes)).norm(), 1e-8 * expected.norm());
   EXPECT_LT((moved[1].second - expected.bottomRows(nodes)).norm(), 1e-8 * expected.norm());

@@ -307,7 +307,7 @@ def light_part_with_a_gap(first: Any, light: Any) -> lf.Problem:
 
 @pytest.mark.parametrize("field", [False, True])
 def test_a_light_part_lands_whatever_the_moduli(field: bool) -> None:
-    """Where the iteration gives up the answer is found as with fixed moduli: c rests at -gap, less its compression."""
+    """Where the iteration gives up the answer is found as with fixed moduli: c rests at -gap."""
     light: Any = lf.LogNormal("Ec", 2e5, cov=0.3)
     if field:
         light = lf.RandomField("Ec", 2e5, cov=0.3, length=2.0, modes=1, distribution="lognormal")
@@ -327,7 +327,7 @@ def test_a_light_part_lands_whatever_the_moduli(field: bool) -> None:
 
 
 def test_rigid_joints_of_varying_parts_are_solved_at_once() -> None:
-    """A factor, a field and a rigid joint, to SSFEM, in a few rounds; the error is what is said, at any tolerance."""
+    """A factor, a field and a rigid joint, to SSFEM, in a few rounds, at any tolerance."""
     scene = lf.Scene()
     field = lf.RandomField("F", 1e3, cov=0.3, length=2.0, modes=2, distribution="lognormal")
     for number, (part, modulus) in enumerate((("a", field), ("b", lf.LogNormal("Eb", 2e3, cov=0.3)))):

@@ -189,9 +189,10 @@ class Preload(Law):
         lever = np.asarray(self._lever(mu_thread, mu_head), dtype=np.float64)
         if not lever.min() > 0.0:
             raise SceneError(
-                f"Preload: torque with mu_thread = {short(self.mu_thread)}, mu_head = {short(self.mu_head)} and "
-                f"pitch = {self.pitch:g}: where the friction is negative nothing takes the torque, and the force "
-                "would be infinite; use a distribution that is positive (LogNormal, Gamma) or a smaller spread"
+                f"Preload: torque with mu_thread = {short(self.mu_thread)}, mu_head = "
+                f"{short(self.mu_head)} and pitch = {self.pitch:g}: where the friction is negative nothing "
+                "takes the torque, and the force would be infinite; use a distribution that is positive "
+                "(LogNormal, Gamma) or a smaller spread"
             )
         return np.asarray(torque / lever, dtype=np.float64)
 

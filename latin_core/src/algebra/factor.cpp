@@ -180,7 +180,9 @@ class CholmodFactor final : public Factor {
   [[nodiscard]] double least_pivot() const override { return least_pivot_; }
   [[nodiscard]] std::string backend() const override { return "cholmod"; }
 
-  [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override { return solve_with({CHOLMOD_A}, rhs); }
+  [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
+    return solve_with({CHOLMOD_A}, rhs);
+  }
   [[nodiscard]] Matrix forward(ConstMatrixRef rhs) const override {
     return solve_with({CHOLMOD_P, CHOLMOD_L}, rhs);
   }

@@ -69,7 +69,7 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
       stepper_(stages_.fixed_point(), history_, options.relaxation,
                may_fly(laws) ? longest_step : unknown),
       error_(gauge_of(structure_, laws.groups()), structure_.rows(), amplitudes.cols(),
-             !accelerates() ? observing_depth
+             !accelerates()                                            ? observing_depth
              : Verification::possible(laws) && !laws.scales_anywhere() ? 1
                                                                        : own_steps,
              [this](double error) { return structure_.communicator().largest(error); }),
@@ -145,10 +145,10 @@ Summary Run::run(bool traces_known) {
 
 void Run::begin(bool traces_known) {
   const bool from_zero = state_.data.isZero(0.0);
-  rounds_left_ = accelerates() && options_.newton >= 1 && verifies() &&
-                         Verification::coupled(stages_.laws())
-                     ? most_rounds
-                     : 0;
+  rounds_left_ =
+      accelerates() && options_.newton >= 1 && verifies() && Verification::coupled(stages_.laws())
+          ? most_rounds
+          : 0;
   if (traces_known) {
     stages_.local(state_.data, state_.traces, residual_);
   } else {

@@ -91,7 +91,8 @@ bool Verification::solve_coupled(const State& state, double tolerance, Matrix& s
   try {
     linear_->take(stages_.laws(), state);
     substructure::LocalStage local(stages_.laws(), state.data.cols());
-    const double spread = linear_->correct_coupled(local, tolerance, rounds_++, energies_, step, moved_);
+    const double spread =
+        linear_->correct_coupled(local, tolerance, rounds_++, energies_, step, moved_);
     // a later round sees less
     spread_of_coupled_ = spread > 0.0 ? std::max(spread_of_coupled_, safe_spread * spread) : 0.0;
     return spread_of_coupled_ > 0.0;

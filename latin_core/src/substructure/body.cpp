@@ -500,8 +500,10 @@ const Body::Spread& Body::spread() const {
       Entries found;
       for (std::size_t point = 0; point < of_points[s].size(); ++point) {
         for (const Entry& entry : of_points[s][point]) {
-          const int* const begin = spread.lower.innerIndexPtr() + spread.lower.outerIndexPtr()[entry.row()];
-          const int* const end = spread.lower.innerIndexPtr() + spread.lower.outerIndexPtr()[entry.row() + 1];
+          const int* const begin =
+              spread.lower.innerIndexPtr() + spread.lower.outerIndexPtr()[entry.row()];
+          const int* const end =
+              spread.lower.innerIndexPtr() + spread.lower.outerIndexPtr()[entry.row() + 1];
           const auto at = std::lower_bound(begin, end, entry.col()) - spread.lower.innerIndexPtr();
           found.emplace_back(static_cast<int>(at), static_cast<int>(point), entry.value());
         }

@@ -201,9 +201,9 @@ Coupled::Unknowns Coupled::precondition(const Unknowns& forces) {
   }
   moved.active = tangent_.solve(load);
   for (std::size_t i = 0; i < inside_.size(); ++i) {
-    moved.inside[i] = body(inside_[i])
-                          .expand(Matrix(moved.active(rows_of(inside_[i]), every)),
-                                  std::move(moved.inside[i]));
+    moved.inside[i] =
+        body(inside_[i])
+            .expand(Matrix(moved.active(rows_of(inside_[i]), every)), std::move(moved.inside[i]));
   }
   return moved;
 }
@@ -270,8 +270,8 @@ double Coupled::correct(double tolerance, int round, Vector& energies, MatrixRef
   const Matrix apart = tangent_.sides() * (joined.directions().cwiseInverse().asDiagonal() * half);
   springs(apart, between_);
   Unknowns left = zero(columns);
-  left.active = nodal_ * between_ +
-                tangent_.traces().transpose() * (joined.weights().asDiagonal() * half);
+  left.active =
+      nodal_ * between_ + tangent_.traces().transpose() * (joined.weights().asDiagonal() * half);
   for (std::size_t i = 0; i < inside_.size(); ++i) {
     left.inside[i] = inside_[i].field->left();
     auto own = left.inside[i].bottomRows(body(inside_[i]).active());

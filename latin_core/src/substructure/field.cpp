@@ -218,8 +218,7 @@ void FieldBody::advance(const Matrix& step) const {
 }
 
 /// Of u = q + u0 that with the means, K q from the operator without the springs of its sides, and what the field adds.
-Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes,
-                           double accuracy) const {
+Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes, double accuracy) const {
   const std::scoped_lock lock(mutex_);
   solve(data, amplitudes, accuracy);
   const Matrix& q = work_.unknowns;
@@ -250,8 +249,7 @@ Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes,
   return energies;
 }
 
-std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data,
-                                             ConstMatrixRef amplitudes) const {
+std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
   const std::scoped_lock lock(mutex_);
   if (std::isinf(work_.accuracy) || !solved(data, amplitudes)) {
     solve(data, amplitudes, exact);
@@ -282,9 +280,9 @@ std::vector<Matrix> FieldColumns::displacements(const Body& mean, ConstMatrixRef
       own.emplace_back(each.col(k));
     }
     const std::shared_ptr<const Body> sample = mean.with_factors(own);
-    const std::vector<Matrix> found = sample->displacements(
-        data.middleCols(k * count, count), amplitudes.middleCols(k * count, count),
-        sample->response_to_extra(extra));
+    const std::vector<Matrix> found = sample->displacements(data.middleCols(k * count, count),
+                                                            amplitudes.middleCols(k * count, count),
+                                                            sample->response_to_extra(extra));
     for (std::size_t e = 0; e < found.size(); ++e) {
       if (k == 0) {
         fields.emplace_back(found[e].rows(), data.cols());

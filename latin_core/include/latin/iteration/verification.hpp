@@ -115,10 +115,11 @@ class Verification {
   std::optional<Matrix> settled_;
   Matrix moved_;
   double spread_of_coupled_ =
-      0.0;  ///< bound of errors in energy, see Coupled::correct(); 0: not known
+      0.0;           ///< bound of errors in energy, see Coupled::correct(); 0: not known
   Vector energies_;  ///< of the coupled solution so far
   int rounds_ = 0;   ///< of it
-  bool rounding_decides_ = false;  ///< whether an iterate is an answer: nothing else keeps it from that
+  bool rounding_decides_ =
+      false;  ///< whether an iterate is an answer: nothing else keeps it from that
 };
 
 }  // namespace latin::iteration

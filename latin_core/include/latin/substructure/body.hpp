@@ -273,8 +273,9 @@ class Body {
   std::vector<Stretch> stretches_;
   /// How the operator is the sum of what its stretches add.
   struct Spread {
-    SparseRows lower;                   ///< the operator, columns in order
-    std::vector<SparseColumns> slopes;  ///< of its entries by the factors of the stretches, (entries, points)
+    SparseRows lower;  ///< the operator, columns in order
+    std::vector<SparseColumns>
+        slopes;  ///< of its entries by the factors of the stretches, (entries, points)
   };
   /// Of samples of a field: made when first asked for.
   [[nodiscard]] const Spread& spread() const;
