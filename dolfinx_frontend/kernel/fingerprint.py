@@ -63,6 +63,7 @@ def fingerprint(
         "eliminated interfaces": {name: str(how) for name, how in plan.eliminated.items()},
         "coarse problem": [*plan.macro, plan.moments],
         "paired interfaces": list(plan.paired),
+        "parts whose stiffness varies": [list(plan.scaled), list(plan.fields)],
         "search direction": [_plain(direction.factor), _plain(direction.length)],
         "given search directions": {name: _sums(k) for name, k in direction.given.items()},
         "times": None if plan.times is None else _sums(plan.times),

@@ -260,20 +260,9 @@ class RandomLaws:
         """
         interface = self.problem.interfaces[name]
         source = self.sources[name, parameter]
-        values = np.atleast_2d(self.space.values(source, points))
         law = interface.law
-        if not _makes_laws(law, parameter, values):
-            count = int((values < 0.0).any(axis=0).sum())
-            worst = int(values.min(axis=0).argmin())
-            at = ", ".join(
-                f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True)
-            )
-            what = f"{parameter} stiffness" if parameter in ("normal", "tangential") else parameter
-            raise SceneError(
-                f"interface {name!r}: {count} of {len(points)} samples give it a negative {what} "
-                f"(smallest {values.min():.4g}, at the germs {at}): {source!r} is not a law for it at this "
-                "spread; use one that cannot be negative: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
-            )
+        values = np.atleast_2d(self.space.values(source, points))
+        self._check_sampled(name, parameter, source, values, points)
         kernel_name, unit, values = law.kernel_values(interface, parameter, values)
         if isinstance(source, DiscretisedField):
             # one row of values per point of the interface, spread over the rows of the parameter
@@ -282,6 +271,38 @@ class RandomLaws:
             pattern[np.arange(len(unit)), np.arange(len(unit)) // (len(unit) // m)] = unit[:, 0]
             unit = pattern
         return SampledParameter(kernel_name, unit, values)
+
+    def check_drawn(self, name: str, parameter: str, points: Array) -> None:
+        """Refuse samples (N, L) of the germs where what a derived parameter is made of makes no law.
+
+        The force of a torque may hide that its friction is negative.
+
+        Raises
+        ------
+        SceneError
+            A negative value, with the interface and the sample.
+        """
+        law = self.problem.interfaces[name].law
+        names, _ = law.derived().get(parameter, ((), None))
+        for given in names:
+            source = law.parameters().get(given)
+            if is_random(source):
+                values = np.atleast_2d(self.space.values(source, points))
+                self._check_sampled(name, given, source, values, points)
+
+    def _check_sampled(self, name: str, parameter: str, source: Any, values: Array, points: Array) -> None:
+        """Refuse values (1 or m, N) at points (N, L) of the germs that make no law."""
+        if _makes_laws(self.problem.interfaces[name].law, parameter, values):
+            return
+        count = int((values < 0.0).any(axis=0).sum())
+        worst = int(values.min(axis=0).argmin())
+        at = ", ".join(f"{g} = {x:.4g}" for g, x in zip(self.space.germ_names, points[worst], strict=True))
+        what = f"{parameter} stiffness" if parameter in ("normal", "tangential") else parameter
+        raise SceneError(
+            f"interface {name!r}: {count} of {len(points)} samples give it a negative {what} "
+            f"(smallest {values.min():.4g}, at the germs {at}): {source!r} is not a law for it at this "
+            "spread; use one that cannot be negative: LogNormal, Gamma, Beta, Uniform or TruncatedNormal"
+        )
 
     def at(self, point: Array) -> dict[str, Law]:
         """The laws of one sample: interface -> law with numbers instead of random values.

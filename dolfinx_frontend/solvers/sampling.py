@@ -84,6 +84,7 @@ def _short_steps(germs: Array) -> list[int]:
 def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]:
     parameters = []
     for name, parameter in random.sources:
+        random.check_drawn(name, parameter, germs)
         each = random.sampled(name, parameter, germs)
         pattern, columns = each.pattern, 1
         amplitude = random.amplitude(name, parameter)

@@ -20,6 +20,7 @@ SHORT = {
     "hertz.py": ["--quick", "--output", "{}"],
     "flange_from_step.py": ["--quick", "--output", "{}"],
     "make_flange_step.py": ["{}/flange.step"],
+    "loads_and_scatter.py": ["--output", "{}"],
     "tradeoff.py": ["--scenes", "vessel", "--output", "{}"],
 }
 WRITTEN = {
@@ -56,6 +57,13 @@ WRITTEN = {
         "deformed.png",
         "tightening.png",
         "leak.png",
+    ],
+    "loads_and_scatter.py": [
+        "temperature.png",
+        "remote_force.png",
+        "tightening.png",
+        "random_field_rod.png",
+        "sphere.png",
     ],
     "make_flange_step.py": ["flange.step"],
     "tradeoff.py": ["tradeoff.png"],

@@ -215,6 +215,29 @@ def test_another_sampling(tmp_path: Path) -> None:
         swept(plates(), path)
 
 
+def test_another_field_inside_a_part(tmp_path: Path) -> None:
+    """Another correlation, another spread, a factor in place of a field: other samples."""
+    path = tmp_path / "points"
+
+    def drawn(inside: bool = True, cov: float = 0.2, length: float = 1.0) -> lf.SampleResult:
+        field = lf.RandomField("E", 100.0, cov=cov, length=length, modes=2, distribution="lognormal")
+        scene = lf.Scene()
+        modulus = field if inside else lf.LogNormal("E", 100.0, cov=cov)
+        part = geometry.box((1.0, 1.0), (2, 2), cell="quadrilateral")
+        scene.substructure("left", part, lf.LinearElastic(modulus, 0.3), degree=1)
+        scene.fix("left:x0", name="wall")
+        scene.force("left:x1", (1.0, 0.2), name="pull")
+        return lf.monte_carlo(lf.assemble(scene), 3, seed=0, checkpoint=path, progress=False)
+
+    first = drawn()
+    assert first.plan.fields == ("left",) and drawn().points.order == []
+    for change in ({"cov": 0.3}, {"length": 2.0}):
+        with pytest.raises(CheckpointError, match="in: values of left.part.stiffness"):
+            drawn(**change)  # type: ignore[arg-type]
+    with pytest.raises(CheckpointError, match="in: .*parts whose stiffness varies"):
+        drawn(inside=False)
+
+
 # --- the file while the run goes on --------------------------------------------------------------
 @pytest.fixture
 def at_write(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[int, Callable[[], Any]]]:

@@ -155,3 +155,15 @@ def test_the_whole_history_equals_one_step_after_the_other() -> None:
         difference = np.abs(result.force("contact") - run.result.force("contact")[step]).max()
         assert difference < 1e-6 * run.hertz.p0
         slip[:, 1] = result.jump("contact")[:, 1]
+
+
+def test_a_sphere_on_a_plate() -> None:
+    """Axisymmetric: force, radius and largest pressure of Hertz, of second order in the facet."""
+    demo = scenes.demo("loads_and_scatter")
+    errors = []
+    for across in (6.0, 12.0):
+        found = demo.sphere_on_a_plate(across)
+        assert found.found_load == pytest.approx(found.load, rel=1e-5)
+        errors.append([found.found_a / found.a - 1.0, found.found_p0 / found.p0 - 1.0])
+    # the round sphere is no parabola: (a / R)^2 = 2e-4
+    assert np.all(np.abs(errors[1]) < 5e-3) and np.all(np.abs(errors[1]) < 0.5 * np.abs(errors[0]) + 1e-3)

@@ -288,3 +288,60 @@ def test_errors_and_files(tmp_path: Path) -> None:
         lf.load(tmp_path / "warm.h5").stress("a")
     for where in ("a", "b"):
         assert chaos.std(where, of="stress").x.array.reshape(-1, 9)[:, 8] == pytest.approx(0.0, abs=1e-3)
+
+
+def light_part_with_a_gap(first: Any, light: Any) -> lf.Problem:
+    """Two squares pressed together, and a third one of 1e-5 of their load that flies through a gap."""
+    scene, E = lf.Scene(), 2e5
+    for part, modulus, x, y in (("a", first, 0.0, 0.0), ("b", E, 0.0, 1.0), ("c", light, 3.0, 0.0)):
+        box = geometry.box((1.0, 1.0), (3, 3), origin=(x, y))
+        scene.substructure(part, box, lf.LinearElastic(modulus, 0.3), degree=1)
+        scene.symmetry(f"{part}:x0", name=f"side_{part}")
+    scene.fix("a:y0", name="foot")
+    scene.interface("joint", "a:y1", "b:y0", lf.Contact(friction=0.2))
+    scene.interface("heavy", "b:y1", lf.Traction(np.array((5.0, -100.0))))
+    scene.interface("stop", "c:y0", lf.Contact(gap=0.01))
+    scene.interface("light", "c:y1", lf.Traction(np.array((0.0, -1e-3))))
+    return lf.assemble(scene)
+
+
+@pytest.mark.parametrize("field", [False, True])
+def test_a_light_part_lands_whatever_the_moduli(field: bool) -> None:
+    """Where the iteration gives up the answer is found as with fixed moduli: c rests at -gap."""
+    light: Any = lf.LogNormal("Ec", 2e5, cov=0.3)
+    if field:
+        light = lf.RandomField("Ec", 2e5, cov=0.3, length=2.0, modes=1, distribution="lognormal")
+    problem = light_part_with_a_gap(lf.LogNormal("Ea", 2e5, cov=0.3), light)
+    germs = np.array([[0.0, 0.0], [1.2, -1.0]])
+    samples = lf.sample(problem, germs, keep_states=True, progress=False)
+    assert set(samples.points.status) == {"converged"}
+    block = next(samples.blocks())
+    for n in range(2):
+        height = block.displacement("c")[n].reshape(-1, 2)[:, 1]
+        assert height == pytest.approx(-0.01, abs=1e-6 * 0.01 + 3e-3 / 1e5)
+    balance = samples.force("stop")[:, :, 0] @ problem.interfaces["stop"].weights
+    assert balance == pytest.approx(-1e-3, rel=1e-5)
+    if not field:
+        chaos = lf.solve(problem, chaos=lf.Chaos(1, check_points=0), progress=False)
+        assert chaos.converged
+
+
+def test_rigid_joints_of_varying_parts_are_solved_at_once() -> None:
+    """A factor, a field and a rigid joint, to SSFEM, in a few rounds, at any tolerance."""
+    scene = lf.Scene()
+    field = lf.RandomField("F", 1e3, cov=0.3, length=2.0, modes=2, distribution="lognormal")
+    for number, (part, modulus) in enumerate((("a", field), ("b", lf.LogNormal("Eb", 2e3, cov=0.3)))):
+        box = geometry.box((3, 2, 2), (3, 1, 1), origin=(3 * number, 0, 0), cell="hexahedron")
+        scene.substructure(part, box, lf.LinearElastic(modulus, 0.3, alpha=1e-4), degree=1)
+    scene.interface("joint", "a:x1", "b:x0", lf.Perfect())
+    scene.fix("a:x0", name="foot")
+    scene.temperature("a", lf.Normal("dT", 10.0, cov=0.3), name="heat")
+    scene.force("b:x1", (10.0, 5.0, 1.0), name="pull")
+    problem = lf.assemble(scene)
+    exact = ssfem(problem, lf.Chaos(2), rtol=1e-12).coefficients
+    for rtol in (1e-3, 1e-6, 1e-9):
+        chaos = lf.solve(problem, chaos=lf.Chaos(2), options=Options(rtol=rtol), progress=False)
+        assert chaos.converged and chaos.iterations <= 15 and chaos.plan.active == ("joint",)
+        for part in "ab":
+            off = np.abs(chaos.coefficients(part) - exact[part]).max() / np.abs(exact[part]).max()
+            assert off < 3 * max(rtol, 1e-11)

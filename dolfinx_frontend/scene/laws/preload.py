@@ -77,7 +77,7 @@ class Preload(Law):
     embedding: Any = None
     stiffness: float | None = None
     drawn: ClassVar[str] = "preload"
-    not_negative: ClassVar[tuple[str, ...]] = ("mu_thread", "mu_head", "embedding")
+    not_negative: ClassVar[tuple[str, ...]] = ("torque", "mu_thread", "mu_head", "embedding")
 
     def validate(self) -> None:
         self._validate_tightening()
@@ -186,7 +186,15 @@ class Preload(Law):
         torque, mu_thread, mu_head = (
             values[n] if n in values else self._nominal(n) for n in ("torque", "mu_thread", "mu_head")
         )
-        return np.asarray(torque / self._lever(mu_thread, mu_head), dtype=np.float64)
+        lever = np.asarray(self._lever(mu_thread, mu_head), dtype=np.float64)
+        if not lever.min() > 0.0:
+            raise SceneError(
+                f"Preload: torque with mu_thread = {short(self.mu_thread)}, mu_head = "
+                f"{short(self.mu_head)} and pitch = {self.pitch:g}: where the friction is negative nothing "
+                "takes the torque, and the force would be infinite; use a distribution that is positive "
+                "(LogNormal, Gamma) or a smaller spread"
+            )
+        return np.asarray(torque / lever, dtype=np.float64)
 
     def _slack_of(self, values: Mapping[str, Array]) -> Array:
         """Length (N,) that the section gains after tightening."""

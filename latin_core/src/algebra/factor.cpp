@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <initializer_list>
 #include <mutex>
 #include <numeric>
 #include <random>
@@ -180,30 +181,13 @@ class CholmodFactor final : public Factor {
   [[nodiscard]] std::string backend() const override { return "cholmod"; }
 
   [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override {
-    Matrix block = rhs;  // contiguous, with the leading dimension that CHOLMOD is told
-    cholmod_dense input{};
-    input.nrow = static_cast<std::size_t>(block.rows());
-    input.ncol = static_cast<std::size_t>(block.cols());
-    input.nzmax = input.nrow * input.ncol;
-    input.d = input.nrow;
-    input.x = block.data();
-    input.xtype = CHOLMOD_REAL;
-    input.dtype = CHOLMOD_DOUBLE;
-    cholmod_common own;  // the factor is only read: what is written is of this call
-    start(own);
-    cholmod_dense* output = cholmod_solve(CHOLMOD_A, factor_, &input, &own);
-    const int status = own.status;
-    if (output != nullptr) {
-      block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(),
-                                       block.cols());
-      cholmod_free_dense(&output, &own);
-    }
-    cholmod_finish(&own);
-    if (status < CHOLMOD_OK) {
-      throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
-                           " columns (status " + std::to_string(status) + ")");
-    }
-    return block;
+    return solve_with({CHOLMOD_A}, rhs);
+  }
+  [[nodiscard]] Matrix forward(ConstMatrixRef rhs) const override {
+    return solve_with({CHOLMOD_P, CHOLMOD_L}, rhs);
+  }
+  [[nodiscard]] Matrix backward(ConstMatrixRef rhs) const override {
+    return solve_with({CHOLMOD_Lt, CHOLMOD_Pt}, rhs);
   }
 
   [[nodiscard]] Matrix trailing_factor() const override {
@@ -228,6 +212,36 @@ class CholmodFactor final : public Factor {
   }
 
  private:
+  /// One system after the other.
+  [[nodiscard]] Matrix solve_with(std::initializer_list<int> systems, ConstMatrixRef rhs) const {
+    Matrix block = rhs;  // contiguous, with the leading dimension that CHOLMOD is told
+    cholmod_dense input{};
+    input.nrow = static_cast<std::size_t>(block.rows());
+    input.ncol = static_cast<std::size_t>(block.cols());
+    input.nzmax = input.nrow * input.ncol;
+    input.d = input.nrow;
+    input.x = block.data();
+    input.xtype = CHOLMOD_REAL;
+    input.dtype = CHOLMOD_DOUBLE;
+    cholmod_common own;  // the factor is only read: what is written is of this call
+    start(own);
+    for (const int system : systems) {
+      cholmod_dense* output = cholmod_solve(system, factor_, &input, &own);
+      if (output != nullptr) {
+        block = Eigen::Map<const Matrix>(static_cast<const double*>(output->x), block.rows(),
+                                         block.cols());
+        cholmod_free_dense(&output, &own);
+      }
+    }
+    const int status = own.status;
+    cholmod_finish(&own);
+    if (status < CHOLMOD_OK) {
+      throw NumericalError("CHOLMOD could not solve with " + std::to_string(block.cols()) +
+                           " columns (status " + std::to_string(status) + ")");
+    }
+    return block;
+  }
+
   static void start(cholmod_common& common) {
     cholmod_start(&common);
     common.print = 0;
@@ -425,11 +439,15 @@ class MumpsFactor final : public Factor {
     return output;
   }
 
-  [[nodiscard]] Matrix trailing_factor() const override {
+  [[nodiscard]] Matrix trailing_factor() const override { refuse_condensing(); }
+  [[nodiscard]] Matrix forward(ConstMatrixRef /*rhs*/) const override { refuse_condensing(); }
+  [[nodiscard]] Matrix backward(ConstMatrixRef /*rhs*/) const override { refuse_condensing(); }
+
+ private:
+  [[noreturn]] static void refuse_condensing() {
     throw NumericalError("this build condenses with CHOLMOD only: use operator 'factored'");
   }
 
- private:
   /// MUMPS does not show its pivots: how much a solve enlarges a right-hand side without a pattern.
   void refuse_singular(const SparseColumns& lower, const std::string& name) const {
     Vector root(size_);

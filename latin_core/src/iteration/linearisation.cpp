@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "latin/common/error.hpp"
+#include "latin/substructure/coupled.hpp"
 #include "latin/substructure/interface_system.hpp"
 
 namespace latin::iteration {
@@ -142,7 +143,8 @@ void Linearisation::take_column(const substructure::Laws& laws, const State& sta
 
 void Linearisation::know_structure(const substructure::Laws& laws) {
   if (tangents_.empty()) {
-    tangents_.push_back(std::make_unique<Tangent>(laws.structure()));
+    tangents_.push_back(std::make_unique<Tangent>(
+        laws.structure(), std::make_shared<const substructure::Joined>(laws)));
   }
 }
 
@@ -222,7 +224,7 @@ void Linearisation::measure(const substructure::Laws& laws, const State& state,
     if (body.rows() == 0) {
       continue;
     }
-    if (body.measurable()) {
+    if (body.measurable() && laws.scaled(b) == nullptr && laws.field(b) == nullptr) {
       auto rows = own.middleRows(first, body.active());
       rows.leftCols(state.data.cols()) =
           measured_again * body.defect(state.data.middleRows(structure.body_rows()[b], body.rows()),
@@ -327,27 +329,14 @@ Matrix Linearisation::correct_each(const substructure::Laws& laws, const State& 
                                          fall, residual, moved);
 }
 
-double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance,
-                                      MatrixRef residual, Matrix& moved) const {
-  const Index unknowns = local.laws().structure().interface_unknowns();
-  if (tangents_.size() != 1 || unknowns == 0) {
+double Linearisation::correct_coupled(substructure::LocalStage& local, double tolerance, int round,
+                                      Vector& energies, MatrixRef residual, Matrix& moved) const {
+  if (tangents_.size() != 1 || !substructure::Coupled::possible(local.laws())) {
     return 0.0;
   }
-  Matrix at_rest(unknowns, residual.cols());
-  local.forces_of_jumps(Matrix::Zero(unknowns, residual.cols()), at_rest);
-  if (!at_rest.allFinite()) {
-    return 0.0;  // rigid laws with jumps
-  }
-  const bool none = at_rest.isZero(0.0);
   moved.resize(residual.rows(), residual.cols());
-  return tangents_.front()->correct_coupled(
-      [&](const Matrix& jumps, Matrix& forces) {
-        local.forces_of_jumps(jumps, forces);
-        if (!none) {
-          forces -= at_rest;
-        }
-      },
-      local.laws().groups(), tolerance, residual, moved);
+  return substructure::Coupled(*tangents_.front(), local)
+      .correct(tolerance, round, energies, residual, moved);
 }
 
 }  // namespace latin::iteration

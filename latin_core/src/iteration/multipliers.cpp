@@ -52,7 +52,9 @@ constexpr double same = 1e-6;
 
 bool Multipliers::suits(const substructure::Laws& laws) {
   return laws.structure().communicator().alone() && laws.modes() == 1 && !laws.transformed() &&
-         !laws.linear() && !laws.scales_anywhere() && Tangent::possible(laws.structure());
+         !laws.linear() &&
+         (!laws.scales_anywhere() || (laws.modes() == 1 && laws.stiffness_is_one())) &&
+         Tangent::possible(laws.structure());
 }
 
 Multipliers::Multipliers(const substructure::Laws& laws,
@@ -60,8 +62,7 @@ Multipliers::Multipliers(const substructure::Laws& laws,
     : laws_(laws),
       system_(laws),
       tangent_(laws.structure(),
-               joined ? std::move(joined)
-                      : std::make_shared<const substructure::Joined>(laws.structure())) {
+               joined ? std::move(joined) : std::make_shared<const substructure::Joined>(laws)) {
   const substructure::Structure& structure = laws.structure();
   areas_.resize(system_.unknowns());
   softness_ = Vector::Zero(system_.unknowns());

@@ -30,8 +30,10 @@ constexpr double fall_between_checks = 0.3;
 constexpr double longest_step = 1e7;
 /// Plain steps from zero, where Newton's method may take over.
 constexpr Index steps_from_zero = 2;
-/// Accuracy of what is solved for at once, as a share of that of the run.
+/// Accuracy of what is solved for at once, as a share of that of the run, and how often at most: what rigid laws miss
+/// in one round the next one finds.
 constexpr double coupled_accuracy = 0.01;
+constexpr int most_rounds = 4;
 /// Accuracy of Newton's method, as a share of that of the run.
 constexpr double newton_accuracy = 1e-3;
 
@@ -67,16 +69,24 @@ Run::Run(const Laws& laws, const Options& options, const Matrix& amplitudes, Sta
       stepper_(stages_.fixed_point(), history_, options.relaxation,
                may_fly(laws) ? longest_step : unknown),
       error_(gauge_of(structure_, laws.groups()), structure_.rows(), amplitudes.cols(),
-             !accelerates()                 ? observing_depth
-             : Verification::possible(laws) ? 1
-                                            : own_steps,
+             !accelerates()                                            ? observing_depth
+             : Verification::possible(laws) && !laws.scales_anywhere() ? 1
+                                                                       : own_steps,
              [this](double error) { return structure_.communicator().largest(error); }),
       newton_(history_.metric(), newton_of(stages_, options),
               [this](const State& at, Matrix& residual) {
                 stages_.local(at.data, at.traces, residual);
               }),
       stopping_(options),
-      known_(std::move(known)) {}
+      known_(std::move(known)) {
+  stages_.set_accuracy_of_fields(accuracy_of_fields());
+}
+
+/// What the equations of bodies with random fields are solved to.
+double Run::accuracy_of_fields() const {
+  constexpr double exact = substructure::FieldBody::exact;
+  return structure_.total_rows() == 0 ? exact : std::max(coupled_accuracy * options_.rtol, exact);
+}
 
 void Run::start_from(const std::vector<const State*>& snapshots) {
   stepper_.start_from(snapshots, at());
@@ -134,30 +144,43 @@ Summary Run::run(bool traces_known) {
 }
 
 void Run::begin(bool traces_known) {
+  const bool from_zero = state_.data.isZero(0.0);
+  rounds_left_ =
+      accelerates() && options_.newton >= 1 && verifies() && Verification::coupled(stages_.laws())
+          ? most_rounds
+          : 0;
   if (traces_known) {
     stages_.local(state_.data, state_.traces, residual_);
   } else {
+    if (rounds_left_ > 0 && from_zero) {
+      stages_.set_accuracy_of_fields(unknown);  // solved with all other equations
+    }
     stages_.evaluate(at());
   }
-  const bool from_zero = state_.data.isZero(0.0);
   newton_.begin(from_zero, structure_.interface_unknowns(), options_.max_iterations);
   safeguard_.pause(newton_.possible() && from_zero ? steps_from_zero : 0);
 }
 
-/// All columns of a chaos with linear laws at once, instead of the first step. What it leaves is checked like any
+/// All columns of a chaos with linear laws at once, instead of the first steps. What it leaves is checked like any
 /// iterate, and iterated on if it is not enough.
 bool Run::solve_coupled() {
-  if (!accelerates() || options_.newton < 1 || !verifies() ||
-      !Verification::coupled(stages_.laws())) {
+  if (rounds_left_ == 0) {
     return false;
   }
   if (!verification_) {
     verification_.emplace(stages_, known_);
   }
+  const bool first = rounds_left_-- == most_rounds;
   Matrix step = residual_;
   solved_ = verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
+  stages_.set_accuracy_of_fields(accuracy_of_fields());
   if (solved_) {
     state_.data += step;
+    history_.clear();
+  } else {
+    rounds_left_ = 0;
+  }
+  if (solved_ || first) {
     stages_.evaluate(at());
   }
   return solved_;
@@ -221,7 +244,8 @@ Measured Run::rescue(Measured measured) {
     measured = stages_.measure(at(), history_, stop_);
   }
   const State found = verification_->settled().has_value() ? state_ : State{};
-  for (Index i = 0; verifies() && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
+  const bool checks = Verification::known(stages_.laws());
+  for (Index i = 0; checks && i < most_checks && !(summary_.error <= options_.rtol); ++i) {
     const double before = summary_.error;
     measured = verify(std::move(measured), false);
     if (i > 0 && !(summary_.error < 0.5 * before)) {
@@ -260,10 +284,13 @@ Measured Run::verify(Measured measured, bool believed) {
         at());  // displacements that single precision has added up are not those of the data
     measured = stages_.measure(at(), history_, stop_);
   }
-  const auto found = verification_->check(state_, residual_, measured.whole, options_.rtol);
+  const bool goes_on = rounds_left_ > 0;
+  const auto found =
+      verification_->check(state_, residual_, measured.whole, options_.rtol, goes_on);
   next_check_ = fall_between_checks * measured.residual;
   if (!found) {
-    if (believed) {
+    // tangents of bodies whose stiffness varies are those of the means, and may lead nowhere
+    if (believed && (goes_on || !stages_.laws().scales_anywhere())) {
       const Matrix& away = verification_->distance();
       errors_ = away.size() > 0 ? errors_.cwiseMax(away) : errors_;
       summary_.error = std::max(error_.largest(errors_), 2.0 * options_.rtol);
@@ -330,7 +357,7 @@ Matrix Run::estimate(const Measured& measured) {
 
 /// One step, to where Newton's method leads or by the history.
 void Run::advance(const Measured& measured) {
-  if (follow(measured) || (summary_.history.size() == 1 && solve_coupled())) {
+  if (follow(measured) || solve_coupled()) {
     return;
   }
   newton_.count_step();
@@ -399,7 +426,11 @@ void Run::add_rounding_of_bodies() {
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     auto errors = summary_.errors.col(static_cast<Index>(b));
     const double bound = std::min(bodies[b].rounding(), options_.rtol);
-    const bool as_built = stages_.laws().scaled(b) == nullptr && stages_.laws().field(b) == nullptr;
+    const substructure::FieldColumns* field = stages_.laws().field(b);
+    const bool as_built = stages_.laws().scaled(b) == nullptr && field == nullptr;
+    if (field != nullptr && field->chaos != nullptr) {
+      errors = errors.cwiseMax(accuracy_of_fields());
+    }
     if (as_built && bodies[b].measurable() && bound > errors.maxCoeff()) {
       measured.push_back(b);
     } else {

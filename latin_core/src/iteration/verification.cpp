@@ -7,6 +7,7 @@
 
 #include "latin/common/error.hpp"
 #include "latin/iteration/multipliers.hpp"
+#include "latin/substructure/coupled.hpp"
 
 namespace latin::iteration {
 namespace {
@@ -63,15 +64,19 @@ constexpr double bearable_rounding = 3.0;
 
 }  // namespace
 
+bool Verification::known(const substructure::Laws& laws) {
+  return Tangent::possible(laws.structure()) &&
+         (!laws.scales_anywhere() || laws.stiffness_is_one()) &&
+         (laws.steps() <= most_steps_of_history || !laws.remembers_anywhere());
+}
+
 bool Verification::possible(const substructure::Laws& laws) {
-  if (!Tangent::possible(laws.structure()) || laws.scales_anywhere()) {
-    return false;  // tangents are those of the bodies without factors
-  }
-  return laws.steps() <= most_steps_of_history || !laws.remembers_anywhere();
+  // a sample with its own stiffness would be condensed for its check alone; tangents of a chaos are those of the means
+  return known(laws) && (!laws.scales_anywhere() || coupled(laws));
 }
 
 bool Verification::searches(const substructure::Laws& laws) {
-  return possible(laws) || Multipliers::suits(laws);
+  return known(laws) || Multipliers::suits(laws);
 }
 
 bool Verification::exact(const substructure::Laws& laws) {
@@ -79,15 +84,17 @@ bool Verification::exact(const substructure::Laws& laws) {
 }
 
 bool Verification::coupled(const substructure::Laws& laws) {
-  return laws.modes() > 1 && laws.structure().communicator().alone() && laws.linear() &&
-         possible(laws);
+  return substructure::Coupled::possible(laws) && Tangent::possible(laws.structure());
 }
 
 bool Verification::solve_coupled(const State& state, double tolerance, Matrix& step) {
   try {
     linear_->take(stages_.laws(), state);
     substructure::LocalStage local(stages_.laws(), state.data.cols());
-    spread_of_coupled_ = safe_spread * linear_->correct_coupled(local, tolerance, step, moved_);
+    const double spread =
+        linear_->correct_coupled(local, tolerance, rounds_++, energies_, step, moved_);
+    // a later round sees less
+    spread_of_coupled_ = spread > 0.0 ? std::max(spread_of_coupled_, safe_spread * spread) : 0.0;
     return spread_of_coupled_ > 0.0;
   } catch (const NumericalError&) {
     return false;  // the iteration may know better
@@ -164,6 +171,7 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
   }
   const Matrix least_error = linear_->rounding(laws, state, stages_.amplitudes(), whole);
   if (largest(least_error) > rtol) {
+    rounding_decides_ = true;
     return std::nullopt;
   }
   const Matrix errors = (std::sqrt(spread) * ahead).cwiseMax(least_error);
@@ -171,7 +179,8 @@ std::optional<Verification::Found> Verification::at_once(const State& state, con
 }
 
 std::optional<Verification::Found> Verification::check(const State& state, const Matrix& residual,
-                                                       const Whole& at_start, double rtol) {
+                                                       const Whole& at_start, double rtol,
+                                                       bool at_most_once) {
   // an iterate may be larger than the answer: errors are relative to where the steps lead
   Whole whole = at_start;
   better_ = state;
@@ -198,6 +207,9 @@ std::optional<Verification::Found> Verification::check(const State& state, const
   }
   if (auto found = at_once(state, residual, at_start, rtol, spread)) {
     return found;
+  }
+  if (at_most_once && !rounding_decides_) {
+    return std::nullopt;
   }
   for (Index count = 0; count <= most_steps; ++count) {
     borrowed = borrowed && count <= most_borrowed;
@@ -394,7 +406,7 @@ bool Verification::search(const State& state, const Matrix& residual, double lea
     residual_ = residual;
     return stages_.count() + most / 2;
   };
-  if (!possible(stages_.laws())) {
+  if (!known(stages_.laws())) {
     better_ = std::move(best.state);
     residual_ = std::move(best.residual);
     return best.norm < first;

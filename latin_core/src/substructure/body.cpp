@@ -7,7 +7,6 @@
 #include <cmath>
 #include <deque>
 #include <limits>
-#include <map>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -451,50 +450,69 @@ void Body::keep_stretches(BodyDescription& description, const SparseRows& lower,
     return;
   }
   options_ = options;
-  // every entry that factors may change: where the sum of all points vanishes, too
-  using Entries = std::vector<Eigen::Triplet<double>>;
-  std::vector<std::vector<Entries>> of_points;
-  Entries all;
-  for (const Stretch& stretch : stretches_) {
-    std::vector<Entries>& own = of_points.emplace_back();
-    const Index components = stretch.components();
-    for (Index point = 0; point < stretch.points; ++point) {
-      std::map<std::pair<int, int>, double> sums;
-      for (Index row = point * components; row < (point + 1) * components; ++row) {
-        for (SparseRows::InnerIterator i(stretch.of_unknowns, row); i; ++i) {
-          for (SparseRows::InnerIterator j(stretch.of_unknowns, row); j && j.col() <= i.col();
-               ++j) {
-            sums[{static_cast<int>(i.col()), static_cast<int>(j.col())}] += i.value() * j.value();
+  lower_ = SparseColumns(lower);  // which sorts the columns of every row
+}
+
+const Body::Spread& Body::spread() const {
+  return spread_.get([this] {
+    Spread spread;
+    // every entry that factors may change: where the sum of all points vanishes, too
+    using Entry = Eigen::Triplet<double>;
+    using Entries = std::vector<Entry>;
+    const auto place_of = [](const Entry& entry) { return std::pair(entry.row(), entry.col()); };
+    std::vector<std::vector<Entries>> of_points;
+    Entries all;
+    Entries terms;
+    for (const Stretch& stretch : stretches_) {
+      std::vector<Entries>& own = of_points.emplace_back();
+      const Index components = stretch.components();
+      for (Index point = 0; point < stretch.points; ++point) {
+        terms.clear();
+        for (Index row = point * components; row < (point + 1) * components; ++row) {
+          for (SparseRows::InnerIterator i(stretch.of_unknowns, row); i; ++i) {
+            for (SparseRows::InnerIterator j(stretch.of_unknowns, row); j && j.col() <= i.col();
+                 ++j) {
+              terms.emplace_back(static_cast<int>(i.col()), static_cast<int>(j.col()),
+                                 i.value() * j.value());
+            }
+          }
+        }
+        std::ranges::sort(terms, {}, place_of);
+        Entries& entries = own.emplace_back();
+        for (const Entry& term : terms) {
+          if (!entries.empty() && place_of(entries.back()) == place_of(term)) {
+            entries.back() = {term.row(), term.col(), entries.back().value() + term.value()};
+          } else {
+            entries.push_back(term);
+            all.emplace_back(term.row(), term.col(), 0.0);
           }
         }
       }
-      Entries& entries = own.emplace_back();
-      for (const auto& [place, value] : sums) {
-        entries.emplace_back(place.first, place.second, value);
-        all.emplace_back(place.first, place.second, 0.0);
+    }
+    for (Index row = 0; row < lower_.outerSize(); ++row) {
+      for (SparseRows::InnerIterator it(lower_, row); it; ++it) {
+        all.emplace_back(static_cast<int>(row), static_cast<int>(it.col()), it.value());
       }
     }
-  }
-  for (Index row = 0; row < lower.outerSize(); ++row) {
-    for (SparseRows::InnerIterator it(lower, row); it; ++it) {
-      all.emplace_back(static_cast<int>(row), static_cast<int>(it.col()), it.value());
-    }
-  }
-  lower_.resize(size_, size_);
-  lower_.setFromTriplets(all.begin(), all.end());
-  for (std::size_t s = 0; s < stretches_.size(); ++s) {
-    Entries found;
-    for (std::size_t point = 0; point < of_points[s].size(); ++point) {
-      for (const Eigen::Triplet<double>& entry : of_points[s][point]) {
-        const int* const begin = lower_.innerIndexPtr() + lower_.outerIndexPtr()[entry.row()];
-        const int* const end = lower_.innerIndexPtr() + lower_.outerIndexPtr()[entry.row() + 1];
-        const auto at = std::lower_bound(begin, end, entry.col()) - lower_.innerIndexPtr();
-        found.emplace_back(static_cast<int>(at), static_cast<int>(point), entry.value());
+    spread.lower.resize(size_, size_);
+    spread.lower.setFromTriplets(all.begin(), all.end());
+    for (std::size_t s = 0; s < stretches_.size(); ++s) {
+      Entries found;
+      for (std::size_t point = 0; point < of_points[s].size(); ++point) {
+        for (const Entry& entry : of_points[s][point]) {
+          const int* const begin =
+              spread.lower.innerIndexPtr() + spread.lower.outerIndexPtr()[entry.row()];
+          const int* const end =
+              spread.lower.innerIndexPtr() + spread.lower.outerIndexPtr()[entry.row() + 1];
+          const auto at = std::lower_bound(begin, end, entry.col()) - spread.lower.innerIndexPtr();
+          found.emplace_back(static_cast<int>(at), static_cast<int>(point), entry.value());
+        }
       }
+      spread.slopes.emplace_back(spread.lower.nonZeros(), stretches_[s].points);
+      spread.slopes.back().setFromTriplets(found.begin(), found.end());
     }
-    slopes_.emplace_back(lower_.nonZeros(), stretches_[s].points);
-    slopes_.back().setFromTriplets(found.begin(), found.end());
-  }
+    return spread;
+  });
 }
 
 std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factors) const {
@@ -517,11 +535,12 @@ std::shared_ptr<const Body> Body::with_factors(const std::vector<Vector>& factor
   body->work_ = work_;
   body->offset_energy_ = offset_energy_;
   body->offset_traces_ = offset_traces_;
-  SparseRows lower = lower_;
+  const Spread& spread = this->spread();
+  SparseRows lower = spread.lower;
   for (std::size_t s = 0; s < stretches_.size(); ++s) {
     const Stretch& stretch = stretches_[s];
     const Vector change = factors.at(s).array() - 1.0;
-    lower.coeffs() += (slopes_[s] * change).array();
+    lower.coeffs() += (spread.slopes[s] * change).array();
     const Vector rows = change.transpose().replicate(stretch.components(), 1).reshaped();
     const auto weighted = rows.asDiagonal();
     if (loads() > 0) {
@@ -870,6 +889,16 @@ double Body::rounding() const {
   // of many sums, which grows like a random walk
   const double sums = 2.0 * std::sqrt(static_cast<double>(size()));
   return sums * std::numeric_limits<double>::epsilon() / factor_->least_pivot();
+}
+
+Matrix Body::reduce(ConstMatrixRef forces, Matrix& partial) const {
+  partial = factor_->forward(forces);
+  return condensed_.triangularView<Eigen::Lower>() * partial.bottomRows(active_);
+}
+
+Matrix Body::expand(ConstMatrixRef active, Matrix partial) const {
+  partial.bottomRows(active_) = condensed_.triangularView<Eigen::Lower>().transpose() * active;
+  return factor_->backward(partial);
 }
 
 const Matrix& Body::schur() const {

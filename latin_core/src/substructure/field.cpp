@@ -12,9 +12,7 @@ namespace {
 
 using stochastic::ModeRows;
 
-/// What conjugate gradients leave, relative to the solution in the norm of the energy.
-constexpr double exact = 1e-12;
-/// Of changes, which are repeated exactly at the end; as single precision leaves of them.
+/// What conjugate gradients leave of changes, which are repeated exactly at the end; as single precision leaves of them.
 constexpr double of_changes = 1e-6;
 /// Of what the last solution lacked: the next one starts from what is left here.
 constexpr double of_lacking = 3e-3;
@@ -78,11 +76,16 @@ void FieldBody::add_change(const Matrix& unknowns, Matrix& forces) const {
   }
 }
 
-void FieldBody::iterate(Matrix& left, FieldWork& work, double tolerance) const {
+void FieldBody::iterate(Matrix& left, Work& work, double accuracy) const {
   const Index columns = left.cols();
   Matrix& found = work.unknowns;
   double of_first = of_lacking * of_lacking;
   if (found.rows() != body_->size() || found.cols() != columns) {
+    if (std::isinf(accuracy)) {  // the means alone
+      found = body_->factor_->solve(left);
+      work.of_means = left;
+      return;
+    }
     found = Matrix::Zero(body_->size(), columns);
     work.of_means = Matrix::Zero(body_->size(), columns);
     of_first = 0.0;  // nothing is known: it may be the only solution
@@ -96,7 +99,7 @@ void FieldBody::iterate(Matrix& left, FieldWork& work, double tolerance) const {
   Matrix of_means = left;
   Vector size = products(left, direction, modes());
   const Vector enough = of_first * size;
-  const double square = tolerance * tolerance;
+  const double square = accuracy * accuracy;
   constexpr double step_of_least_size = 1e-12;
   for (int step = 0; step < most_steps; ++step) {
     Vector wanted = square * products(found, work.of_means, modes());
@@ -137,7 +140,7 @@ void FieldBody::iterate(Matrix& left, FieldWork& work, double tolerance) const {
                        "stiffness is nearly indefinite");
 }
 
-void FieldBody::solve(ConstMatrixRef data, ConstMatrixRef amplitudes, FieldWork& work) const {
+Matrix FieldBody::forces_of(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
   Matrix forces = Matrix::Zero(body_->size(), amplitudes.cols());
   if (body_->rows() > 0) {
     forces += body_->traces_.transpose() * (body_->weights_.asDiagonal() * data);
@@ -150,17 +153,40 @@ void FieldBody::solve(ConstMatrixRef data, ConstMatrixRef amplitudes, FieldWork&
     for (std::size_t part = 0; part < stretches_.size(); ++part) {
       const Stretch& stretch = *stretches_[part];
       const Matrix imposed = (stretch.initial - stretch.offset) * amplitudes;
-      forces += stretch.back * coupled(part, imposed);
+      if (!imposed.isZero(0.0)) {
+        forces += stretch.back * coupled(part, imposed);
+      }
     }
   }
-  iterate(forces, work, exact);
+  return forces;
+}
+
+bool FieldBody::solved(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
+  const auto same = [](const Matrix& known, const ConstMatrixRef& given) {
+    return known.rows() == given.rows() && known.cols() == given.cols() && known == given;
+  };
+  return work_.unknowns.size() > 0 && same(work_.data, data) && same(work_.amplitudes, amplitudes);
+}
+
+void FieldBody::solve(ConstMatrixRef data, ConstMatrixRef amplitudes, double accuracy) const {
+  if (work_.accuracy <= accuracy && solved(data, amplitudes)) {
+    return;
+  }
+  work_.accuracy = std::numeric_limits<double>::infinity();
+  work_.data = data;
+  work_.amplitudes = amplitudes;
+  work_.forces = forces_of(data, amplitudes);
+  Matrix left = work_.forces;
+  iterate(left, work_, accuracy);
+  work_.accuracy = accuracy;
 }
 
 void FieldBody::apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces,
-                      FieldWork& work) const {
-  solve(data, amplitudes, work);
+                      double accuracy) const {
+  const std::scoped_lock lock(mutex_);
+  solve(data, amplitudes, accuracy);
   if (body_->rows() > 0) {
-    algebra::multiply_sparse(body_->traces_, work.unknowns, traces);
+    algebra::multiply_sparse(body_->traces_, work_.unknowns, traces);
     if (amplitudes.rows() > 0) {
       traces.noalias() += body_->offset_traces_ * amplitudes;
     }
@@ -172,16 +198,31 @@ void FieldBody::change(ConstMatrixRef data, MatrixRef traces) const {
     return;
   }
   Matrix forces = body_->traces_.transpose() * (body_->weights_.asDiagonal() * data);
-  FieldWork work;
+  Work work;
   iterate(forces, work, of_changes);
   algebra::multiply_sparse(body_->traces_, work.unknowns, traces);
 }
 
+Matrix FieldBody::left() const {
+  const std::scoped_lock lock(mutex_);
+  Matrix of_all = work_.of_means;
+  add_change(work_.unknowns, of_all);
+  return work_.forces - of_all;
+}
+
+void FieldBody::advance(const Matrix& step) const {
+  const std::scoped_lock lock(mutex_);
+  work_.unknowns += step;
+  work_.of_means += body_->lower_.selfadjointView<Eigen::Lower>() * step;
+  work_.accuracy = std::numeric_limits<double>::infinity();
+}
+
 /// Of u = q + u0 that with the means, K q from the operator without the springs of its sides, and what the field adds.
-Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes, FieldWork& work) const {
-  solve(data, amplitudes, work);
-  const Matrix& q = work.unknowns;
-  Vector energies = q.cwiseProduct(work.of_means).colwise().sum();
+Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes, double accuracy) const {
+  const std::scoped_lock lock(mutex_);
+  solve(data, amplitudes, accuracy);
+  const Matrix& q = work_.unknowns;
+  Vector energies = q.cwiseProduct(work_.of_means).colwise().sum();
   if (body_->rows() > 0) {
     const Matrix moved = body_->traces_ * q;
     const Vector robin = body_->weights_.cwiseProduct(body_->direction_);
@@ -208,12 +249,14 @@ Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes, Field
   return energies;
 }
 
-std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes,
-                                             FieldWork& work) const {
-  solve(data, amplitudes, work);
+std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
+  const std::scoped_lock lock(mutex_);
+  if (std::isinf(work_.accuracy) || !solved(data, amplitudes)) {
+    solve(data, amplitudes, exact);
+  }
   std::vector<Matrix> fields;
   for (std::size_t e = 0; e < body_->prolongations_.size(); ++e) {
-    fields.emplace_back(body_->prolongations_[e] * work.unknowns);
+    fields.emplace_back(body_->prolongations_[e] * work_.unknowns);
     if (body_->offsets_[e].size() > 0) {
       fields.back() += body_->offsets_[e] * amplitudes;
     }
@@ -221,16 +264,33 @@ std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data, ConstMatrixRef
   return fields;
 }
 
-std::shared_ptr<const Body> FieldColumns::sample(const Body& mean, Index number) const {
+std::vector<Matrix> FieldColumns::displacements(const Body& mean, ConstMatrixRef data,
+                                                ConstMatrixRef amplitudes) const {
+  if (chaos != nullptr) {
+    return chaos->displacements(data, amplitudes);
+  }
   if (body != nullptr) {
-    return body;
+    return body->displacements(data, amplitudes, response);
   }
-  std::vector<Vector> own;
-  own.reserve(factors.size());
-  for (const Matrix& each : factors) {
-    own.emplace_back(each.col(number));
+  const Index count = data.cols() / blocks();
+  std::vector<Matrix> fields;
+  for (Index k = 0; k < blocks(); ++k) {
+    std::vector<Vector> own;
+    for (const Matrix& each : factors) {
+      own.emplace_back(each.col(k));
+    }
+    const std::shared_ptr<const Body> sample = mean.with_factors(own);
+    const std::vector<Matrix> found = sample->displacements(data.middleCols(k * count, count),
+                                                            amplitudes.middleCols(k * count, count),
+                                                            sample->response_to_extra(extra));
+    for (std::size_t e = 0; e < found.size(); ++e) {
+      if (k == 0) {
+        fields.emplace_back(found[e].rows(), data.cols());
+      }
+      fields[e].middleCols(k * count, count) = found[e];
+    }
   }
-  return mean.with_factors(own);
+  return fields;
 }
 
 }  // namespace latin::substructure

@@ -40,40 +40,20 @@ void GlobalStage::apply_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef
                               MatrixRef traces) {
   const FieldColumns& field = *laws_.field(b);
   if (field.chaos != nullptr) {
-    field.chaos->apply(data, amplitudes, traces, of_fields_[b]);
+    field.chaos->apply(data, amplitudes, traces, of_fields_);
     return;
   }
-  const Body& means = laws_.structure().bodies()[b];
-  const Index count = data.cols() / field.blocks();
-  for (Index k = 0; k < field.blocks(); ++k) {
-    const std::shared_ptr<const Body> body = field.sample(means, k);
-    const LoadResponse own =
-        field.body != nullptr ? LoadResponse() : body->response_to_extra(field.extra);
-    auto here = traces.middleCols(k * count, count);
-    body->apply(data.middleCols(k * count, count), here, work_);
-    here.noalias() += (field.body != nullptr ? field.response.traces : own.traces) *
-                      amplitudes.middleCols(k * count, count);
-  }
+  field.body->apply(data, traces, work_);
+  traces.noalias() += field.response.traces * amplitudes;
 }
 
 Vector GlobalStage::energies_of_field(std::size_t b, ConstMatrixRef data, ConstMatrixRef traces,
                                       ConstMatrixRef forces, ConstMatrixRef amplitudes) {
   const FieldColumns& field = *laws_.field(b);
   if (field.chaos != nullptr) {
-    return field.chaos->energies(data, amplitudes, of_fields_[b]);
+    return field.chaos->energies(data, amplitudes, of_fields_);
   }
-  const Body& means = laws_.structure().bodies()[b];
-  const Index count = data.cols() / field.blocks();
-  Vector energies(data.cols());
-  for (Index k = 0; k < field.blocks(); ++k) {
-    const std::shared_ptr<const Body> body = field.sample(means, k);
-    const auto columns = Eigen::seqN(k * count, count);
-    energies(columns) = body->energies(
-        data(every, columns), traces(every, columns), forces(every, columns),
-        amplitudes(every, columns),
-        field.body != nullptr ? field.response : body->response_to_extra(field.extra), work_);
-  }
-  return energies;
+  return field.body->energies(data, traces, forces, amplitudes, field.response, work_);
 }
 
 void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
@@ -93,11 +73,7 @@ void GlobalStage::change(ConstMatrixRef change, MatrixRef traces) {
       if (field->chaos != nullptr) {
         field->chaos->change(step, added);
       } else {
-        const Index count = step.cols() / field->blocks();
-        for (Index k = 0; k < field->blocks(); ++k) {
-          field->sample(body, k)->apply_single(step.middleCols(k * count, count),
-                                               added.middleCols(k * count, count), work_);
-        }
+        field->body->apply_single(step, added, work_);
       }
       traces.middleRows(row, body.rows()) += added;
       continue;
@@ -198,33 +174,6 @@ Sizes GlobalStage::sizes(ConstMatrixRef data, ConstMatrixRef traces, ConstMatrix
   return sizes;
 }
 
-namespace {
-
-std::vector<Matrix> displacements_of_field(const Body& means, const FieldColumns& field,
-                                           ConstMatrixRef data, ConstMatrixRef amplitudes) {
-  if (field.chaos != nullptr) {
-    FieldWork work;
-    return field.chaos->displacements(data, amplitudes, work);
-  }
-  const Index count = data.cols() / field.blocks();
-  std::vector<Matrix> fields;
-  for (Index k = 0; k < field.blocks(); ++k) {
-    const std::shared_ptr<const Body> body = field.sample(means, k);
-    const std::vector<Matrix> own = body->displacements(
-        data.middleCols(k * count, count), amplitudes.middleCols(k * count, count),
-        field.body != nullptr ? field.response : body->response_to_extra(field.extra));
-    for (std::size_t e = 0; e < own.size(); ++e) {
-      if (k == 0) {
-        fields.emplace_back(own[e].rows(), data.cols());
-      }
-      fields[e].middleCols(k * count, count) = own[e];
-    }
-  }
-  return fields;
-}
-
-}  // namespace
-
 std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, ConstMatrixRef data,
                                                           ConstMatrixRef amplitudes) {
   const Structure& structure = laws.structure();
@@ -243,7 +192,7 @@ std::vector<std::pair<std::string, Matrix>> displacements(const Laws& laws, Cons
         field = scaled->back(field);
       }
     } else if (const FieldColumns* field = laws.field(b)) {
-      of_body = displacements_of_field(body, *field, of_sides, amplitudes);
+      of_body = field->displacements(body, of_sides, amplitudes);
     } else {
       of_body = body.displacements(of_sides, amplitudes, laws.response(b));
     }

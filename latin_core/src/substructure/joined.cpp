@@ -55,14 +55,14 @@ class Unpacker {
 
 }  // namespace
 
-Joined::Joined(const Structure& structure) : structure_(structure) {
+Joined::Joined(const Structure& structure, const Laws* laws) : structure_(structure) {
   const auto& interfaces = structure.interfaces();
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     if (!interfaces[i].shared() || interfaces[i].here() == 0) {
       spoken_for_.push_back(i);
     }
   }
-  structure.communicator().together([this] { take_own(); });
+  structure.communicator().together([this, laws] { take_own(laws); });
   if (!structure.communicator().alone()) {
     exchange();
   }
@@ -72,14 +72,18 @@ Joined::Joined(const Structure& structure) : structure_(structure) {
   }
 }
 
-void Joined::take_own() {
+void Joined::take_own(const Laws* laws) {
   const auto& bodies = structure_.bodies();
+  const bool varied = laws != nullptr && laws->modes() == 1;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const FieldColumns* field = varied ? laws->field(b) : nullptr;
+    const ScaledColumns* scaled = varied ? laws->scaled(b) : nullptr;
+    const double factor = scaled != nullptr ? scaled->factors.values(0) : 1.0;
     JoinedBody body;
     body.first_row = structure_.body_rows()[b];
-    body.stiffest = bodies[b].stiffest();
+    body.stiffest = factor * bodies[b].stiffest();
     if (bodies[b].rows() > 0) {
-      body.stiffness = stiffness_of(bodies[b]);
+      body.stiffness = factor * stiffness_of(field != nullptr ? *field->body : bodies[b]);
       body.traces = bodies[b].active_traces();
     }
     bodies_.push_back(std::move(body));

@@ -220,6 +220,19 @@ bool Laws::scales_anywhere() const {
   return !structure_->communicator().everywhere(scaled_ == nullptr && fields_ == nullptr);
 }
 
+bool Laws::stiffness_is_one() const {
+  if (modes_ > 1) {
+    return true;
+  }
+  for (std::size_t b = 0; b < structure_->bodies().size(); ++b) {
+    if ((scaled(b) != nullptr && scaled(b)->factors.values.size() != 1) ||
+        (field(b) != nullptr && field(b)->body == nullptr)) {
+      return false;
+    }
+  }
+  return true;
+}
+
 bool Laws::preconditions() const {
   return std::ranges::any_of(structure_->interfaces(), &ActiveInterface::paired);
 }
@@ -283,6 +296,11 @@ void Laws::check_columns(Index columns) const {
     const Index blocks = scaled_body != nullptr ? scaled_body->factors.values.size()
                          : of_field != nullptr  ? of_field->blocks()
                                                 : 1;
+    if (of_field != nullptr && of_field->chaos == nullptr && blocks > 1) {
+      throw InputError("body '" + structure_->bodies()[b].name() + "': " + std::to_string(blocks) +
+                       " samples of its field at once: each is a factorisation, and every stage "
+                       "would make it again; run one after the other");
+    }
     if (columns % blocks != 0) {
       throw InputError("body '" + structure_->bodies()[b].name() + "': " + std::to_string(blocks) +
                        " factors of its stiffness do not fit " + std::to_string(columns) +
@@ -490,7 +508,7 @@ FieldColumns Laws::field_of(std::size_t b,
     if (!samples.empty()) {
       throw InputError("body '" + body.name() + "': fields in modes and in samples");
     }
-    columns.chaos = std::make_shared<const FieldBody>(body, columns.extra, couplings);
+    columns.chaos = std::make_shared<const FieldBody>(body, response(b).extra, couplings);
     return columns;
   }
   const Index count = samples.front().second.cols();
@@ -504,7 +522,11 @@ FieldColumns Laws::field_of(std::size_t b,
     }
   }
   if (count == 1) {
-    columns.body = columns.sample(body, 0);
+    std::vector<Vector> own;
+    for (const Matrix& each : columns.factors) {
+      own.emplace_back(each.col(0));
+    }
+    columns.body = body.with_factors(own);
     columns.response = columns.body->response_to_extra(columns.extra);
   }
   return columns;

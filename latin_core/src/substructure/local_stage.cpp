@@ -196,9 +196,13 @@ Block LocalStage::force(std::size_t i, ConstMatrixRef data, ConstMatrixRef trace
   return resolve(i, free_jump(interface, data, traces, Matrix()), interface.flexibility);
 }
 
-void LocalStage::forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces) {
+void LocalStage::forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces,
+                                 const std::vector<bool>& asked) {
   const auto& interfaces = laws_.structure().interfaces();
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    if (!asked.empty() && !asked[i]) {
+      continue;
+    }
     const auto rows = Eigen::seqN(interfaces[i].first_unknown, interfaces[i].size());
     Block jump = jump_.shaped(interfaces[i].size(), jumps.cols());
     jump = jumps(rows, every);

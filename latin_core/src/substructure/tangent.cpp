@@ -1,6 +1,5 @@
 #include "latin/substructure/tangent.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -40,10 +39,6 @@ constexpr double glued_sums = 10.0;
 constexpr Index most_gradients = 60;
 /// Steps that there will be at least, usually.
 constexpr Index some_gradients = 8;
-/// Energies of a fluctuation relative to its mean, and of a time step relative to the others, that count as none: the
-/// square roots.
-constexpr double little = 5e-7;
-constexpr double still = 1e-9;
 /// Operations of the check that nobody notices, and those beside the factorisations of the bodies.
 constexpr double negligible = 2e8;
 constexpr double affordable = 0.1;
@@ -621,156 +616,10 @@ Matrix Tangent::correct_each(const std::vector<Matrix>& slopes, const Matrix& ba
   return answer;
 }
 
-namespace {
-
-/// Sums over the columns of every group of a chaos, (groups).
-Vector sums_of(const ColumnGroups& groups, const Matrix& a, const Matrix& b) {
-  Vector sums = Vector::Zero(groups.count(a.cols()));
-  for (Index column = 0; column < a.cols(); ++column) {
-    sums(groups.of(column)) += a.col(column).dot(b.col(column));
-  }
-  return sums;
-}
-
-/// The same of the whole solution that a column belongs to: its mean with its fluctuation, (columns).
-Eigen::RowVectorXd of_solutions(const ColumnGroups& groups, const Vector& sums, Index columns) {
-  Eigen::RowVectorXd of_columns(columns);
-  for (Index column = 0; column < columns; ++column) {
-    const Index first = groups.of(column) / groups.kinds() * groups.kinds();
-    of_columns(column) = sums.segment(first, groups.kinds()).sum();
-  }
-  return of_columns;
-}
-
-/// Errors in energy that are small enough, (groups): a group that is next to nothing is measured with the others.
-Vector small_enough(const ColumnGroups& groups, Vector energies, double tolerance) {
-  const double largest = energies.size() > 0 ? energies.maxCoeff() : 0.0;
-  for (Index first = 0; first < energies.size(); first += groups.kinds()) {
-    auto own = energies.segment(first, groups.kinds());
-    own = own.cwiseMax(little * little * own.maxCoeff()).cwiseMax(still * still * largest);
-  }
-  return tolerance * tolerance * energies;
-}
-
-/// One over the least eigenvalue that conjugate gradients have seen of the preconditioned matrix, of all columns: from
-/// the tridiagonal matrix of their coefficients (Y. Saad, Iterative Methods for Sparse Linear Systems, 6.7.3).
-double largest_inverse(const std::vector<Eigen::RowVectorXd>& shares,
-                       const std::vector<Eigen::RowVectorXd>& falls) {
-  double largest = 1.0;
-  const Index columns = shares.empty() ? 0 : shares.front().size();
-  for (Index column = 0; column < columns; ++column) {
-    if (column > 0 && std::ranges::all_of(shares, [column](const Eigen::RowVectorXd& share) {
-          return share(column) == share(column - 1);
-        })) {
-      continue;  // of the same solution
-    }
-    Index count = 0;
-    while (count < static_cast<Index>(shares.size()) &&
-           shares[static_cast<std::size_t>(count)](column) > 0.0) {
-      ++count;
-    }
-    if (count == 0) {
-      continue;
-    }
-    Vector diagonal(count);
-    Vector beside(std::max<Index>(count - 1, 0));
-    for (Index i = 0; i < count; ++i) {
-      const auto at = static_cast<std::size_t>(i);
-      diagonal(i) = 1.0 / shares[at](column);
-      if (i > 0) {
-        diagonal(i) += falls[at - 1](column) / shares[at - 1](column);
-      }
-      if (i + 1 < count) {
-        beside(i) = std::sqrt(falls[at](column)) / shares[at](column);
-      }
-    }
-    Eigen::SelfAdjointEigenSolver<Matrix> eigen;
-    eigen.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
-    largest = std::max(largest, 1.0 / eigen.eigenvalues()(0));
-  }
-  return largest;
-}
-
-}  // namespace
-
-double Tangent::correct_coupled(
-    const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
-    const ColumnGroups& groups, double tolerance, MatrixRef residual, MatrixRef moved) {
-  const Index columns = residual.cols();
-  if (!symmetric_) {
-    return 0.0;
-  }
+void Tangent::expect(Index columns) {
   if (dense_ && inverse_.size() == 0 && some_gradients * columns > 2 * active_) {
     invert();
   }
-  const Vector holding = joined_->weights().cwiseProduct(holding_);
-  const SparseRows held = to_unknowns_ * SparseRows(holding.asDiagonal() * traces_);
-  const SparseRows nodal = SparseRows(jumps_.transpose()) * areas_.asDiagonal();
-  Matrix jumps(sides_.rows(), columns);
-  Matrix between(sides_.rows(), columns);
-  Matrix forces(active_, columns);
-  Matrix added(active_, columns);
-  const auto multiply = [&](const Matrix& answer) {
-    algebra::multiply_sparse(jumps_, answer, jumps);
-    springs(jumps, between);
-    algebra::multiply_sparse(nodal, between, forces);
-    algebra::multiply_sparse(held, answer, added);
-    forces += added;
-    add_body_forces(answer, forces);
-  };
-
-  const Matrix half = 0.5 * residual;
-  Matrix apart(sides_.rows(), columns);
-  subtract_sides(joined_->directions().cwiseInverse().asDiagonal() * half, apart);
-  Matrix load(active_, columns);
-  springs(apart, between);
-  algebra::multiply_sparse(nodal, between, load);
-  algebra::multiply_sparse(to_unknowns_, joined_->weights().asDiagonal() * half, added);
-  load += added;
-  Matrix left = load;
-  Matrix answer = Matrix::Zero(active_, columns);
-  Matrix preconditioned = solve(left);
-  Matrix direction = preconditioned;
-  Vector size = sums_of(groups, left, preconditioned);
-  std::vector<Eigen::RowVectorXd> shares;
-  std::vector<Eigen::RowVectorXd> falls;
-  for (Index count = 0; count < most_gradients; ++count) {
-    multiply(direction);
-    const Eigen::RowVectorXd work =
-        of_solutions(groups, sums_of(groups, direction, forces), columns);
-    const Eigen::RowVectorXd before = of_solutions(groups, size, columns);
-    if (!work.allFinite() || (work.array() < 0.0).any()) {
-      return 0.0;  // not springs
-    }
-    const Eigen::RowVectorXd share = (work.array() > 0.0).select(before.cwiseQuotient(work), 0.0);
-    shares.push_back(share);
-    for (Index column = 0; column < columns; ++column) {
-      answer.col(column) += share(column) * direction.col(column);
-      left.col(column) -= share(column) * forces.col(column);
-    }
-    preconditioned = solve(left);
-    size = sums_of(groups, left, preconditioned);
-    const Vector energies = sums_of(groups, answer, load) - sums_of(groups, answer, left);
-    if ((size.array() <= small_enough(groups, energies, tolerance).array()).all()) {
-      break;
-    }
-    const Eigen::RowVectorXd now = of_solutions(groups, size, columns);
-    falls.emplace_back((before.array() > 0.0).select(now.cwiseQuotient(before), 0.0));
-    for (Index column = 0; column < columns; ++column) {
-      direction.col(column) =
-          preconditioned.col(column) + falls.back()(column) * direction.col(column);
-    }
-  }
-  if (!answer.allFinite()) {
-    return 0.0;
-  }
-  algebra::multiply_sparse(traces_, answer, moved);
-  algebra::multiply_sparse(jumps_, answer, jumps);
-  springs(apart - jumps, between);
-  Matrix step = half + (joined_->directions() - holding_).asDiagonal() * moved;
-  add_to_sides(between, step);
-  residual = step;
-  return largest_inverse(shares, falls);
 }
 
 Matrix Tangent::respond(const Matrix& forces, MatrixRef data, MatrixRef moved) {

@@ -27,6 +27,10 @@ class Factor {
   [[nodiscard]] virtual Index size() const = 0;
   /// X = A^-1 B for a block of columns at once, shape (size, c).
   [[nodiscard]] virtual Matrix solve(ConstMatrixRef rhs) const = 0;
+  /// L^-1 P B and P^T L^-T Z of blocks of columns, (size, c), of a factor that condenses: P A P^T = L L^T, and the
+  /// trailing unknowns are the last rows on both sides.
+  [[nodiscard]] virtual Matrix forward(ConstMatrixRef rhs) const = 0;
+  [[nodiscard]] virtual Matrix backward(ConstMatrixRef rhs) const = 0;
   /// Lower triangular (trailing, trailing) factor L of the Schur complement S = L L^T on the trailing
   /// unknowns, in their given order.
   [[nodiscard]] virtual Matrix trailing_factor() const = 0;

@@ -46,10 +46,9 @@ class Linearisation {
   /// The same with the tangents of every column's own, of linear laws on one rank: see Tangent::correct_each().
   Matrix correct_each(const substructure::Laws& laws, const State& state, const Matrix& basis,
                       const Vector& fall, MatrixRef residual, Matrix& moved) const;
-  /// The same of a chaos with linear laws, whose columns the tangents couple, with those of its means as
-  /// preconditioner; on one rank: see Tangent::correct_coupled().
-  double correct_coupled(substructure::LocalStage& local, double tolerance, MatrixRef residual,
-                         Matrix& moved) const;
+  /// The same of a chaos with linear laws, whose columns random stiffnesses couple: see Coupled::correct().
+  double correct_coupled(substructure::LocalStage& local, double tolerance, int round,
+                         Vector& energies, MatrixRef residual, Matrix& moved) const;
   /// What rounding of forces and displacements may do to a state, relative to it: (groups, bodies). It is not found
   /// again for another one, until other tangents are taken. Guessed, and measured of bodies that rounding leaves
   /// little of.

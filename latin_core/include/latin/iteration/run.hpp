@@ -48,6 +48,7 @@ class Run {
   [[nodiscard]] Iterate at() { return {state_, residual_}; }
   [[nodiscard]] Index iterations() const { return stages_.count() + newton_stages_; }
   [[nodiscard]] double elapsed() const;
+  [[nodiscard]] double accuracy_of_fields() const;
   void begin(bool traces_known);
   bool solve_coupled();
   Measured observe();
@@ -85,6 +86,7 @@ class Run {
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
   double callback_s_ = 0.0;
   bool interrupted_ = false;        ///< on this rank
+  int rounds_left_ = 0;             ///< in which all columns may be solved for at once
   bool solved_ = false;             ///< for all columns at once: the next iterate is to be checked
   bool started_elsewhere_ = false;  ///< from states of other parameters
   bool stop_ = false;               ///< interrupted on some rank, as all know

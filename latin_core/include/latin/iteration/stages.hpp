@@ -54,6 +54,8 @@ class Stages {
   [[nodiscard]] const substructure::Laws& laws() const { return global_.laws(); }
   [[nodiscard]] const substructure::Structure& structure() const { return laws().structure(); }
   [[nodiscard]] const Matrix& amplitudes() const { return amplitudes_; }
+  /// See GlobalStage.
+  void set_accuracy_of_fields(double accuracy) { global_.set_accuracy_of_fields(accuracy); }
   /// What a step goes through. It refers to this object.
   [[nodiscard]] FixedPoint fixed_point();
   /// Both stages, in double precision, from data alone.

@@ -23,7 +23,11 @@ class Verification {
   /// Errors of nonlinear laws below this are not told apart: short steps do not say how short the next one is.
   [[nodiscard]] static double resolution(double rtol);
 
-  /// Whether there is one for these laws: not for long histories of laws with memory. Collective.
+  /// Whether the structure can be linearised: not for long histories of laws with memory. Collective.
+  [[nodiscard]] static bool known(const substructure::Laws& laws);
+
+  /// Whether every estimate is checked: not where the stiffness of bodies varies, but for what is solved at once.
+  /// Collective.
   [[nodiscard]] static bool possible(const substructure::Laws& laws);
 
   /// Whether an answer can be searched for. Collective.
@@ -55,9 +59,11 @@ class Verification {
   /// @param residual of the iterate
   /// @param whole    what errors are relative to
   /// @param rtol     errors far below this need not be known
+  /// @param at_most_once take no steps, unless only rounding is left to be told from an error
   /// @return nothing where the steps do not become short: the error is not known
   [[nodiscard]] std::optional<Found> check(const State& state, const Matrix& residual,
-                                           const Whole& whole, double rtol);
+                                           const Whole& whole, double rtol,
+                                           bool at_most_once = false);
   /// Look for the answer itself, by steps of the same kind with the bodies held back (pseudo-transient
   /// continuation, C. T. Kelley and D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508): what is left to try where an
   /// iteration got stuck.
@@ -110,7 +116,11 @@ class Verification {
   std::optional<Matrix> settled_;
   Matrix moved_;
   double spread_of_coupled_ =
-      0.0;  ///< bound of errors in energy, see Tangent::correct_coupled(); 0: not known
+      0.0;           ///< bound of errors in energy, see Coupled::correct(); 0: not known
+  Vector energies_;  ///< of the coupled solution so far
+  int rounds_ = 0;   ///< of it
+  bool rounding_decides_ =
+      false;  ///< whether an iterate is an answer: nothing else keeps it from that
 };
 
 }  // namespace latin::iteration

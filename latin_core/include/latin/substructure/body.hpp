@@ -162,6 +162,13 @@ class Body {
   /// As apply(), with the condensed factor in single precision where there is one: what it is fast for are
   /// changes of the data, whose own error shrinks with them. The copy is made when first asked for.
   void apply_single(ConstMatrixRef data, MatrixRef traces, BodyWork& work) const;
+  /// Forces on all unknowns (n_body, c) as those on the active ones that move these alike, (active, c), with the
+  /// operator of a condensed body.
+  /// @param partial what expand() goes on from, (n_body, c)
+  [[nodiscard]] Matrix reduce(ConstMatrixRef forces, Matrix& partial) const;
+  /// Displacements of all unknowns (n_body, c) under these forces, where the active ones move by `active`, (active, c):
+  /// whatever else pulls at them.
+  [[nodiscard]] Matrix expand(ConstMatrixRef active, Matrix partial) const;
   /// Schur complement of the operator on the active unknowns, with the springs k: (active, active), lower triangle.
   /// Made when first asked for; a body that is not condensed solves for every active unknown.
   [[nodiscard]] const Matrix& schur() const;
@@ -264,9 +271,16 @@ class Body {
   std::string name_;
   Index size_ = 0;
   std::vector<Stretch> stretches_;
+  /// How the operator is the sum of what its stretches add.
+  struct Spread {
+    SparseRows lower;  ///< the operator, columns in order
+    std::vector<SparseColumns>
+        slopes;  ///< of its entries by the factors of the stretches, (entries, points)
+  };
+  /// Of samples of a field: made when first asked for.
+  [[nodiscard]] const Spread& spread() const;
   SparseRows lower_;  ///< of the operator, columns in order; empty: without stretches
-  std::vector<SparseColumns>
-      slopes_;  ///< of the stretches: its entries by the factors, (entries, points)
+  Lazy<Spread> spread_;
   OperatorOptions options_;
   /// What it is the sum of, in its unknowns; empty where rounding leaves enough of it.
   struct Terms {

@@ -17,11 +17,13 @@ namespace latin::substructure {
 /// one thread.
 class GlobalStage {
  public:
-  explicit GlobalStage(Laws laws)
-      : laws_(std::move(laws)), of_fields_(laws_.structure().bodies().size()) {}
+  explicit GlobalStage(Laws laws) : laws_(std::move(laws)) {}
 
   [[nodiscard]] const Laws& laws() const { return laws_; }
 
+  /// How exactly bodies with a random field are solved in the modes of a chaos, see FieldBody; infinity: by their
+  /// means alone where nothing is known.
+  void set_accuracy_of_fields(double accuracy) { of_fields_ = accuracy; }
   /// w of all sides, (rows, c). Bodies are independent: nothing is communicated.
   /// @param amplitudes (l, c) of the load patterns
   void apply(ConstMatrixRef data, ConstMatrixRef amplitudes, MatrixRef traces);
@@ -52,7 +54,7 @@ class GlobalStage {
                                          ConstMatrixRef amplitudes);
 
   Laws laws_;
-  std::vector<FieldWork> of_fields_;
+  double of_fields_ = FieldBody::exact;
   BodyWork work_;
   Workspace block_;
 };

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "latin/common/types.hpp"
-#include "latin/substructure/structure.hpp"
+#include "latin/substructure/laws.hpp"
 
 namespace latin::substructure {
 
@@ -31,7 +31,10 @@ class Joined {
   };
 
   /// @throws NumericalError on all ranks where a body cannot be condensed on one
-  explicit Joined(const Structure& structure);
+  explicit Joined(const Structure& structure) : Joined(structure, nullptr) {}
+  /// With the factors that laws give to the stiffness of bodies in all their columns; of a chaos, with those of the
+  /// means.
+  explicit Joined(const Laws& laws) : Joined(laws.structure(), &laws) {}
 
   [[nodiscard]] Index rows() const { return weights_.size(); }
   [[nodiscard]] Index active() const { return first_active_.back(); }
@@ -57,7 +60,8 @@ class Joined {
   [[nodiscard]] Index most_components() const { return most_components_; }
 
  private:
-  void take_own();
+  Joined(const Structure& structure, const Laws* laws);
+  void take_own(const Laws* laws);
   void number_interfaces();
   void exchange();
   [[nodiscard]] std::vector<double> packed() const;

@@ -95,6 +95,8 @@ class Laws {
   [[nodiscard]] const FieldColumns* field(std::size_t body) const;
   /// Whether the stiffness of some body has factors. Collective.
   [[nodiscard]] bool scales_anywhere() const;
+  /// Whether the stiffness of every body is the same in all columns, factors included; of a chaos: at the means.
+  [[nodiscard]] bool stiffness_is_one() const;
   /// Whether the structure has paired interfaces.
   [[nodiscard]] bool preconditions() const;
   /// Residual (rows, c) into a step on the data: paired interfaces are solved with their laws, the others take

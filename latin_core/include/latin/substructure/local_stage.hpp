@@ -43,7 +43,8 @@ class LocalStage {
                                          ConstMatrixRef traces);
   /// Forces of all interfaces (unknowns, c), on one rank, for free jumps (unknowns, c) that belong to a flexibility of
   /// nothing: what rigid laws answer is not finite.
-  void forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces);
+  /// @param asked which interfaces are asked, by their number; empty: all. Forces of the others are left as they are
+  void forces_of_jumps(ConstMatrixRef jumps, MatrixRef forces, const std::vector<bool>& asked = {});
 
  private:
   using Block = Eigen::Map<Matrix>;

@@ -71,18 +71,6 @@ class Tangent {
   /// nothing has changed then
   Matrix correct_each(const std::vector<Matrix>& slopes, const Matrix& basis, const Vector& fall,
                       MatrixRef residual, MatrixRef moved);
-  /// Corrections where the tangents couple the columns, and are symmetric and stable: by conjugate gradients on the
-  /// active unknowns, with this factorisation as preconditioner. Of one rank.
-  /// @param springs   forces of the interfaces per area for jumps, (unknowns, c) both; linear
-  /// @param groups    which columns are solutions of their own, and which of these are measured together
-  /// @param tolerance on the energy norm of the errors of every group, relative to the group
-  /// @param residual  (rows, c) into the step on the data, in place
-  /// @param moved     what the step does to the traces, (rows, c)
-  /// @return the factor by which errors in energy may be larger than what correct() says of them, squared; 0 where
-  /// there is no answer, and nothing has changed then
-  double correct_coupled(const std::function<void(const Matrix& jumps, Matrix& forces)>& springs,
-                         const ColumnGroups& groups, double tolerance, MatrixRef residual,
-                         MatrixRef moved);
   /// What forces on the active unknowns of the bodies (active, c) do to the data and the traces, (rows, c).
   /// @return the displacements of these unknowns, (active, c)
   Matrix respond(const Matrix& forces, MatrixRef data, MatrixRef moved);
@@ -108,6 +96,14 @@ class Tangent {
   [[nodiscard]] const SparseRows& traces() const { return traces_; }
   [[nodiscard]] const SparseRows& sides() const { return sides_; }
   [[nodiscard]] const SparseRows& jumps() const { return jumps_; }
+  /// W K of the last factorisation, (unknowns, unknowns), and the springs that hold the bodies, (rows).
+  [[nodiscard]] const SparseRows& springs() const { return tangent_; }
+  [[nodiscard]] const Vector& holding() const { return holding_; }
+  [[nodiscard]] bool symmetric() const { return symmetric_; }
+  /// Areas (unknowns).
+  [[nodiscard]] const Vector& areas() const { return areas_; }
+  /// Many blocks of so many columns will be solved for.
+  void expect(Index columns);
   /// S u, (active)
   [[nodiscard]] Vector stiffness_times(const Vector& moved) const;
   /// The diagonal of S, (active).
