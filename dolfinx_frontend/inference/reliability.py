@@ -55,6 +55,12 @@ SAME = 0.1
 MOST_POINTS = 20
 """Design points at most around which samples are drawn."""
 MORE_SEARCHES = 5
+MOST_STARTS = 8
+"""Points from which more design points are searched."""
+FARTHER = 2.5
+"""A design point further than the first by so many deviations adds nothing."""
+FEW = 8
+"""Variables up to which directions are sampled where design points do not do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +290,7 @@ def chance(
     if method == "auto" and hits >= FREQUENT:
         found = plain_sampling(limit, rng, cov, max(most - len(pilot), 100), level)
         return Chance(found, (), none, "monte carlo", f"it happened at {hits} of {PILOT} independent points")
-    points = _searched(limit, pilot, margins)
+    points = _searched(limit, pilot, margins, rng)
     usable = [each for each in points if each.beta > 0.0]
     if method in ("form", "sorm"):
         return _approximate(limit, method, usable, distance[0])
@@ -304,17 +310,27 @@ def _flat(distance: Array) -> str:
     return "no design point was found"
 
 
-def _searched(limit: Limit, pilot: Array, margins: Array) -> list[DesignPoint]:
-    """Design points of all cuts, each once."""
+def _searched(limit: Limit, pilot: Array, margins: Array, rng: np.random.Generator) -> list[DesignPoint]:
+    """Design points of all cuts, each once; a cut may have several, which are searched from all around."""
     found: list[DesignPoint] = []
+    around = max(1, min(MOST_STARTS // len(limit.cuts), 2 * limit.dimension))
     for cut in limit.cuts:
         one = design_point(limit, cut, np.zeros(limit.dimension))
         if not _happens(limit, one):
             # from the best of the points so far
             best = margins[:, list(cut)].max(axis=1).argmin()
             one = design_point(limit, cut, pilot[best])
-        if _happens(limit, one):
-            found.append(one)
+        if not _happens(limit, one):
+            continue
+        found.append(one)
+        if not one.beta > 0.0:
+            continue
+        frame, _ = np.linalg.qr(np.column_stack([one.alpha, rng.standard_normal((limit.dimension,) * 2)]))
+        sides = np.concatenate([frame[:, :1].T * -np.sign(frame[:, 0] @ one.alpha), frame[:, 1:].T, -frame[:, 1:].T])
+        for side in sides[:around]:
+            more = design_point(limit, cut, one.beta * side)
+            if _happens(limit, more) and more.beta < one.beta + FARTHER:
+                found.append(more)
     return _different(found)
 
 
@@ -385,6 +401,10 @@ def _sampled(
         if len(points) == before:  # it is the edge of what is known
             break
     why = f"{len(points)} design point{'s' if len(points) > 1 else ''}"
+    if not found.complete and not asked and limit.dimension <= FEW:
+        other = directional_sampling(limit, rng, cov, most, level)
+        if other.complete:
+            return Chance(other, tuple(points), none, "directional", f"{why} are not all there is")
     why += f", {added} of them found by samples" if added else ""
     return Chance(found, tuple(points), none, "importance", asked or why)
 

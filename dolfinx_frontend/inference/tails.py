@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special, stats
@@ -152,8 +152,9 @@ def importance_sampling(
         heaviest = int(weights.argmax())
         if hits >= 5 and weights[heaviest] > HEAVY * weights.sum():
             away = np.linalg.norm(mixture.centres - u[heaviest], axis=1).min()
-            if away > 2.0 and count < most:
-                return _found(weights, u, value, spread, cov, level), u[heaviest]
+            if away > 1.5 and count < most:
+                missing = _found(weights, u, value, spread, cov, level)
+                return replace(missing, complete=False), u[heaviest]
         enough = hits >= FEWEST_HITS and spread <= SAFETY * cov
         if enough or count >= most:
             return _found(weights, u, value, spread, cov, level), None
