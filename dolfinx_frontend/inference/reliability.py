@@ -390,8 +390,9 @@ def _sampled(
     """Importance sampling; a part of the event that shows up gets a design point of its own."""
     none = float("nan")
     added = 0
-    for _ in range(MORE_SEARCHES):
-        found, missed = importance_sampling(limit, points, rng, cov, most, level)
+    for search in range(MORE_SEARCHES + 1):
+        look = search < MORE_SEARCHES
+        found, missed = importance_sampling(limit, points, rng, cov, most, level, look)
         if missed is None:
             break
         more = [design_point(limit, cut, missed) for cut in limit.cuts]
@@ -399,6 +400,7 @@ def _sampled(
         before, points = len(points), _different([*points, *more])
         added += len(points) - before
         if len(points) == before:  # it is the edge of what is known
+            found, _ = importance_sampling(limit, points, rng, cov, most, level, look=False)
             break
     why = f"{len(points)} design point{'s' if len(points) > 1 else ''}"
     if not found.complete and not asked and limit.dimension <= FEW:

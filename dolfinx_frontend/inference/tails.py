@@ -126,8 +126,9 @@ def importance_sampling(
     cov: float,
     most: int,
     level: float,
+    look: bool = True,
 ) -> tuple[Found, Array | None]:
-    """Samples around design points.
+    """Samples around design points; `look`: end where one shows a part of the event that has none.
 
     Returns
     -------
@@ -150,7 +151,7 @@ def importance_sampling(
         value = float(weights.mean())
         spread = float(weights.std(ddof=1)) / (math.sqrt(count) * value) if hits else math.inf
         heaviest = int(weights.argmax())
-        if hits >= 5 and weights[heaviest] > HEAVY * weights.sum():
+        if look and hits >= 5 and weights[heaviest] > HEAVY * weights.sum():
             away = np.linalg.norm(mixture.centres - u[heaviest], axis=1).min()
             if away > 1.5 and count < most:
                 missing = _found(weights, u, value, spread, cov, level)

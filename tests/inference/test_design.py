@@ -53,7 +53,7 @@ class Plain:
 
     def plane(self) -> float:
         """The probability by a fine grid in two dimensions."""
-        z = np.linspace(-8.5, 8.5, 1701)
+        z = np.linspace(-8.503, 8.511, 1749)  # no limit runs along it
         x, y = np.meshgrid(z, z)
         inside = worst(self.margins(np.column_stack([x.ravel(), y.ravel()])), self.cuts) < 0.0
         density = stats.norm.pdf(z) * (z[1] - z[0])
@@ -76,7 +76,7 @@ PLANE: dict[str, Plain] = {
     ),
     "RP22": Plain(2, lambda u: 2.5 - (u[:, 0] + u[:, 1]) / ROOT + 0.1 * (u[:, 0] - u[:, 1]) ** 2),
     "flat quartic": Plain(
-        2, lambda u: 2.5 - 0.2357 * (u[:, 0] - u[:, 1]) + 4.6e-6 * (u[:, 0] + u[:, 1] - 20.0) ** 4
+        2, lambda u: 2.5 - 0.8 * (u[:, 0] - u[:, 1]) + 4.6e-6 * (u[:, 0] + u[:, 1] - 20.0) ** 4
     ),
     "steep quartic": Plain(2, lambda u: 2.0 - u[:, 1] + u[:, 0] ** 4),
     "sine": Plain(
