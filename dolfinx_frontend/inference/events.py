@@ -313,12 +313,14 @@ class Event:
     @staticmethod
     def any(events: Iterable[Event]) -> Event:
         """That one of some events happens at least."""
-        return reduce(operator.or_, _several("any", events))
+        several = _several("any", events)
+        return _told(reduce(operator.or_, several), "any", several)
 
     @staticmethod
     def all(events: Iterable[Event]) -> Event:
         """That some events happen together."""
-        return reduce(operator.and_, _several("all", events))
+        several = _several("all", events)
+        return _told(reduce(operator.and_, several), "all", several)
 
     @property
     def random(self) -> tuple[Operand, ...]:
@@ -375,6 +377,14 @@ class Event:
 
     def __repr__(self) -> str:
         return f"Event({self.name})"
+
+
+def _told(event: Event, word: str, events: list[Event]) -> Event:
+    """The same with a name that stays short."""
+    if len(events) < 2:
+        return event
+    ends = [events[0].name, "...", events[-1].name] if len(events) > 3 else [each.name for each in events]
+    return Event(event.conditions, event.cuts, f"{word} of {len(events)}: {', '.join(ends)}")
 
 
 def _several(what: str, events: Iterable[Event]) -> list[Event]:

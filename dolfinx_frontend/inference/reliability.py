@@ -115,6 +115,8 @@ class Reliability:
         Wall time, ``setup`` and ``search``.
     lost
         Points that did not converge: the event was taken to happen there.
+    medians
+        Random number -> its median: what does not matter to the event has it at a design point.
     """
 
     event: str
@@ -131,7 +133,7 @@ class Reliability:
     gradients: int
     seconds: Mapping[str, float]
     lost: int = 0
-    scores: tuple[Array, ...] = field(default=(), repr=False)
+    medians: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def beta(self) -> float:
@@ -140,26 +142,34 @@ class Reliability:
 
     def __repr__(self) -> str:
         value, low, high, level = self.probability
-        shown = f"{value:.4g}"
+        found = f"{value:.4g}"
         if not np.isnan(low):
-            shown += f" [{low:.3g}, {high:.3g}] ({100 * level:g} %)"
-        lines = [f"P({self.event}) = {shown}"]
+            found += f" [{low:.3g}, {high:.3g}] ({100 * level:g} %)"
+        lines = [f"P({self.event}) = {found}"]
         spread = "" if np.isnan(self.cov) else f", cov {100 * self.cov:.2g} %"
         lines.append(f"  by {self.method}: {self.why}")
         taken = sum(self.seconds.values())
         spent = f"{self.runs} solves, {self.gradients} gradients, {taken:.2f} s"
         lines.append(f"  beta {self.beta:.4g}{spread}; {spent}")
         for beta, point in list(zip(self.betas, self.design_points, strict=True))[:3]:
-            at = ", ".join(f"{name} = {number:.5g}" for name, number in point.items())
+            # what the event does not need to differ from its median is left out
+            moved = [n for n in point if not _near(point[n], self.medians.get(n, np.inf))]
+            at = ", ".join(f"{name} = {point[name]:.5g}" for name in moved or point)
             lines.append(f"  design point at {beta:.4g} deviations: {at}")
         if len(self.betas) > 3:
             lines.append(f"  and {len(self.betas) - 3} more design points")
         if self.importance:
             shares = sorted(self.importance.items(), key=lambda each: -each[1])
-            lines.append("  importance: " + ", ".join(f"{n} {100 * s:.3g} %" for n, s in shares[:6]))
+            shown = [f"{name} {100 * share:.3g} %" for name, share in shares[:6] if share > 1e-3]
+            lines.append("  importance: " + ", ".join(shown))
         if self.lost:
             lines.append(f"  {self.lost} points did not converge, the event was taken to happen there")
         return "\n".join(lines)
+
+
+def _near(value: float, median: float) -> bool:
+    """Whether a number has hardly moved."""
+    return abs(value - median) <= 1e-3 * abs(median)
 
 
 @together("reliability")
@@ -236,7 +246,7 @@ def reliability(
         gradients=limit.slopes_made,
         seconds={"setup": ready - began, "search": perf_counter() - ready},
         lost=limit.lost,
-        scores=tuple(each.u for each in points),
+        medians=limit.values(np.zeros(limit.dimension)),
     )
     _tell(result, estimate, cov, limit)
     return result
