@@ -35,6 +35,8 @@ Cut = tuple[int, ...]
 MOST_STEPS = 60
 CLOSE = 1e-4
 """Distance to the limit, and step, in deviations, at which a design point is found."""
+KNOWN = 0.05
+"""Distance to a known design point, relative to that from the origin, at which a search leads to it."""
 SHORTEST = 1e-3
 """Of a step of the line search."""
 FARTHEST = 38.0
@@ -116,8 +118,10 @@ def _nearest(values: Array, slopes: Array, u: Array) -> tuple[Array, Array] | No
     return -rest[:-1] / rest[-1] * size, found > 0.0
 
 
-def design_point(limit: Limit, cut: Cut, start: Array) -> DesignPoint:
-    """Search the design point of a cut from a point (L,).
+def design_point(
+    limit: Limit, cut: Cut, start: Array, known: Sequence[DesignPoint] = ()
+) -> DesignPoint | None:
+    """Search the design point of a cut from a point (L,); None: the search leads to one that is known.
 
     Every step goes to the point next to the origin of the conditions as they are linearised here, and is made
     shorter until a merit function falls. At a kink the steepest condition so far is kept beside the new one,
@@ -152,6 +156,8 @@ def design_point(limit: Limit, cut: Cut, start: Array) -> DesignPoint:
             target *= FARTHEST / np.linalg.norm(target)
         active = np.zeros(len(which), dtype=bool)
         active[np.flatnonzero(usable)] = holds[: int(usable.sum())]
+        if any(float(np.linalg.norm(target - each.u)) < KNOWN * each.beta for each in known):
+            return None
         step = target - u
         length = float(np.linalg.norm(step))
         if length <= CLOSE * max(1.0, float(np.linalg.norm(u))) and values.max() <= CLOSE:

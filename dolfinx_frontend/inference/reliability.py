@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 import numpy as np
 from scipy import stats
@@ -55,7 +55,7 @@ SAME = 0.1
 MOST_POINTS = 20
 """Design points at most around which samples are drawn."""
 MORE_SEARCHES = 5
-MOST_STARTS = 8
+MOST_STARTS = 6
 """Points from which more design points are searched."""
 FARTHER = 2.5
 """A design point further than the first by so many deviations adds nothing."""
@@ -338,7 +338,7 @@ def _searched(limit: Limit, pilot: Array, margins: Array, rng: np.random.Generat
         frame, _ = np.linalg.qr(np.column_stack([one.alpha, rng.standard_normal((limit.dimension,) * 2)]))
         sides = np.concatenate([frame[:, :1].T * -np.sign(frame[:, 0] @ one.alpha), frame[:, 1:].T, -frame[:, 1:].T])
         for side in sides[:around]:
-            more = design_point(limit, cut, one.beta * side)
+            more = design_point(limit, cut, one.beta * side, found)
             if _happens(limit, more) and more.beta < one.beta + FARTHER:
                 found.append(more)
     return _different(found)
@@ -352,10 +352,10 @@ def _different(points: list[DesignPoint]) -> list[DesignPoint]:
     return kept[:MOST_POINTS]
 
 
-def _happens(limit: Limit, point: DesignPoint) -> bool:
+def _happens(limit: Limit, point: DesignPoint | None) -> TypeGuard[DesignPoint]:
     """Whether the event happens at a design point, or next to it."""
-    if point.converged:
-        return True
+    if point is None or point.converged:
+        return point is not None
     near = np.array([point.u, 1.001 * point.u])
     return bool((limit.margins(near)[:, list(point.cut)].max(axis=1) <= 0.0).any())
 
@@ -405,8 +405,8 @@ def _sampled(
         found, missed = importance_sampling(limit, points, rng, cov, most, level, look)
         if missed is None:
             break
-        more = [design_point(limit, cut, missed) for cut in limit.cuts]
-        more = [each for each in more if _happens(limit, each)]
+        tried = (design_point(limit, cut, missed, points) for cut in limit.cuts)
+        more = [each for each in tried if _happens(limit, each)]
         before, points = len(points), _different([*points, *more])
         added += len(points) - before
         if len(points) == before:  # it is the edge of what is known
