@@ -111,11 +111,11 @@ class WitnessedQuantity(Quantity):
         the interval is widened by the least and the largest of these errors."""
         plain = super().quantile(q, level)
         order = np.argsort(self.values, kind="stable")
-        ranks = np.searchsorted(self.values[order], [plain.low, plain.value, plain.high])
-        count = min(NEAR, len(order))
-        first = int(np.clip(min(ranks[0], ranks[1] - count // 2), 0, len(order) - count))
-        last = int(np.clip(max(ranks[2], ranks[1] + count // 2), first + count, len(order)))
-        which = order[np.unique(np.linspace(first, last - 1, count).round().astype(int))]
+        total = len(order)
+        middle = q * (total - 1.0)
+        reach = max(0.5 * NEAR, 2.0 * math.sqrt(total * q * (1.0 - q)))
+        first, last = np.clip([middle - reach, middle + reach], 0.0, total - 1.0)
+        which = order[np.unique(np.linspace(first, last, min(NEAR, total)).round().astype(int))]
         away = self.solved(which) - self.values[which]
         shift = float(np.median(away))
         return Estimate(
