@@ -326,8 +326,7 @@ def function_of(
         return call(np.array(points, dtype=np.float64).reshape(-1, len(inputs)))
 
     def slopes(point: Any) -> list[list[float]]:
-        found: list[list[float]] = gradient(np.array(point, dtype=np.float64)).T.tolist()
-        return found
+        return [[float(each) for each in row] for row in gradient(np.array(point, dtype=np.float64)).T]
 
     function = ot.PythonFunction(
         len(inputs), len(outputs), func=lambda point: at([point])[0], func_sample=at, gradient=slopes

@@ -95,7 +95,7 @@ class DesignPoint:
 
 def worst(margins: Array, cuts: Sequence[Cut]) -> Array:
     """What is negative exactly where the event happens, (N,), of margins (N, k)."""
-    return np.min([margins[:, list(cut)].max(axis=1) for cut in cuts], axis=0)
+    return np.asarray(np.min([margins[:, list(cut)].max(axis=1) for cut in cuts], axis=0))
 
 
 def _nearest(values: Array, slopes: Array, u: Array) -> tuple[Array, Array] | None:
@@ -192,7 +192,7 @@ def design_point(
     beta = float(np.linalg.norm(u))
     if not converged and np.all(margins <= CLOSE * np.maximum(np.linalg.norm(normals, axis=1), 1.0)):
         active = np.ones(len(which), dtype=bool)
-    alpha = u / beta if beta > 0.0 else -normals[0] / max(np.linalg.norm(normals[0]), 1e-300)
+    alpha: Array = u / beta if beta > 0.0 else -normals[0]
     return DesignPoint(
         u, beta, alpha, cut, tuple(np.array(which)[active]), normals[active], converged, steps
     )
@@ -280,7 +280,7 @@ def curvatures(limit: Limit, point: DesignPoint) -> Array | None:
     else:
         return None
     curved = 2.0 * (high - point.beta) / away**2
-    return curved.reshape(2, -1)
+    return np.asarray(curved.reshape(2, -1))
 
 
 def second_order(point: DesignPoint, curved: Array) -> float:

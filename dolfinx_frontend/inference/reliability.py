@@ -336,7 +336,7 @@ def _searched(limit: Limit, pilot: Array, margins: Array, rng: np.random.Generat
         if not one.beta > 0.0:
             continue
         frame, _ = np.linalg.qr(np.column_stack([one.alpha, rng.standard_normal((limit.dimension,) * 2)]))
-        sides = np.concatenate([frame[:, :1].T * -np.sign(frame[:, 0] @ one.alpha), frame[:, 1:].T, -frame[:, 1:].T])
+        sides = np.concatenate([-one.alpha[None], frame[:, 1:].T, -frame[:, 1:].T])
         for side in sides[:around]:
             more = design_point(limit, cut, one.beta * side, found)
             if _happens(limit, more) and more.beta < one.beta + FARTHER:

@@ -68,7 +68,7 @@ def plain_sampling(
 ) -> Found:
     """Independent samples, with Wilson's interval."""
     count = hits = 0
-    failed = np.zeros((0, limit.dimension))
+    failed: Array = np.zeros((0, limit.dimension))
     while count < most:
         u = rng.standard_normal((min(batch, most - count), limit.dimension))
         bad = worst(limit.margins(u), limit.cuts) < 0.0
@@ -139,8 +139,8 @@ def importance_sampling(
         which there is no design point; None: there is none.
     """
     mixture = _Mixture.around(points)
-    u = np.zeros((0, limit.dimension))
-    weights = np.zeros(0)
+    u: Array = np.zeros((0, limit.dimension))
+    weights: Array = np.zeros(0)
     wanted = min(FEWEST, most)
     while True:
         new = mixture.draw(rng, wanted - len(u))
@@ -188,7 +188,7 @@ def directional_sampling(
     at_origin = bool(worst(limit.margins(np.zeros((1, dimension))), limit.cuts)[0] < 0.0)
     chances: list[float] = []
     evaluated, hits = 1, 0
-    failed = np.zeros((0, dimension))
+    failed: Array = np.zeros((0, dimension))
     while True:
         directions = rng.standard_normal((batch, dimension))
         directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -208,7 +208,7 @@ def directional_sampling(
         of_batch = np.full(batch, float(at_origin))
         beyond = stats.chi2.sf((0.5 * (low + high)) ** 2, dimension)
         np.add.at(of_batch, changes[:, 1], np.where(bad[changes[:, 0], changes[:, 1]], -beyond, beyond))
-        chances += of_batch.tolist()
+        chances += [float(each) for each in of_batch]
         if len(changes):
             failed = np.concatenate([failed, high[:, None] * lines])[:200]
         found = np.array(chances)
@@ -245,7 +245,7 @@ def subset_simulation(
     per_level = max(200, int(round(22.0 / cov**2 / runs / 100.0)) * 100)
     values: list[float] = []
     evaluated, hits = 0, 0
-    failed = np.zeros((0, limit.dimension))
+    failed: Array = np.zeros((0, limit.dimension))
     complete = True
     for _ in range(runs):
         affordable = (most - evaluated) // max((runs - len(values)), 1)

@@ -51,10 +51,10 @@ class WitnessedQuantity(Quantity):
 
     def solved(self, which: Any) -> Array:
         """The quantity (n,) at some samples, each solved once."""
-        new = [int(k) for k in dict.fromkeys(np.asarray(which).tolist()) if int(k) not in self._known]
+        new = [k for k in dict.fromkeys(int(each) for each in which) if k not in self._known]
         if new:
             values = self.solve(np.array(new))
-            self._known.update(zip(new, values.tolist(), strict=True))
+            self._known.update((k, float(each)) for k, each in zip(new, values, strict=True))
         return np.array([self._known[int(k)] for k in which])
 
     def probability(
@@ -153,7 +153,7 @@ class _Strata:
         return [k for k, side in enumerate(self.inside) if side == inside]
 
     def safe(self, number: int) -> bool:
-        """Whether a stratum is out of reach: beyond the errors, and behind one with no sample on a wrong side."""
+        """Whether a stratum is out of reach: beyond the errors, behind one with no sample on a wrong side."""
         side = self.of_side(self.inside[number])
         place = side.index(number)
         if place < 1 or self.looked[side[place - 1]] == 0:
@@ -204,7 +204,7 @@ class _Strata:
         """The probability of inside, from draws of the posterior (Jeffreys' prior in every stratum)."""
         sizes = np.array([len(each) for each in self.members], dtype=np.float64)
         shares = rng.dirichlet(sizes + 1e-9, size=DRAWS) if len(sizes) > 1 else np.ones((DRAWS, 1))
-        total = np.zeros(DRAWS)
+        total: Array = np.zeros(DRAWS)
         for number, inside in enumerate(self.inside):
             looked, hits = self.looked[number], self.hits[number]
             if looked == 0:

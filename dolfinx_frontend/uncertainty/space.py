@@ -536,8 +536,8 @@ class RandomSpace:
         return points
 
     def to_normal(self, points: npt.ArrayLike) -> Array:
-        """Independent standard normal scores (N, L) of points (N, L) of the germs; of a discrete parameter in the
-        middle of those that give its value."""
+        """Independent standard normal scores (N, L) of points (N, L) of the germs; of a discrete parameter in
+        the middle of those that give its value."""
         scores = np.array(points, dtype=np.float64)
         for block in self._blocks:
             for member in block.members:

@@ -1,4 +1,4 @@
-"""A bolted joint that opens where the load exceeds the preload, whatever the stiffness of the rest: Q > K D."""
+"""A bolted joint that opens where the load exceeds the preload, whatever is elastic beside: Q > K D."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ def joints(load: float, count: int = 1) -> lf.Problem:
         scene.symmetry([f"cover{tag}:x0", f"cover{tag}:y0"])
         sides = f"base{tag}:z1", f"cover{tag}:z0"
         scene.interface("joint" + tag, *sides, lf.Contact(stiffness=JOINT / AREA))
-        stiffness, short = lf.LogNormal("K" + tag, K, cov=K_COV), lf.LogNormal("D" + tag, D, cov=D_COV)
+        stiffness = lf.LogNormal("K" + tag, K, cov=K_COV)
+        short = lf.LogNormal("D" + tag, D, cov=D_COV)
         scene.interface("bolt" + tag, *sides, lf.Elastic(normal=stiffness, jump=-short, total=True))
         scene.force(f"cover{tag}:z1", (0.0, 0.0, pull), name="load" + tag)
     return lf.assemble(scene)
@@ -46,7 +47,7 @@ def lognormal(mean: float, cov: float) -> tuple[float, float]:
 
 
 def exact(load: float, count: int = 1) -> float:
-    """P(Q > K_i D_i of any i): 1 - E[(1 - p(Q))^n], p lognormal, by the trapezoidal rule in the score of Q."""
+    """P(Q > K_i D_i of any i): 1 - E[(1 - p(Q))^n], p lognormal, by a sum over the score of Q."""
     (k, s), (d, t), (q, r) = lognormal(K, K_COV), lognormal(D, D_COV), lognormal(load, Q_COV)
     z = np.linspace(-9.0, 9.0, 20001)
     below = stats.norm.cdf((q + r * z - k - d) / math.hypot(s, t))

@@ -1,7 +1,7 @@
-"""Design points and samplers on limits that are plain functions, against integrals in two dimensions and closed forms.
+"""Design points and samplers on limits that are plain functions, against integrals and closed forms.
 
-RP22, RP55, RP75 and the four branches are of the public set on which OpenTURNS compares its algorithms (otbenchmark);
-the probabilities here are integrated by ourselves.
+RP22, RP55, RP75 and the four branches are of the public set on which OpenTURNS compares its algorithms
+(otbenchmark); the probabilities here are integrated by ourselves.
 """
 
 from __future__ import annotations
@@ -97,14 +97,22 @@ PLANE: dict[str, Plain] = {
         lambda u: (u[:, 0] - u[:, 1]) + 5.0 / ROOT - 2.2,
         lambda u: (u[:, 1] - u[:, 0]) + 5.0 / ROOT - 2.2,
     ),
-    "parallel": Plain(2, lambda u: 1.4 - u[:, 0] ** 2 * 0.1 - u[:, 1], lambda u: 2.0 - u[:, 0], cuts=[(0, 1)]),
+    "parallel": Plain(
+        2, lambda u: 1.4 - 0.1 * u[:, 0] ** 2 - u[:, 1], lambda u: 2.0 - u[:, 0], cuts=[(0, 1)]
+    ),
     "RP75": Plain(2, lambda u: 3.0 - u[:, 0] * u[:, 1]),  # two design points for one condition
-    "parabola or line": Plain(2, lambda u: -u[:, 0] ** 2 + u[:, 1] + 8.0, lambda u: -0.2 * u[:, 0] + u[:, 1] + 6.0),
+    "parabola or line": Plain(
+        2, lambda u: -u[:, 0] ** 2 + u[:, 1] + 8.0, lambda u: -0.2 * u[:, 0] + u[:, 1] + 6.0
+    ),
     "kink on the limit": Plain(2, lambda u: _kinked(4.0 - u[:, 0] - 0.5 * u[:, 1])),
     "convex kink": Plain(2, lambda u: 3.5 - np.maximum(u[:, 0], u[:, 1])),
     "concave kink": Plain(2, lambda u: 2.0 - np.minimum(u[:, 0], u[:, 1])),
     "three of three": Plain(
-        2, lambda u: 1.5 - u[:, 0], lambda u: 1.5 - u[:, 1], lambda u: 5.0 - u[:, 0] - u[:, 1], cuts=[(0, 1, 2)]
+        2,
+        lambda u: 1.5 - u[:, 0],
+        lambda u: 1.5 - u[:, 1],
+        lambda u: 5.0 - u[:, 0] - u[:, 1],
+        cuts=[(0, 1, 2)],
     ),
     "ring": Plain(2, lambda u: 4.2 - np.hypot(u[:, 0], u[:, 1])),
     "inactive": Plain(2, lambda u: 4.0 - u[:, 0]),
@@ -117,7 +125,7 @@ def _kinked(values: Array) -> Array:
 
 @pytest.mark.parametrize("name", PLANE)
 def test_limits_of_two_variables(name: str) -> None:
-    """Whatever way is chosen, the interval holds the integral; of level 0.999, so that one seed is enough."""
+    """Whatever way is chosen, the interval (level 0.999: one seed is enough) holds the integral."""
     limit = PLANE[name]
     truth = limit.plane()
     found = chance(limit, "auto", np.random.default_rng(3), cov=0.1, level=0.999, most=30_000)
@@ -186,7 +194,7 @@ def test_union_of_half_spaces_is_within_its_bounds() -> None:
 
 
 def test_intervals_cover() -> None:
-    """95 % intervals of 100 seeds hold the truth in 93 at least, to the left of 2e-3 quantile of 300 seeds."""
+    """95 % intervals of 300 seeds: no fewer hold the truth than with a chance of 2e-3."""
     limit, truth = PLANE["RP22"], PLANE["RP22"].plane()
     point = found_point(limit, (0,))
     inside = 0
@@ -204,7 +212,7 @@ def test_other_samplers(sampler: Callable[..., object]) -> None:
 
 
 def test_never_and_always_end() -> None:
-    """What never happens ends with a bound, what always does with 1; nothing hangs, and a flat quantity is named."""
+    """What never happens ends with a bound, what always does with 1; a flat quantity is named."""
     never = Plain(2, lambda u: 1.0 + 0.1 * np.exp(-(u**2).sum(axis=1)))
     found = chance(never, "auto", np.random.default_rng(0), cov=0.1, level=0.95, most=20_000)
     assert found.found.value == 0.0 and found.found.points <= 20_000

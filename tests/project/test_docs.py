@@ -16,7 +16,16 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 # laws.md: test_user_laws; chaos_file.md: test_chaos_file; step.md: test_step
-PAGES = ["contact.md", "loads.md", "parallel.md", "results.md", "running.md", "scene.md", "start.md"]
+PAGES = [
+    "contact.md",
+    "loads.md",
+    "parallel.md",
+    "reliability.md",
+    "results.md",
+    "running.md",
+    "scene.md",
+    "start.md",
+]
 
 
 @pytest.mark.parametrize("page", PAGES)

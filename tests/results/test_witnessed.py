@@ -26,7 +26,7 @@ def force(order: int) -> Quantity:
 @pytest.mark.filterwarnings("ignore::dolfinx_frontend.TruncationWarning")
 @pytest.mark.parametrize("order", [2, 5])
 def test_a_tail_of_contact(order: int) -> None:
-    """P(the joint opens) = 7.09e-4; order 5 alone says 1.46e-3 [1.24e-3, 1.72e-3] and is trusted to 1 % in moments."""
+    """P(the joint opens) = 7.09e-4; order 5 alone says 1.46e-3 [1.24e-3, 1.72e-3], with trusted moments."""
     quantity, truth = force(order), exact(LOAD)
     assert truth == pytest.approx(7.09e-4, rel=1e-3)
     assert isinstance(quantity, WitnessedQuantity)
