@@ -55,7 +55,7 @@ class KinkWarning(SceneWarning):
     """A derivative was asked for where there is none: a contact just opens or closes, or starts to slip."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """What a function is at some points.
 
@@ -83,6 +83,10 @@ class Evaluation:
     def converged(self) -> Flags:
         """(N,) which points reached the tolerance."""
         return np.asarray(self.statuses == "converged")
+
+    def __repr__(self) -> str:
+        good = int(self.converged.sum())
+        return f"Evaluation({len(self.values)} points, {good} converged, {int(self.iterations.sum())} iterations)"
 
 
 @dataclass(eq=False)
@@ -317,6 +321,7 @@ class ProblemFunction:
         SceneError
             The point does not converge.
         """
+        self.problem.on_one_rank("derivatives of a function")
         point = self._inputs.checked(x)
         if len(point) != 1:
             raise SceneError(f"function: derivatives of {len(point)} points; give one, (inputs,)")

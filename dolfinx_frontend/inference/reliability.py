@@ -145,7 +145,7 @@ class Reliability:
         found = f"{value:.4g}"
         if not np.isnan(low):
             found += f" [{low:.3g}, {high:.3g}] ({100 * level:g} %)"
-        lines = [f"P({self.event}) = {found}"]
+        lines = [f"Reliability: P({self.event}) = {found}"]
         spread = "" if np.isnan(self.cov) else f", cov {100 * self.cov:.2g} %"
         lines.append(f"  by {self.method}: {self.why}")
         taken = sum(self.seconds.values())

@@ -385,6 +385,7 @@ class Linearised {
     tangents_.correct(step, moved);  // with the interpreter's lock: a factor solves for one at a time
     return py::make_tuple(std::move(step), std::move(moved));
   }
+  [[nodiscard]] Index rows() const { return laws_.structure().rows(); }
   Linearised& of_columns(Index columns) {
     columns_ = columns;
     return *this;
@@ -714,6 +715,9 @@ void bind_laws_value(py::module_& m) {
 void bind_structure(py::module_& m) {
   py::class_<Linearised, std::shared_ptr<Linearised>> cls(m, "Linearised", linearised_doc);
   refuse_pickle(cls, "a Linearised structure holds factorised matrices: make it again");
+  cls.def("__repr__", [](const Linearised& l) {
+    return "Linearised(" + std::to_string(l.rows()) + " rows)";
+  });
   cls.def("correct", &Linearised::correct, "residual"_a, correct_doc);
   bind_laws_value(m);
   bind_one_structure(m);
