@@ -54,7 +54,6 @@ SAME = 0.1
 """Design points closer than this (deviations) are one."""
 MOST_POINTS = 20
 """Design points at most around which samples are drawn."""
-MORE_SEARCHES = 5
 MOST_STARTS = 6
 """Points from which more design points are searched."""
 FARTHER = 2.5
@@ -399,26 +398,24 @@ def _sampled(
 ) -> Chance:
     """Importance sampling; a part of the event that shows up gets a design point of its own."""
     none = float("nan")
-    added = 0
-    for search in range(MORE_SEARCHES + 1):
-        look = search < MORE_SEARCHES
-        found, missed = importance_sampling(limit, points, rng, cov, most, level, look)
-        if missed is None:
-            break
-        tried = (design_point(limit, cut, missed, points) for cut in limit.cuts)
-        more = [each for each in tried if _happens(limit, each)]
-        before, points = len(points), _different([*points, *more])
-        added += len(points) - before
-        if len(points) == before:  # it is the edge of what is known
-            found, _ = importance_sampling(limit, points, rng, cov, most, level, look=False)
-            break
-    why = f"{len(points)} design point{'s' if len(points) > 1 else ''}"
+    known = list(points)
+
+    def search(u: Array) -> list[DesignPoint]:
+        tried = (design_point(limit, cut, u, known) for cut in limit.cuts)
+        every = _different([*known, *(each for each in tried if _happens(limit, each))])
+        more = [each for each in every if all(each is not other for other in known)]
+        known.extend(more)
+        return more
+
+    found = importance_sampling(limit, points, rng, cov, most, level, search)
+    added = len(known) - len(points)
+    why = f"{len(known)} design point{'s' if len(known) > 1 else ''}"
     if not found.complete and not asked and limit.dimension <= FEW:
         other = directional_sampling(limit, rng, cov, most, level)
         if other.complete:
-            return Chance(other, tuple(points), none, "directional", f"{why} are not all there is")
+            return Chance(other, tuple(known), none, "directional", f"{why} are not all there is")
     why += f", {added} of them found by samples" if added else ""
-    return Chance(found, tuple(points), none, "importance", asked or why)
+    return Chance(found, tuple(known), none, "importance", asked or why)
 
 
 def _without_points(
@@ -436,7 +433,7 @@ def _without_points(
             beta = float(np.linalg.norm(u))
             cut = limit.cuts[0]
             points.append(DesignPoint(u, beta, u / beta, cut, cut, np.zeros((0, len(u))), False, 0))
-    better, _ = importance_sampling(limit, points, rng, cov, most - found.points, level)
+    better = importance_sampling(limit, points, rng, cov, most - found.points, level)
     overlap = better.low <= found.high and found.low <= better.high
     if better.complete and overlap:
         return Chance(better, (), none, "importance", f"{why}: around points of a subset simulation")

@@ -8,8 +8,8 @@ failed point silently.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import special, stats
@@ -27,8 +27,15 @@ SAFETY = 0.85
 """Coefficient of variation that is aimed at, relative to the wanted one, which is estimated as well."""
 WIDE = 0.1
 """Share of the points of importance sampling that look elsewhere than around the design points."""
-HEAVY = 0.1
+BEYOND = 0.6
+"""Share of the points that are drawn beyond the tangent planes of the design points."""
+MOVED = 0.1
+"""Of these planes towards the origin, deviations."""
+HEAVY = 0.07
 """Share of one point in the whole estimate that says that the density misses a part of the event."""
+APART = 1.5
+"""Distance of such a point from design points and from others from which was searched."""
+MOST_SEARCHES = 12
 FARTHEST = 8.5
 """Radius (deviations, beside that of the other variables) up to which directions are searched."""
 
@@ -85,10 +92,17 @@ def plain_sampling(
 # --- importance sampling ------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class _Mixture:
-    """Normal densities of unit covariance around points, and one around the origin that is wider."""
+    """Densities around design points, of three kinds.
+
+    Beyond the tangent plane of a design point, moved a little towards the origin, the standard normal density itself:
+    where the limit is a plane all weights are the same. Around the points the normal density of unit covariance, for
+    what is curved towards the origin. And one around the origin that is wider, for what nobody has thought of.
+    """
 
     centres: Array  # (n, L)
-    shares: Array  # (n + 1,), of sum 1; the last is the wide one's
+    normals: Array  # (n, L) of length 1
+    offsets: Array  # (n,) of the planes from the origin
+    shares: Array  # (2 n + 1,), of sum 1: beyond the planes, around the points, the wide one
     wide: float  # its deviation
 
     @classmethod
@@ -96,27 +110,44 @@ class _Mixture:
         chances = special.log_ndtr(-np.array([each.beta for each in points]))
         shares = np.exp(chances - chances.max())
         shares = np.maximum(shares / shares.sum(), 0.2 / len(points))
-        shares *= (1.0 - WIDE) / shares.sum()
+        shares /= shares.sum()
         centres = np.array([each.u for each in points])
         # its typical radius is that of the design points
         least = min(each.beta for each in points)
         wide = max(1.0, math.sqrt(1.0 + least**2 / centres.shape[1]))
-        return cls(centres, np.append(shares, WIDE), wide)
+        return cls(
+            centres,
+            np.array([each.alpha for each in points]),
+            np.array([each.beta for each in points]) - MOVED,
+            np.concatenate([BEYOND * shares, (1.0 - BEYOND - WIDE) * shares, [WIDE]]),
+            wide,
+        )
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
+        number = len(self.centres)
         which = rng.choice(len(self.shares), size=count, p=self.shares)
         u = rng.standard_normal((count, self.centres.shape[1]))
-        near = which < len(self.centres)
-        u[near] += self.centres[which[near]]
-        u[~near] *= self.wide
+        beyond = which < number
+        normals = self.normals[which[beyond]]
+        # the part along the normal: a tail of the normal distribution by its inverse
+        tail = special.ndtr(-self.offsets[which[beyond]]) * rng.random(int(beyond.sum()))
+        along = -special.ndtri(np.maximum(tail, 1e-300))
+        u[beyond] += (along - np.sum(u[beyond] * normals, axis=1))[:, None] * normals
+        near = (which >= number) & (which < 2 * number)
+        u[near] += self.centres[which[near] - number]
+        u[which == 2 * number] *= self.wide
         return u
 
-    def weights(self, u: Array) -> Array:
-        """Standard normal density over this one, (N,)."""
+    def ratio(self, u: Array) -> Array:
+        """Logarithm of this density over the standard normal one, (N,)."""
+        with np.errstate(divide="ignore"):
+            inside = np.log((u @ self.normals.T > self.offsets).astype(float))
+        beyond = inside - special.log_ndtr(-self.offsets)
+        near = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
         square = np.sum(u**2, axis=1)
-        parts = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
         wide = 0.5 * square * (1.0 - self.wide**-2) - u.shape[1] * math.log(self.wide)
-        return np.asarray(np.exp(-special.logsumexp(np.column_stack([parts, wide]), b=self.shares, axis=1)))
+        logs = np.column_stack([beyond, near, wide])
+        return np.asarray(special.logsumexp(logs, b=self.shares, axis=1))
 
 
 def importance_sampling(
@@ -126,51 +157,63 @@ def importance_sampling(
     cov: float,
     most: int,
     level: float,
-    look: bool = True,
-) -> tuple[Found, Array | None]:
-    """Samples around design points; `look`: end where one shows a part of the event that has none.
+    search: Callable[[Array], Sequence[DesignPoint]] | None = None,
+) -> Found:
+    """Samples around design points.
 
-    Returns
-    -------
-    Found
-        The estimate.
-    array
-        A point (L,) where the event happens with so much weight that it stands for a part of the event of
-        which there is no design point; None: there is none.
+    Where a sample shows a part of the event of which there is no design point, more are searched and samples drawn
+    around all of them. No sample is ever thrown away, which would be a choice by the answer: all count with the
+    mixture of the densities that they were drawn from (E. Veach, L. Guibas, SIGGRAPH 95, 419: the balance heuristic).
+
+    Parameters
+    ----------
+    search
+        A point (L,) where the event happens -> new design points, or none; None: none are searched.
     """
-    mixture = _Mixture.around(points)
-    u: Array = np.zeros((0, limit.dimension))
-    weights: Array = np.zeros(0)
+    stages = [_Mixture.around(points)]
+    counts = [0]
+    hit = np.zeros((0, limit.dimension))
+    weights = np.zeros(0)
+    looked: list[Array] = []
     wanted = min(FEWEST, most)
     while True:
-        new = mixture.draw(rng, wanted - len(u))
-        bad = worst(limit.margins(new), limit.cuts) < 0.0
-        u = np.concatenate([u, new])
-        weights = np.concatenate([weights, np.where(bad, mixture.weights(new), 0.0)])
-        count, hits = len(u), int(np.count_nonzero(weights))
-        value = float(weights.mean())
-        spread = float(weights.std(ddof=1)) / (math.sqrt(count) * value) if hits else math.inf
-        heaviest = int(weights.argmax())
-        if look and hits >= 5 and weights[heaviest] > HEAVY * weights.sum():
-            away = np.linalg.norm(mixture.centres - u[heaviest], axis=1).min()
-            if away > 1.5 and count < most:
-                missing = _found(weights, u, value, spread, cov, level)
-                return replace(missing, complete=False), u[heaviest]
-        enough = hits >= FEWEST_HITS and spread <= SAFETY * cov
-        if enough or count >= most:
-            return _found(weights, u, value, spread, cov, level), None
-        more = count * (spread / (SAFETY * cov)) ** 2 if hits >= 5 else 2.0 * count
-        wanted = int(min(max(1.1 * more, count + 50), 4.0 * count, most))
+        new = stages[-1].draw(rng, wanted - sum(counts))
+        hit = np.concatenate([hit, new[worst(limit.margins(new), limit.cuts) < 0.0]])
+        counts[-1] += len(new)
+        count, hits = sum(counts), len(hit)
+        ratios = np.stack([stage.ratio(hit) for stage in stages], axis=1)
+        weights = count * np.exp(-special.logsumexp(ratios, b=np.array(counts), axis=1))
+        value = float(weights.sum()) / count
+        square = float(np.sum(weights**2)) / count - value**2
+        spread = math.sqrt(max(square, 0.0) / (count - 1.0)) / value if hits else math.inf
+        if search is not None and hits >= 5 and count < most and len(looked) < MOST_SEARCHES:
+            heavy = hit[int(weights.argmax())]
+            known = np.vstack([stages[-1].centres, *looked])
+            share = float(weights.max() / weights.sum())
+            if share > HEAVY and np.linalg.norm(known - heavy, axis=1).min() > APART:
+                looked.append(heavy[None])
+                if more := search(heavy):
+                    points = [*points, *more]
+                    stages.append(_Mixture.around(points))
+                    counts.append(0)
+                    wanted = min(count + FEWEST // 2, most)
+                    continue
+        if (hits >= FEWEST_HITS and spread <= SAFETY * cov) or count >= most:
+            return _found(weights, hit, count, value, spread, cov, level)
+        further = count * (spread / (SAFETY * cov)) ** 2 if hits >= 5 else 2.0 * count
+        wanted = int(min(max(1.1 * further, count + 50), 4.0 * count, most))
 
 
-def _found(weights: Array, u: Array, value: float, spread: float, cov: float, level: float) -> Found:
+def _found(
+    weights: Array, hit: Array, count: int, value: float, spread: float, cov: float, level: float
+) -> Found:
     """The interval is that of the logarithm: the estimate is positive, and skew where few points hit."""
-    hits = int(np.count_nonzero(weights))
+    hits = len(hit)
     if not hits:
-        return Found(0.0, 0.0, 1.0, math.inf, len(u), 0, False, u[:0])
+        return Found(0.0, 0.0, 1.0, math.inf, count, 0, False, hit)
     half = float(stats.t.isf(0.5 * (1.0 - level), max(hits - 1, 1))) * spread
     low, high = value * math.exp(-half), min(value * math.exp(half), 1.0)
-    return Found(value, low, high, spread, len(u), hits, spread <= cov, u[weights > 0.0][:200])
+    return Found(value, low, high, spread, count, hits, spread <= cov, hit[:200])
 
 
 # --- directions ---------------------------------------------------------------------------------------

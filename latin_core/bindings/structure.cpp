@@ -379,10 +379,12 @@ class Linearised {
     latin::Matrix step = to_matrix(residual, "residual", laws_.structure().rows());
     if (step.cols() % columns_ != 0) {
       throw latin::InputError("residual has " + std::to_string(step.cols()) +
-                              " columns, whole sets of " + std::to_string(columns_) + " are wanted");
+                              " columns, whole sets of " + std::to_string(columns_) +
+                              " are wanted");
     }
     latin::Matrix moved(step.rows(), step.cols());
-    tangents_.correct(step, moved);  // with the interpreter's lock: a factor solves for one at a time
+    tangents_.correct(step,
+                      moved);  // with the interpreter's lock: a factor solves for one at a time
     return py::make_tuple(std::move(step), std::move(moved));
   }
   [[nodiscard]] Index rows() const { return laws_.structure().rows(); }
@@ -715,9 +717,8 @@ void bind_laws_value(py::module_& m) {
 void bind_structure(py::module_& m) {
   py::class_<Linearised, std::shared_ptr<Linearised>> cls(m, "Linearised", linearised_doc);
   refuse_pickle(cls, "a Linearised structure holds factorised matrices: make it again");
-  cls.def("__repr__", [](const Linearised& l) {
-    return "Linearised(" + std::to_string(l.rows()) + " rows)";
-  });
+  cls.def("__repr__",
+          [](const Linearised& l) { return "Linearised(" + std::to_string(l.rows()) + " rows)"; });
   cls.def("correct", &Linearised::correct, "residual"_a, correct_doc);
   bind_laws_value(m);
   bind_one_structure(m);

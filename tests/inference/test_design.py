@@ -199,7 +199,7 @@ def test_intervals_cover() -> None:
     point = found_point(limit, (0,))
     inside = 0
     for seed in range(300):
-        found, _ = importance_sampling(limit, [point], np.random.default_rng(seed), 0.1, 20_000, 0.95)
+        found = importance_sampling(limit, [point], np.random.default_rng(seed), 0.1, 20_000, 0.95)
         inside += found.low <= truth <= found.high
     assert inside >= stats.binom.ppf(2e-3, 300, 0.95)
 
