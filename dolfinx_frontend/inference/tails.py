@@ -25,14 +25,18 @@ FEWEST_HITS = 40
 """Points of these at which the event happens."""
 SAFETY = 0.85
 """Coefficient of variation that is aimed at, relative to the wanted one, which is estimated as well."""
-WIDE = 0.1
+OUTSIDE = 0.15
 """Share of the points of importance sampling that look elsewhere than around the design points."""
+SMALLER = 0.3
+"""Of the ball outside of which they do than the distance of the nearest design point, deviations."""
 BEYOND = 0.6
 """Share of the points that are drawn beyond the tangent planes of the design points."""
 MOVED = 0.1
 """Of these planes towards the origin, deviations."""
 HEAVY = 0.07
 """Share of one point in the whole estimate that says that the density misses a part of the event."""
+STOPPED = 1.1
+"""Factor of the width of the interval, which is estimated from the samples on which the sampling stopped."""
 APART = 1.5
 """Distance of such a point from design points and from others from which was searched."""
 MOST_SEARCHES = 12
@@ -96,14 +100,15 @@ class _Mixture:
 
     Beyond the tangent plane of a design point, moved a little towards the origin, the standard normal density itself:
     where the limit is a plane all weights are the same. Around the points the normal density of unit covariance, for
-    what is curved towards the origin. And one around the origin that is wider, for what nobody has thought of.
+    what is curved towards the origin. And the standard normal density outside of a ball that is a little smaller than
+    the distance of the nearest design point, in all directions, for what nobody has thought of.
     """
 
     centres: Array  # (n, L)
     normals: Array  # (n, L) of length 1
     offsets: Array  # (n,) of the planes from the origin
-    shares: Array  # (2 n + 1,), of sum 1: beyond the planes, around the points, the wide one
-    wide: float  # its deviation
+    shares: Array  # (2 n + 1,), of sum 1: beyond the planes, around the points, outside of the ball
+    radius: float
 
     @classmethod
     def around(cls, points: Sequence[DesignPoint]) -> _Mixture:
@@ -112,15 +117,13 @@ class _Mixture:
         shares = np.maximum(shares / shares.sum(), 0.2 / len(points))
         shares /= shares.sum()
         centres = np.array([each.u for each in points])
-        # its typical radius is that of the design points
-        least = min(each.beta for each in points)
-        wide = max(1.0, math.sqrt(1.0 + least**2 / centres.shape[1]))
+        nearest = min(each.beta for each in points)
         return cls(
             centres,
             np.array([each.alpha for each in points]),
             np.array([each.beta for each in points]) - MOVED,
-            np.concatenate([BEYOND * shares, (1.0 - BEYOND - WIDE) * shares, [WIDE]]),
-            wide,
+            np.concatenate([BEYOND * shares, (1.0 - BEYOND - OUTSIDE) * shares, [OUTSIDE]]),
+            max(nearest - SMALLER, 0.0),
         )
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
@@ -135,7 +138,10 @@ class _Mixture:
         u[beyond] += (along - np.sum(u[beyond] * normals, axis=1))[:, None] * normals
         near = (which >= number) & (which < 2 * number)
         u[near] += self.centres[which[near] - number]
-        u[which == 2 * number] *= self.wide
+        outside = which == 2 * number
+        chance = rng.random(int(outside.sum())) * float(stats.chi2.sf(self.radius**2, u.shape[1]))
+        radii = np.sqrt(stats.chi2.isf(np.maximum(chance, 1e-300), u.shape[1]))
+        u[outside] *= (radii / np.linalg.norm(u[outside], axis=1))[:, None]
         return u
 
     def ratio(self, u: Array) -> Array:
@@ -144,9 +150,10 @@ class _Mixture:
             inside = np.log((u @ self.normals.T > self.offsets).astype(float))
         beyond = inside - special.log_ndtr(-self.offsets)
         near = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
-        square = np.sum(u**2, axis=1)
-        wide = 0.5 * square * (1.0 - self.wide**-2) - u.shape[1] * math.log(self.wide)
-        logs = np.column_stack([beyond, near, wide])
+        with np.errstate(divide="ignore"):
+            far = np.log((np.linalg.norm(u, axis=1) > self.radius).astype(float))
+        outside = far - stats.chi2.logsf(self.radius**2, u.shape[1])
+        logs = np.column_stack([beyond, near, outside])
         return np.asarray(special.logsumexp(logs, b=self.shares, axis=1))
 
 
@@ -211,7 +218,7 @@ def _found(
     hits = len(hit)
     if not hits:
         return Found(0.0, 0.0, 1.0, math.inf, count, 0, False, hit)
-    half = float(stats.t.isf(0.5 * (1.0 - level), max(hits - 1, 1))) * spread
+    half = STOPPED * float(stats.t.isf(0.5 * (1.0 - level), max(hits - 1, 1))) * spread
     low, high = value * math.exp(-half), min(value * math.exp(half), 1.0)
     return Found(value, low, high, spread, count, hits, spread <= cov, hit[:200])
 
