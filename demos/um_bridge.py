@@ -1,8 +1,9 @@
-"""An assembly over HTTP: the function of a bolted joint as a UM-Bridge model, with the standard library alone.
+"""An assembly over HTTP: the function of a bolted joint as a UM-Bridge model, with the standard library
+alone.
 
 UM-Bridge is how programs for uncertainty (MUQ, PyMC, CUQIpy, QMCPy, ...) talk to models: JSON over HTTP, see
-https://um-bridge-benchmarks.readthedocs.io. `python um_bridge.py 4242` serves until it is stopped; without a port
-the demo asks itself once, and checks what comes back.
+https://um-bridge-benchmarks.readthedocs.io. `python um_bridge.py 4242` serves until it is stopped; without a
+port the demo asks itself once, and checks what comes back.
 """
 
 import json
@@ -78,7 +79,8 @@ print(f"serving {f} at http://localhost:{server.server_port}")
 if port:
     server.serve_forever()
 
-# --- without a port: a client, as any of these programs would be ---------------------------------------------
+# --- without a port: a client, as any of these programs would be
+# ---------------------------------------------
 threading.Thread(target=server.serve_forever, daemon=True).start()
 
 

@@ -192,7 +192,7 @@ def design_point(
     beta = float(np.linalg.norm(u))
     if not converged and np.all(margins <= CLOSE * np.maximum(np.linalg.norm(normals, axis=1), 1.0)):
         active = np.ones(len(which), dtype=bool)
-    alpha: Array = u / beta if beta > 0.0 else -normals[0]
+    alpha = np.asarray(u / beta if beta > 0.0 else -normals[0], dtype=np.float64)
     return DesignPoint(
         u, beta, alpha, cut, tuple(np.array(which)[active]), normals[active], converged, steps
     )

@@ -85,8 +85,8 @@ class Evaluation:
         return np.asarray(self.statuses == "converged")
 
     def __repr__(self) -> str:
-        good = int(self.converged.sum())
-        return f"Evaluation({len(self.values)} points, {good} converged, {int(self.iterations.sum())} iterations)"
+        good, total = int(self.converged.sum()), int(self.iterations.sum())
+        return f"Evaluation({len(self.values)} points, {good} converged, {total} iterations)"
 
 
 @dataclass(eq=False)
@@ -253,7 +253,7 @@ class ProblemFunction:
         assert solved.states is not None  # asked for
         # of a large batch those at the end, which are neighbours of each other, would do little good
         kept = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(int)
-        for k in dict.fromkeys(kept.tolist()):
+        for k in dict.fromkeys(int(each) for each in kept):
             if solved.status[k] == "converged":
                 data, traces = solved.states[k]
                 state = State(np.asfortranarray(data), np.asfortranarray(traces))

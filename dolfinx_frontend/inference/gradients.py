@@ -16,11 +16,12 @@ predicted neighbours that is of first order instead of second, and that is flagg
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from latin_core import Laws, NumericalError, State
+from latin_core import Laws, Linearised, NumericalError, State
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from dolfinx_frontend.common.arrays import Array, Flags
@@ -31,6 +32,8 @@ from dolfinx_frontend.kernel.solver import Solver
 from dolfinx_frontend.results.sweep import SweepResult
 
 __all__ = ["Derivatives", "derivatives"]
+
+_log = logging.getLogger(__name__)
 
 REACH = 1e-6
 """Of the difference quotients of the laws, relative to the state."""
@@ -168,10 +171,11 @@ class _System:
             return
         self.traces = solver.global_stage(laws, self.data, amplitudes)
         self.residual = solver.local_stage(laws, self.data, self.traces)
+        self.tangent: Linearised | None = None
         try:
             self.tangent = solver.linearised(laws, State(self.data, self.traces))
         except NumericalError:
-            self.tangent = None
+            _log.info("derivatives: no tangent of the whole structure, GMRES without a preconditioner")
 
     def place(self, row: int) -> str:
         """The interface of a row."""
@@ -185,7 +189,8 @@ class _System:
 
     def _sets(self, block: Array) -> Array:
         """(rows, sets * columns) -> largest number of every set, (sets,)."""
-        return np.abs(block).reshape(len(block), -1, self.columns).max(axis=(0, 2), initial=0.0)
+        sets = np.abs(block).reshape(len(block), -1, self.columns)
+        return np.asarray(sets.max(axis=(0, 2), initial=0.0))
 
     def _repeated(self, count: int) -> tuple[Laws, Array]:
         """Laws and no loads for sets of columns side by side."""
@@ -252,7 +257,7 @@ class _System:
 
         def shaped(function: Callable[[Array], Array]) -> LinearOperator:
             def times(v: Array) -> Array:
-                return function(v.reshape(shape)).ravel()
+                return np.asarray(function(v.reshape(shape))).ravel()
 
             return LinearOperator((size, size), matvec=times, dtype=float)
 

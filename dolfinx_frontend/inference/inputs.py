@@ -203,7 +203,8 @@ class Inputs:
         SceneError
             A value that makes no law.
         """
-        direct = {(n,): np.ascontiguousarray(x[:, k]) for k, n in enumerate(self.names) if n in self.direct}
+        direct: dict[tuple[str, ...], Array] = {}
+        direct |= {(n,): np.ascontiguousarray(x[:, k]) for k, n in enumerate(self.names) if n in self.direct}
         found = swept_values(self.problem, plan, direct, self.direct) if direct else []
         if self.random.every:
             found += sampled_values(self.random, plan, self.germ_points(x))
@@ -227,7 +228,8 @@ class Inputs:
         problem = self.problem
         every = {**problem.law_parameters, **problem.load_parameters, **problem.part_parameters}
         value = every.get(name)
-        return float(value) if is_real(value) else float(getattr(value, "mean", 0.0) or 0.0)
+        found: Any = value if is_real(value) else getattr(value, "mean", 0.0)
+        return float(found or 0.0)
 
     def nominal(self) -> Array:
         """(inputs,) where everything has the value of the scene, what is random its mean or median score."""

@@ -32,7 +32,7 @@ def laws_at(solver: Solver, laws: Laws, parameters: Sequence[SweptParameter]) ->
     for each in parameters:
         if not each.interface or each.parameter == STIFFNESS:
             continue
-        at = (each.pattern @ each.values).reshape(each.columns, -1, count).transpose(1, 2, 0)
+        at: Array = (each.pattern @ each.values).reshape(each.columns, -1, count).transpose(1, 2, 0)
         at = np.repeat(at, columns // each.columns, axis=2) if columns > 1 else at
         given.setdefault(each.interface, {})[each.parameter] = np.asfortranarray(at.reshape(len(at), -1))
     if columns > 1 and count > 1:

@@ -325,11 +325,11 @@ def _searched(limit: Limit, pilot: Array, margins: Array, rng: np.random.Generat
     around = max(1, min(MOST_STARTS // len(limit.cuts), 2 * limit.dimension))
     for cut in limit.cuts:
         one = design_point(limit, cut, np.zeros(limit.dimension))
-        if not _happens(limit, one):
+        if not _happens(one, limit):
             # from the best of the points so far
             best = margins[:, list(cut)].max(axis=1).argmin()
             one = design_point(limit, cut, pilot[best])
-        if not _happens(limit, one):
+        if not _happens(one, limit):
             continue
         found.append(one)
         if not one.beta > 0.0:
@@ -338,7 +338,7 @@ def _searched(limit: Limit, pilot: Array, margins: Array, rng: np.random.Generat
         sides = np.concatenate([-one.alpha[None], frame[:, 1:].T, -frame[:, 1:].T])
         for side in sides[:around]:
             more = design_point(limit, cut, one.beta * side, found)
-            if _happens(limit, more) and more.beta < one.beta + FARTHER:
+            if _happens(more, limit) and more.beta < one.beta + FARTHER:
                 found.append(more)
     return _different(found)
 
@@ -351,7 +351,7 @@ def _different(points: list[DesignPoint]) -> list[DesignPoint]:
     return kept[:MOST_POINTS]
 
 
-def _happens(limit: Limit, point: DesignPoint | None) -> TypeGuard[DesignPoint]:
+def _happens(point: DesignPoint | None, limit: Limit) -> TypeGuard[DesignPoint]:
     """Whether the event happens at a design point, or next to it."""
     if point is None or point.converged:
         return point is not None
@@ -402,7 +402,8 @@ def _sampled(
 
     def search(u: Array) -> list[DesignPoint]:
         tried = (design_point(limit, cut, u, known) for cut in limit.cuts)
-        every = _different([*known, *(each for each in tried if _happens(limit, each))])
+        new = [each for each in tried if _happens(each, limit)]
+        every = _different([*known, *new])
         more = [each for each in every if all(each is not other for other in known)]
         known.extend(more)
         return more

@@ -98,10 +98,11 @@ def plain_sampling(
 class _Mixture:
     """Densities around design points, of three kinds.
 
-    Beyond the tangent plane of a design point, moved a little towards the origin, the standard normal density itself:
-    where the limit is a plane all weights are the same. Around the points the normal density of unit covariance, for
-    what is curved towards the origin. And the standard normal density outside of a ball that is a little smaller than
-    the distance of the nearest design point, in all directions, for what nobody has thought of.
+    Beyond the tangent plane of a design point, moved a little towards the origin, the standard normal
+    density itself: where the limit is a plane all weights are the same. Around the points the normal density
+    of unit covariance, for what is curved towards the origin. And the standard normal density outside of a
+    ball that is a little smaller than the distance of the nearest design point, in all directions, for what
+    nobody has thought of.
     """
 
     centres: Array  # (n, L)
@@ -168,9 +169,10 @@ def importance_sampling(
 ) -> Found:
     """Samples around design points.
 
-    Where a sample shows a part of the event of which there is no design point, more are searched and samples drawn
-    around all of them. No sample is ever thrown away, which would be a choice by the answer: all count with the
-    mixture of the densities that they were drawn from (E. Veach, L. Guibas, SIGGRAPH 95, 419: the balance heuristic).
+    Where a sample shows a part of the event of which there is no design point, more are searched and samples
+    drawn around all of them. No sample is ever thrown away, which would be a choice by the answer: all count
+    with the mixture of the densities that they were drawn from (E. Veach, L. Guibas, SIGGRAPH 95, 419: the
+    balance heuristic).
 
     Parameters
     ----------
@@ -179,7 +181,7 @@ def importance_sampling(
     """
     stages = [_Mixture.around(points)]
     counts = [0]
-    hit = np.zeros((0, limit.dimension))
+    hit: Array = np.zeros((0, limit.dimension))
     weights = np.zeros(0)
     looked: list[Array] = []
     wanted = min(FEWEST, most)

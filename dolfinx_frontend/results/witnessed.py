@@ -205,6 +205,7 @@ class _Strata:
         sizes = np.array([len(each) for each in self.members], dtype=np.float64)
         shares = rng.dirichlet(sizes + 1e-9, size=DRAWS) if len(sizes) > 1 else np.ones((DRAWS, 1))
         total: Array = np.zeros(DRAWS)
+        chance: Array
         for number, inside in enumerate(self.inside):
             looked, hits = self.looked[number], self.hits[number]
             if looked == 0:
