@@ -19,6 +19,10 @@ from dolfinx_frontend.geometry.solids import Cut
 from dolfinx_frontend.geometry.step import StepAssembly, read_step
 from dolfinx_frontend.results.saved import SavedResult, load
 from dolfinx_frontend.results.writing import ResultFileError
+from dolfinx_frontend.inference.calibration import Fit, Posterior, calibrate
+from dolfinx_frontend.inference.events import Event, Response
+from dolfinx_frontend.inference.function import Evaluation, KinkWarning, ProblemFunction
+from dolfinx_frontend.inference.reliability import Reliability, reliability
 from dolfinx_frontend.plan.plan import Direction, Plan, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
 from dolfinx_frontend.results.result import HistoryResult, Result
@@ -92,13 +96,17 @@ __all__ = [
     "Elastic",
     "Errors",
     "Estimate",
+    "Evaluation",
+    "Event",
     "Expression",
+    "Fit",
     "FromDistribution",
     "FromSamples",
     "Gamma",
     "HistoryResult",
     "IndefiniteError",
     "Interface",
+    "KinkWarning",
     "Law",
     "LinearElastic",
     "LogNormal",
@@ -110,13 +118,17 @@ __all__ = [
     "OrthotropicElastic",
     "Perfect",
     "Plan",
+    "Posterior",
     "Preload",
     "Pressure",
     "Problem",
+    "ProblemFunction",
     "Quantile",
     "Quantity",
     "RandomField",
     "RandomLaws",
+    "Reliability",
+    "Response",
     "Result",
     "ResultFileError",
     "Resultant",
@@ -137,6 +149,7 @@ __all__ = [
     "Uniform",
     "UserLaw",
     "assemble",
+    "calibrate",
     "discretisation_error",
     "errors",
     "export",
@@ -151,6 +164,7 @@ __all__ = [
     "quasi_monte_carlo",
     "read_step",
     "reference",
+    "reliability",
     "sample",
     "solve",
     "sparse_quadrature",

@@ -140,6 +140,7 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "point",
         "sweep",
         "samples",
+        "witnessed",
         "chaos",
         "runs",
         "contents",
@@ -156,15 +157,27 @@ FRONTEND: dict[str, tuple[str, ...]] = {
         "export",
     ),
     "estimate": ("recovery", "mesh_error", "errors", "points", "adaptive"),
+    "inference": (
+        "inputs",
+        "points",
+        "gradients",
+        "events",
+        "function",
+        "design",
+        "tails",
+        "limit",
+        "reliability",
+        "calibration",
+    ),
     "solving": (),
     "io": ("facets", "paraview"),
     "figures": ("render", "canvas", "solids", "assemblies", "interfaces", "curves"),
 }
 """Sub-packages of the frontend, bottom first, and their modules in the same order; no modules: a module."""
 
-LAZY = {("assembly.problem", "solvers.export")}
+LAZY = {("assembly.problem", "solvers.export"), ("assembly.problem", "inference.function")}
 """Imports that point upward on purpose, inside a function only: methods of what is below that call what is
-above (:meth:`Problem.export`)."""
+above (:meth:`Problem.export`, :meth:`Problem.function`)."""
 
 PENDING: frozenset[tuple[str, str]] = frozenset()
 """Arrows up that are still there: methods of results that belong to higher layers, and types of results."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -60,6 +60,34 @@ class Problem(OneProcess):
         from dolfinx_frontend.solvers.export import export
 
         return export(self, folder, *args, **settings)
+
+    def function(self, quantities: Any, inputs: Sequence[str] | str | None = None, **settings: Any) -> Any:
+        """The assembly as a function of its uncertain numbers, see :class:`ProblemFunction`.
+
+        Parameters
+        ----------
+        quantities
+            What it returns: the name of an interface (its normal force), a :class:`Resultant`, a function of
+            the fields, a :class:`Response`, or several of them in a list or by name.
+        inputs
+            Names of what it depends on: random numbers of the scene, by their own values; parameters of laws,
+            loads and parts, as for :func:`sweep`; germs, of random fields. What is random and not named
+            stays at its mean. None: all that is random.
+        settings
+            method, active, direction, options, plan, times: as for :func:`solve`.
+            coordinates: ``"physical"``, or ``"germs"`` or ``"normal"`` to give all that is random by its
+            germs, or by independent standard normal scores.
+            on_failure: of points that do not converge, ``"nan"`` (NaN and a warning that names them) or
+            ``"raise"``.
+
+        Raises
+        ------
+        SceneError
+            Nothing is random and no input is named, or an unknown name.
+        """
+        from dolfinx_frontend.inference.function import problem_function
+
+        return problem_function(self, quantities, inputs, **settings)
 
     @property
     def _instead(self) -> str:

@@ -1,10 +1,10 @@
-"""A chaos as an OpenTURNS object."""
+"""A chaos, or a function, as an OpenTURNS object."""
 
 from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from dolfinx_frontend.uncertainty.correlated import CorrelatedParameter
 from dolfinx_frontend.uncertainty.parameters import RandomParameter
 from dolfinx_frontend.uncertainty.space import RandomSpace
 
-__all__ = ["to_openturns"]
+__all__ = ["function_of", "to_openturns"]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -30,7 +30,7 @@ def _openturns() -> Any:
         return importlib.import_module("openturns")
     except ImportError as error:
         raise SceneError(
-            "to_openturns needs OpenTURNS, which is not installed: pip install openturns, or "
+            "this needs OpenTURNS, which is not installed: pip install openturns, or "
             "conda install -c conda-forge openturns"
         ) from error
 
@@ -298,3 +298,39 @@ def _transformations(
         ot.PythonFunction(size, size, func_sample=to_germs),
         ot.PythonFunction(size, size, func_sample=to_inputs),
     )
+
+
+def function_of(
+    call: Callable[[Array], Array],
+    gradient: Callable[[Array], Array],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+) -> Any:
+    """A vectorised function as an ``openturns.Function`` with its gradient.
+
+    Parameters
+    ----------
+    call
+        Points (N, inputs) -> (N, outputs).
+    gradient
+        A point (inputs,) -> (outputs, inputs).
+
+    Raises
+    ------
+    SceneError
+        OpenTURNS is not installed.
+    """
+    ot = _openturns()
+
+    def at(points: Any) -> Array:
+        return call(np.array(points, dtype=np.float64).reshape(-1, len(inputs)))
+
+    def slopes(point: Any) -> list[list[float]]:
+        return [[float(each) for each in row] for row in gradient(np.array(point, dtype=np.float64)).T]
+
+    function = ot.PythonFunction(
+        len(inputs), len(outputs), func=lambda point: at([point])[0], func_sample=at, gradient=slopes
+    )
+    function.setInputDescription(list(inputs))
+    function.setOutputDescription(list(outputs))
+    return function

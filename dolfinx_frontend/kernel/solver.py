@@ -17,6 +17,7 @@ import numpy.typing as npt
 from latin_core import (
     Iteration,
     Laws,
+    Linearised,
     Options,
     State,
     Summary,
@@ -269,3 +270,17 @@ class Solver:
     def global_stage(self, laws: Laws, data: Array, amplitudes: Array) -> Array:
         """Traces (rows, columns) of the bodies under interface data."""
         return self._core.global_stage(laws, data, amplitudes)
+
+    def local_stage(self, laws: Laws, data: Array, traces: Array) -> Array:
+        """Residual (rows, columns) of the laws: what the next data differ by."""
+        return self._core.local_stage(laws, data, traces)
+
+    def linearised(self, laws: Laws, state: State) -> Linearised:
+        """The structure with the tangents of its laws at a state, factorised.
+
+        Raises
+        ------
+        NumericalError
+            It is not stable with them, or they would cost more than the bodies did.
+        """
+        return self._core.linearised(laws, state)

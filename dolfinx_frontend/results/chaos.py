@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -46,11 +46,12 @@ from dolfinx_frontend.results.resultant import Interest, Resultant, asked
 from dolfinx_frontend.results.samples import SampleResult
 from dolfinx_frontend.results.surfaces import law_contact
 from dolfinx_frontend.results.uncertain import StochasticResult
+from dolfinx_frontend.results.witnessed import WitnessedQuantity
 from dolfinx_frontend.scene.amplitudes import check_step
 from dolfinx_frontend.scene.laws import Fields
 from dolfinx_frontend.scene.loads import LoadTerm
 from dolfinx_frontend.uncertainty.chaos import Chaos
-from dolfinx_frontend.uncertainty.quantities import Kind
+from dolfinx_frontend.uncertainty.quantities import Kind, Quantity
 from dolfinx_frontend.uncertainty.space import RandomSpace, Sobol
 
 __all__ = ["NOISE", "ChaosResult", "Sampler", "TruncationError"]
@@ -563,6 +564,31 @@ class ChaosResult(Result, StochasticResult):
         """As `blocks`, so few samples at a time that their fields stay in the cache."""
         germs = self.space.sample(SAMPLES if samples is None else samples, seed)
         yield from map(self.at, self._in_parts(germs, CACHED))
+
+    def quantity(
+        self,
+        function: Callable[[Block], npt.ArrayLike],
+        name: str = "quantity",
+        unit: str = "",
+        samples: int | None = None,
+        seed: int = 0,
+    ) -> Quantity:
+        """A scalar quantity of interest, evaluated at random samples of the chaos, see
+        :meth:`Result.quantity`.
+
+        Where a law is nonlinear its probabilities and quantiles solve some of these samples, and their
+        intervals carry the error of the chaos: see :class:`WitnessedQuantity`. On several ranks they do not.
+        """
+        found = super().quantity(function, name, unit, samples, seed)
+        if not self.collocations or self.problem.comm is not None:
+            return found
+
+        def solve(which: npt.NDArray[np.int64]) -> Array:
+            germs = self.space.sample(len(found), seed)[which]
+            solved = self.sampler(self, germs, keep_states=True)
+            return solved.quantity(function, name).values
+
+        return WitnessedQuantity(name=name, unit=unit, values=found.values, kind=found.kind, solve=solve)
 
     @together("readings")
     def readings(

@@ -53,13 +53,15 @@ __all__ = [
     "sample",
     "sample_chaos",
     "sample_on",
+    "sampled_values",
+    "short_steps",
 ]
 
 STARTS = 256
 """Samples at most for which a chaos predicts a start."""
 
 
-def _short_steps(germs: Array) -> list[int]:
+def short_steps(germs: Array) -> list[int]:
     """An order in which every point comes after a near neighbour: a walk over the spanning tree.
 
     The tree is that of the nearest-neighbour graph; what it does not reach follows in the given order.
@@ -81,7 +83,8 @@ def _short_steps(germs: Array) -> list[int]:
     return [int(i) for i in walk] + [int(i) for i in np.flatnonzero(~seen)]
 
 
-def _swept(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]:
+def sampled_values(random: RandomLaws, plan: Plan, germs: Array) -> list[SweptParameter]:
+    """What is random at points (N, L) of the germs, as the kernel takes it."""
     parameters = []
     for name, parameter in random.sources:
         random.check_drawn(name, parameter, germs)
@@ -237,7 +240,7 @@ def sample_on(
         "sample", germs=germs, weights=weights, kind=kind, rtol=plan.options.rtol, states=keep_states
     )
     with agreement(problem.comm):
-        parameters = _swept(random, plan, points)
+        parameters = sampled_values(random, plan, points)
     file = checkpoint_path("sampling", problem, checkpoint)
     header = None if file is None else _header(problem, plan, parameters)
     iterations = 0
@@ -255,7 +258,7 @@ def sample_on(
             solver.laws,
             plan.amplitudes,
             parameters,
-            _short_steps(points),
+            short_steps(points),
             plan.options.with_(scatter=scatter),
             checkpoint=file,
             header=header,

@@ -41,7 +41,16 @@ from dolfinx_frontend.results.answer import Block
 from dolfinx_frontend.results.sweep import SweepResult, point_block
 from dolfinx_frontend.scene.loads import LoadTerm
 
-__all__ = ["checkpoint_path", "planned", "sweep", "warn_unconverged"]
+__all__ = [
+    "checkpoint_path",
+    "planned",
+    "sweep",
+    "swept_parts",
+    "swept_targets",
+    "swept_term",
+    "swept_values",
+    "warn_unconverged",
+]
 
 Key = str | tuple[str, ...]
 _log = logging.getLogger(__name__)
@@ -67,7 +76,7 @@ def _axes(grid: Mapping[Key, Sequence[float]]) -> dict[tuple[str, ...], Array]:
     return axes
 
 
-def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tuple[str, str]]:
+def swept_targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tuple[str, str]]:
     """Swept name -> interface and parameter."""
     targets: dict[str, tuple[str, str]] = {}
     for name in (name for key in axes for name in key):
@@ -80,25 +89,30 @@ def _targets(problem: Problem, axes: Iterable[tuple[str, ...]]) -> dict[str, tup
     return targets
 
 
-def _swept(
+def swept_values(
     problem: Problem,
     plan: Plan,
-    axes: Mapping[tuple[str, ...], Array],
+    values_of: Mapping[tuple[str, ...], Array],
     targets: Mapping[str, tuple[str, str]],
 ) -> list[SweptParameter]:
-    """The swept values at all points of the grid."""
+    """Values (N,) of names at N points, as the kernel takes them.
+
+    Raises
+    ------
+    SceneError
+        A value that the law does not take, or that the plan has no place for.
+    """
     of_loads = {name for name, (load, _) in targets.items() if load in problem.loads}
-    of_parts = set(_of_parts(problem, targets))
+    of_parts = set(swept_parts(problem, targets))
     others = of_loads | of_parts
     of_laws = {name: interface for name, (interface, _) in targets.items() if name not in others}
     missing = [name for name, interface in of_laws.items() if interface not in plan.active]
     if missing:
         raise SceneError(f"sweep: the plan eliminates the interface of {', '.join(missing)}")
-    mesh = np.meshgrid(*axes.values(), indexing="ij")
     loads: dict[LoadTerm, Array] = {}
     parameters: list[SweptParameter] = []
     of_stiffness: dict[str, Array] = {}
-    for key, values in zip(axes, mesh, strict=True):
+    for key, values in values_of.items():
         for name in key:
             interface, parameter = targets[name]
             if name in of_parts:
@@ -112,10 +126,10 @@ def _swept(
                     raise SceneError(
                         f"sweep: {name!r}: the stiffness of {interface!r} is on two axes; give one"
                     )
-                of_stiffness[interface] = values.ravel() / nominal
+                of_stiffness[interface] = values / nominal
                 continue
             if name in of_loads:
-                loads[_swept_term(problem, interface, parameter)] = values.ravel()
+                loads[swept_term(problem, interface, parameter)] = values
                 continue
             where = problem.interfaces[interface]
             kernel_name, pattern, factors = where.law.kernel_values(where, parameter, values.reshape(1, -1))
@@ -140,13 +154,13 @@ def _swept(
     return [*parameters, *stiffness_factors(of_stiffness), *swept_loads(plan, loads)]
 
 
-def _of_parts(problem: Problem, targets: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+def swept_parts(problem: Problem, targets: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     """Swept stiffnesses -> their parts."""
     known = problem.part_parameters.keys() - problem.load_parameters.keys()
     return {name: part for name, (part, _) in targets.items() if name in known}
 
 
-def _swept_term(problem: Problem, load: str, parameter: str) -> LoadTerm:
+def swept_term(problem: Problem, load: str, parameter: str) -> LoadTerm:
     """A number of a load that is swept: it keeps its amplitude."""
     terms = problem.loads[load].load.terms(parameter)
     if len(terms) > 1:
@@ -270,9 +284,9 @@ def planned(
 ) -> tuple[Plan, dict[tuple[str, ...], Array], list[SweptParameter]]:
     """Plan, axes and swept values of a grid; arguments as for :func:`sweep`."""
     axes = _axes(grid)
-    targets = _targets(problem, axes)
+    targets = swept_targets(problem, axes)
     if plan is None:
-        parts = _of_parts(problem, targets)
+        parts = swept_parts(problem, targets)
         if parts:
             problem.on_one_rank("a sweep over the stiffness of a part")
         swept = {
@@ -280,10 +294,12 @@ def planned(
             for name, (interface, _) in targets.items()
             if interface not in problem.loads and name not in parts
         }
-        loads = [_swept_term(problem, *each) for each in targets.values() if each[0] in problem.loads]
+        loads = [swept_term(problem, *each) for each in targets.values() if each[0] in problem.loads]
         plan = make_plan(problem, method, vary=swept, loads=loads, scaled=parts.values(), **settings)
     with agreement(problem.comm):
-        parameters = _swept(problem, plan, axes, targets)
+        mesh = np.meshgrid(*axes.values(), indexing="ij")
+        flat = {key: values.ravel() for key, values in zip(axes, mesh, strict=True)}
+        parameters = swept_values(problem, plan, flat, targets)
     return plan, axes, parameters
 
 

@@ -523,13 +523,28 @@ class RandomSpace:
         """Points (N, L) of the germs at probabilities (N, L) in (0, 1)."""
         tiny = 2.0**-54
         u = np.clip(np.asarray(probabilities, dtype=np.float64), tiny, 1.0 - 2.0 * tiny)
-        scores = special.ndtri(u)
+        return self.from_normal(special.ndtri(u))
+
+    def from_normal(self, scores: npt.ArrayLike) -> Array:
+        """Points (N, L) of the germs at independent standard normal scores (N, L), right into both tails."""
+        points = np.array(scores, dtype=np.float64)
         for block in self._blocks:
             for member in block.members:
                 if not isinstance(member, CorrelatedParameter):
                     column = block.columns[0]
-                    scores[:, column] = member.germ_from_normal(scores[:, column])
-        return cast(Array, scores)
+                    points[:, column] = member.germ_from_normal(points[:, column])
+        return points
+
+    def to_normal(self, points: npt.ArrayLike) -> Array:
+        """Independent standard normal scores (N, L) of points (N, L) of the germs; of a discrete parameter in
+        the middle of those that give its value."""
+        scores = np.array(points, dtype=np.float64)
+        for block in self._blocks:
+            for member in block.members:
+                if not isinstance(member, CorrelatedParameter):
+                    column = block.columns[0]
+                    scores[:, column] = member.to_normal(member.value(scores[:, column]))
+        return scores
 
     def sample(self, count: int, rng: np.random.Generator | int | None = None) -> Array:
         """Monte Carlo: `count` random points (count, L) of the germs."""

@@ -10,6 +10,7 @@
 #include "arguments.hpp"
 #include "latin/algebra/factor.hpp"
 #include "latin/common/error.hpp"
+#include "latin/iteration/linearisation.hpp"
 #include "latin/iteration/solver.hpp"
 #include "latin/iteration/sweep.hpp"
 #include "latin/substructure/global_stage.hpp"
@@ -149,6 +150,29 @@ Returns
 force, jump
     (points * components, columns) each: force / area on the first side, and w2 - w1. Collective among the ranks
     of the interface.
+)doc";
+
+constexpr const char* linearised_doc =
+    R"doc(The structure with the tangents of its laws at a state, factorised.
+
+Raises
+------
+NumericalError
+    It is not stable with them, or they would cost more than the bodies did.
+)doc";
+
+constexpr const char* correct_doc =
+    R"doc(Newton's step for a residual.
+
+Parameters
+----------
+residual
+    (rows, columns) of the local stage; columns may be several sets of those of the state.
+
+Returns
+-------
+step, moved
+    (rows, columns) each: on the data, and what that does to the traces. Time steps do not see each other in it.
 )doc";
 
 constexpr const char* samples_doc =
@@ -346,6 +370,47 @@ LocalFields samples(const Structure& structure, const Laws& laws, const std::str
   }
   const py::gil_scoped_release release;
   return resolve_samples(laws, structure.find_interface(interface), jump, values);
+}
+
+/// The structure with the tangents that its laws have at a state. What it was made from lives as long as it does.
+class Linearised {
+ public:
+  Linearised(const Laws& laws, const State& state) : laws_(laws) { tangents_.take(laws_, state); }
+  py::tuple correct(py::handle residual) const {
+    latin::Matrix step = to_matrix(residual, "residual", laws_.structure().rows());
+    if (step.cols() % columns_ != 0) {
+      throw latin::InputError("residual has " + std::to_string(step.cols()) +
+                              " columns, whole sets of " + std::to_string(columns_) +
+                              " are wanted");
+    }
+    latin::Matrix moved(step.rows(), step.cols());
+    tangents_.correct(step,
+                      moved);  // with the interpreter's lock: a factor solves for one at a time
+    return py::make_tuple(std::move(step), std::move(moved));
+  }
+  [[nodiscard]] Index rows() const { return laws_.structure().rows(); }
+  Linearised& of_columns(Index columns) {
+    columns_ = columns;
+    return *this;
+  }
+
+ private:
+  Laws laws_;
+  latin::iteration::Linearisation tangents_;
+  Index columns_ = 1;
+};
+
+std::shared_ptr<Linearised> linearised(const Structure& structure, const Laws& laws,
+                                       const State& state) {
+  check_laws(structure, laws);
+  check_state(structure, state, "state: it", any);
+  if (!Tangent::possible(structure)) {
+    throw latin::NumericalError("the tangent of this structure costs more than its bodies");
+  }
+  const py::gil_scoped_release release;
+  auto result = std::make_shared<Linearised>(laws, state);
+  result->of_columns(state.data.cols());
+  return result;
 }
 
 py::dict displacement_fields(const Structure& structure, const Laws& laws, const State& state,
@@ -583,6 +648,7 @@ void bind_calls(StructureClass& cls) {
             return pair_of(samples(s, laws, interface, free_jump, parameters));
           },
           "laws"_a, "interface"_a, "free_jump"_a, "parameters"_a = py::none(), samples_doc)
+      .def("linearised", &linearised, "laws"_a, "state"_a, linearised_doc)
       .def("displacements", &displacement_fields, "laws"_a, "state"_a, "amplitudes"_a = py::none(),
            "Displacements (n, columns) of every substructure of this rank, by its name.")
       .def("response_to", &response_to, "forces"_a,
@@ -650,6 +716,11 @@ void bind_laws_value(py::module_& m) {
 }  // namespace
 
 void bind_structure(py::module_& m) {
+  py::class_<Linearised, std::shared_ptr<Linearised>> cls(m, "Linearised", linearised_doc);
+  refuse_pickle(cls, "a Linearised structure holds factorised matrices: make it again");
+  cls.def("__repr__",
+          [](const Linearised& l) { return "Linearised(" + std::to_string(l.rows()) + " rows)"; });
+  cls.def("correct", &Linearised::correct, "residual"_a, correct_doc);
   bind_laws_value(m);
   bind_one_structure(m);
 }

@@ -23,6 +23,7 @@ PAGES = [
     "loads.md",
     "parallel.md",
     "random_stiffness.md",
+    "reliability.md",
     "results.md",
     "running.md",
     "scene.md",

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import re
 import tomllib
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from dolfinx_frontend import (
     RandomField,
     Quantile,
     Resultant,
+    Response,
     Scene,
     StepAssembly,
     Symmetry,
@@ -51,10 +53,12 @@ from dolfinx_frontend import (
     Uniform,
     UserLaw,
     assemble,
+    calibrate,
     geometry,
     load,
     make_plan,
     read_step,
+    reliability,
     solve,
     sweep,
 )
@@ -152,6 +156,19 @@ def kernel() -> list[Any]:
     ]
 
 
+def questions(problem: Any) -> list[Any]:
+    """The problem as a function, and what is asked of it."""
+    function = problem.function("layer")
+    event = Response("layer") > 2.0
+    fit = calibrate(problem, "layer", [1.0], 0.1, "least squares", inputs=["k"])
+    posterior = calibrate(problem, "layer", [1.0], 0.1, samples=64)
+    found = function.evaluate(MANY[1:300, None] * 30.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        rare = reliability(problem, event, "monte carlo", most=100)
+    return [function, found, event, Response("layer"), fit, posterior, rare]
+
+
 @pytest.fixture(scope="module")
 def things(tmp_path_factory: Any) -> list[Any]:
     """One of everything that is public."""
@@ -184,6 +201,8 @@ def things(tmp_path_factory: Any) -> list[Any]:
         *(chaos.at([[0.0]]), chaos.truncation("layer"), samples, samples.points, swept, swept.points),
         *(load(tmp_path_factory.getbasetemp() / "public0" / "a.h5"), quantity, quantity.mean()),
         stochastic.RandomLaws.of(problem),
+        *questions(problem),
+        result.solver.linearised(result.laws, result.state),
         *kernel(),
         latin_core.SweptParameter("layer", "normal", np.ones((1, 1)), MANY[None]),
         latin_core.Checkpoint(tmp_path_factory.mktemp("public") / "points", {}),

@@ -1,0 +1,412 @@
+"""An assembly as a function of its uncertain numbers: ``f = problem.function("joint")``, then ``f(x)``.
+
+Points are solved in batches on one factorisation, each from the nearest points that were solved before, now
+or in an earlier call. Derivatives need no further solve, see :mod:`dolfinx_frontend.inference.gradients`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from latin_core import Options, State, SweepPoints
+from scipy.spatial import cKDTree
+
+from dolfinx_frontend.assembly.problem import Problem
+from dolfinx_frontend.assembly.ranks import agreement, together
+from dolfinx_frontend.common.arrays import Array, Flags
+from dolfinx_frontend.common.checks import check_known, checked_name
+from dolfinx_frontend.common.errors import SceneError, SceneWarning, warn
+from dolfinx_frontend.formats.openturns import function_of
+from dolfinx_frontend.inference.events import Response, response
+from dolfinx_frontend.inference.gradients import Derivatives, derivatives
+from dolfinx_frontend.inference.inputs import Coordinates, Inputs
+from dolfinx_frontend.inference.points import answer_of, part_of
+from dolfinx_frontend.kernel.running import Interrupt, Interrupted
+from dolfinx_frontend.kernel.solver import Solver
+from dolfinx_frontend.plan.plan import Direction, Method, Plan, check_problem, check_settings
+from dolfinx_frontend.results.accuracy import place_of
+from dolfinx_frontend.results.sweep import SweepResult
+from dolfinx_frontend.solvers.sampling import short_steps
+from dolfinx_frontend.uncertainty.expressions import Operand
+
+__all__ = ["Evaluation", "KinkWarning", "ProblemFunction", "problem_function"]
+
+_log = logging.getLogger(__name__)
+
+BYTES = 3e8
+"""States and fields of the points of a batch."""
+KEPT = 128
+"""Solved points whose states are kept as starts, at most."""
+KEPT_BYTES = 2e8
+NEAREST = 24
+"""Of these that a call with few points is started from."""
+
+Failure = Literal["nan", "raise"]
+
+
+class KinkWarning(SceneWarning):
+    """A derivative was asked for where there is none: a contact just opens or closes, or starts to slip."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation:
+    """What a function is at some points.
+
+    Attributes
+    ----------
+    values
+        (N, quantities); NaN where a point did not converge.
+    statuses
+        (N,) ``"converged"``, or how a point ended instead, see :attr:`Result.status`.
+    places
+        (N,) where the largest error is.
+    error
+        (N,) estimated relative errors.
+    iterations
+        (N,) global stages; 0 for what was known from an earlier call.
+    """
+
+    values: Array
+    statuses: npt.NDArray[np.str_]
+    places: npt.NDArray[np.str_]
+    error: Array
+    iterations: npt.NDArray[np.int64]
+
+    @property
+    def converged(self) -> Flags:
+        """(N,) which points reached the tolerance."""
+        return np.asarray(self.statuses == "converged")
+
+    def __repr__(self) -> str:
+        good, total = int(self.converged.sum()), int(self.iterations.sum())
+        return f"Evaluation({len(self.values)} points, {good} converged, {total} iterations)"
+
+
+@dataclass(eq=False)
+class _Known:
+    """A point that was solved."""
+
+    x: Array
+    state: State
+    values: Array
+    status: str
+    place: str
+    error: float
+
+
+class ProblemFunction:
+    """An assembly as a vectorised function of law parameters, loads and random numbers.
+
+    ``f(x)`` takes points (N, inputs) and returns (N, quantities); of one point (inputs,) it returns
+    (quantities,). It solves the assembly as it is, contact and slip included: nothing is fitted.
+
+    Attributes
+    ----------
+    inputs, outputs
+        Names of the columns.
+    problem, plan, solver
+        What is solved, how, and on which factors.
+    solves
+        Points that were solved so far.
+    seconds
+        Spent in solves and in derivatives.
+    """
+
+    def __init__(
+        self, inputs: Inputs, quantities: Mapping[str, Response], plan: Plan, on_failure: Failure = "nan"
+    ) -> None:
+        self._inputs = inputs
+        self._responses = tuple(quantities.values())
+        self.inputs, self.outputs = inputs.names, tuple(quantities)
+        self.problem, self.plan, self.on_failure = inputs.problem, plan, on_failure
+        self.solver = Solver(inputs.problem, plan)
+        self.solves = 0
+        self.seconds = 0.0
+        self._known: OrderedDict[bytes, _Known] = OrderedDict()
+        size = 2 * 8 * max(self.solver.rows, 1) * plan.amplitudes.shape[1]
+        self._kept = int(min(KEPT, max(4, KEPT_BYTES // size)))
+        fields = 2 * sum(i.num_points * i.dim for i in inputs.problem.interfaces.values()) * 8
+        self._batch = int(max(1, BYTES // (size + fields * plan.steps + 1)))
+
+    @property
+    def dimension(self) -> int:
+        """Number of inputs."""
+        return self._inputs.dimension
+
+    @property
+    def nominal(self) -> Array:
+        """(inputs,) what the inputs are in the scene, random ones at their means."""
+        return self._inputs.nominal()
+
+    def __repr__(self) -> str:
+        return (
+            f"ProblemFunction({', '.join(self.outputs)} of {', '.join(self.inputs)}; {self.solves} points "
+            "solved, "
+            f"{self.seconds:.2f} s)"
+        )
+
+    def __call__(self, x: npt.ArrayLike) -> Array:
+        """Values (N, quantities) at points (N, inputs), or (quantities,) at one point (inputs,).
+
+        Raises
+        ------
+        SceneError
+            Wrong shapes, a value that makes no law (a negative stiffness), or, with ``on_failure="raise"``,
+            a point that did not converge.
+
+        Warns
+        -----
+        SceneWarning
+            Points that did not converge, with their numbers and places: their values are NaN.
+        """
+        found = self.evaluate(x)
+        lost = np.flatnonzero(~found.converged)
+        if len(lost):
+            text = self._told(found, lost, len(found.values))
+            if self.on_failure == "raise":
+                raise SceneError(text)
+            warn(text + "; their values are NaN", SceneWarning)
+        return found.values if np.ndim(x) > 1 else found.values[0]
+
+    def _told(self, found: Evaluation, lost: Any, count: int) -> str:
+        each = [
+            f"point {n} {found.statuses[n]}" + (f" in {found.places[n]}" if found.places[n] else "")
+            for n in lost[:3]
+        ]
+        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+        return (
+            f"function: {len(lost)} of {count} points did not converge: {', '.join(each)}{more}; raise "
+            "options=Options(max_iterations=...) or lower rtol"
+        )
+
+    def evaluate(self, x: npt.ArrayLike) -> Evaluation:
+        """Values at points (N, inputs) with the status of each; never warns of a status."""
+        points = self._inputs.checked(x)
+        self.problem.check_alike("function", points=points)
+        began = perf_counter()
+        count = len(points)
+        found = Evaluation(
+            np.full((count, len(self.outputs)), np.nan),
+            np.full(count, "", dtype="<U16"),
+            np.full(count, "", dtype="<U64"),
+            np.full(count, np.nan),
+            np.zeros(count, dtype=np.int64),
+        )
+        new = []
+        for k, point in enumerate(points):
+            known = self._known.get(point.tobytes())
+            if known is None:
+                new.append(k)
+                continue
+            found.values[k], found.statuses[k], found.places[k] = known.values, known.status, known.place
+            found.error[k] = known.error
+        for first in range(0, len(new), self._batch):
+            self._solve(points, np.array(new[first : first + self._batch]), found)
+        found.values[~found.converged] = np.nan
+        self.seconds += perf_counter() - began
+        return found
+
+    def _solve(self, points: Array, which: npt.NDArray[np.int64], into: Evaluation) -> None:
+        """Solve some points and read them."""
+        x = points[which]
+        starts = self._starts(x)
+        every = np.vstack([x, *(each.x for each in starts)])
+        with agreement(self.problem.comm):
+            parameters = self._inputs.parameters(self.plan, every)
+        if not parameters:
+            raise SceneError(
+                f"function: nothing that is solved depends on {', '.join(self.inputs)}: name other inputs"
+            )
+        scale = np.ptp(every, axis=0)
+        scale[scale == 0.0] = 1.0
+        with Interrupt() as interrupt:
+            walked = self.solver.walk(
+                self.solver.laws,
+                self.plan.amplitudes,
+                parameters,
+                short_steps(x / scale),
+                self.plan.options,
+                callback=interrupt.watch(None),
+                keep_states=True,
+                start={len(x) + k: each.state for k, each in enumerate(starts)},
+            )
+        solved = _first(walked, len(x))
+        if np.any(solved.iterations < 0):
+            done = int((solved.iterations >= 0).sum())
+            raise Interrupted(f"function: interrupted after {done} of {len(x)} points")
+        own = part_of(parameters, slice(0, len(x)))
+        values = self._read(answer_of(self.problem, self.plan, self.solver, solved, own), x)
+        self.solves += len(x)
+        bodies = self.solver.bodies
+        for k, number in enumerate(which):
+            place = place_of(self.plan, bodies, solved.worst[k])
+            into.values[number], into.statuses[number] = values[k], solved.status[k]
+            into.places[number] = place
+            into.error[number], into.iterations[number] = solved.error[k], solved.iterations[k]
+        assert solved.states is not None  # asked for
+        # of a large batch those at the end, which are neighbours of each other, would do little good
+        kept = np.linspace(0, len(x) - 1, min(len(x), self._kept)).round().astype(int)
+        for k in dict.fromkeys(int(each) for each in kept):
+            if solved.status[k] == "converged":
+                data, traces = solved.states[k]
+                state = State(np.asfortranarray(data), np.asfortranarray(traces))
+                place = str(into.places[which[k]])
+                self._known[x[k].tobytes()] = _Known(
+                    x[k].copy(), state, values[k], "converged", place, float(solved.error[k])
+                )
+        while len(self._known) > self._kept:
+            self._known.popitem(last=False)
+
+    def _starts(self, x: Array) -> list[_Known]:
+        """Solved points near some points, which these are started from."""
+        every = list(self._known.values())
+        most = min(len(every), max(NEAREST, len(x)))
+        if most == len(every):
+            return every
+        known = np.array([each.x for each in every])
+        scale = np.ptp(np.vstack([known, x]), axis=0)
+        scale[scale == 0.0] = 1.0
+        distance, _ = cKDTree(x / scale).query(known / scale)
+        return [every[k] for k in np.argsort(distance, kind="stable")[:most]]
+
+    def _read(self, answer: SweepResult, x: Array) -> Array:
+        """The quantities (N, quantities) of an answer at points (N, inputs)."""
+        values = self._inputs.values(x) if any(each.random for each in self._responses) else {}
+        leaves = {id(leaf): leaf for each in self._responses for leaf in each.readings}
+        read = {key: leaf.read(answer) for key, leaf in leaves.items()}
+        found = [np.broadcast_to(each.at(read, values), (len(x),)) for each in self._responses]
+        return np.column_stack(found).astype(np.float64)
+
+    # --- derivatives ------------------------------------------------------------------------------
+    def gradient(self, x: npt.ArrayLike) -> Array:
+        """Derivatives (N, quantities, inputs) at points (N, inputs), or (quantities, inputs) at one point.
+
+        Warns
+        -----
+        KinkWarning
+            At points where a contact just opens or closes, or starts to slip: there is no derivative, and
+            the value is between those of the two sides.
+
+        Raises
+        ------
+        SceneError
+            A point that does not converge.
+        """
+        points = self._inputs.checked(x)
+        found = [self.derivatives(point) for point in points]
+        told = [
+            f"point {k} along {self.inputs[i]}" + (f" ({each.places[i]})" if each.places[i] else "")
+            for k, each in enumerate(found)
+            for i in np.flatnonzero(each.kinks)
+        ]
+        if told:
+            more = f" and {len(told) - 3} more" if len(told) > 3 else ""
+            warn(f"function: no derivative at a kink: {', '.join(told[:3])}{more}", KinkWarning)
+        values = np.array([each.values for each in found])
+        return values if np.ndim(x) > 1 else np.asarray(values[0])
+
+    def derivatives(self, x: npt.ArrayLike) -> Derivatives:
+        """Derivatives at one point (inputs,), with the inputs along which there is a kink; never warns of
+        these.
+
+        Raises
+        ------
+        SceneError
+            The point does not converge.
+        """
+        self.problem.on_one_rank("derivatives of a function")
+        point = self._inputs.checked(x)
+        if len(point) != 1:
+            raise SceneError(f"function: derivatives of {len(point)} points; give one, (inputs,)")
+        found = self.evaluate(point)
+        if not found.converged[0]:
+            raise SceneError(self._told(found, [0], 1))
+        began = perf_counter()
+        known = self._known[point[0].tobytes()]
+        result = derivatives(self.solver, self._inputs, point[0], known.state, self._read)
+        self.seconds += perf_counter() - began
+        return result
+
+    # --- for others -------------------------------------------------------------------------------
+    def openturns(self) -> Any:
+        """The function as an ``openturns.Function`` with its gradient.
+
+        Raises
+        ------
+        SceneError
+            OpenTURNS is not installed.
+        """
+        return function_of(self, self.gradient, self.inputs, self.outputs)
+
+
+def _first(points: SweepPoints, count: int) -> SweepPoints:
+    """The first of some points."""
+    return replace(
+        points,
+        iterations=points.iterations[:count],
+        error=points.error[:count],
+        seconds=points.seconds[:count],
+        status=points.status[:count],
+        forces={n: each[:count] for n, each in points.forces.items()},
+        jumps={n: each[:count] for n, each in points.jumps.items()},
+        states=None if points.states is None else points.states[:count],
+        worst=points.worst[:count],
+        largest=points.largest[:count],
+    )
+
+
+def _named(where: str, quantities: Any) -> dict[str, Response]:
+    """Quantities by name."""
+    if isinstance(quantities, Mapping):
+        return {checked_name(where, name): response(where, each) for name, each in quantities.items()}
+    several = quantities if isinstance(quantities, list | tuple) else [quantities]
+    found: dict[str, Response] = {}
+    for each in several:
+        one = response(where, each)
+        name = one.name
+        if name in found:
+            raise SceneError(f"{where}: quantity {name!r} is there twice; give a dict {{name: quantity}}")
+        found[name] = one
+    if not found:
+        raise SceneError(f"{where}: quantities = {quantities!r}; give one at least")
+    return found
+
+
+@together("function")
+def problem_function(
+    problem: Problem,
+    quantities: Any,
+    inputs: Sequence[str] | str | None = None,
+    *,
+    coordinates: Coordinates = "physical",
+    on_failure: Failure = "nan",
+    more: Sequence[Operand] = (),
+    method: Method = "auto",
+    active: Sequence[str] | Literal["all"] | None = None,
+    direction: Direction | float | None = None,
+    options: Options | None = None,
+    plan: Plan | None = None,
+    times: npt.ArrayLike | None = None,
+) -> ProblemFunction:
+    """As :meth:`Problem.function`, which has the parameters; `more`: random numbers beside the problem's."""
+    settings: dict[str, Any] = {"active": active, "direction": direction, "options": options, "times": times}
+    check_problem("function", problem, plan)
+    check_settings("function", plan, method, **settings)
+    check_known("on_failure", on_failure, ("nan", "raise"), "function")
+    named = _named("function", quantities)
+    for each in named.values():
+        each.check(problem)
+    extra = [*more, *(r for each in named.values() for r in each.random)]
+    own = Inputs.of(problem, inputs, coordinates, extra)
+    if plan is None:
+        plan = own.plan(None, method=method, **settings)
+    else:
+        own.plan(plan)
+    return ProblemFunction(own, named, plan, on_failure)

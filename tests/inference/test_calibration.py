@@ -1,0 +1,142 @@
+"""Uncertain numbers from measurements, against integrals over the prior and closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy import stats
+
+import dolfinx_frontend as lf
+from dolfinx_frontend import Fit, Posterior, SceneError, calibrate, geometry
+
+Array = npt.NDArray[np.float64]
+
+LENGTH, AREA, YOUNG, FORCE = 20.0, 100.0, 200e3, 1000.0
+DATA, NOISE = [0.2105, 0.2180, 0.2141], 0.005
+TIGHT = lf.Options(rtol=1e-10)
+
+
+def bars(layer: Any, force: Any = FORCE, more: Any = None) -> lf.Problem:
+    """Two bars with a layer between them: the end moves by F / A (2 L / E + 1 / k)."""
+    scene = lf.Scene()
+    for number, name in enumerate(("first", "second")):
+        box = geometry.box((LENGTH, 10.0, 10.0), (2, 1, 1), (LENGTH * number, 0.0, 0.0), cell="hexahedron")
+        scene.substructure(name, box, lf.LinearElastic(YOUNG, 0.0), degree=1)
+    scene.fix("first:x0")
+    scene.interface("layer", "first:x1", "second:x0", lf.Elastic(normal=layer, tangential=100.0))
+    if more is not None:
+        scene.interface("beside", "first:x1", "second:x0", lf.Elastic(normal=more, tangential=100.0))
+    scene.force("second:x1", (force, 0.0, 0.0), name="pull")
+    return lf.assemble(scene)
+
+
+def end(problem: lf.Problem) -> lf.AtPoint:
+    return lf.AtPoint(problem, "second", (2.0 * LENGTH, 5.0, 5.0), component="x")
+
+
+def moved(stiffness: Any) -> Any:
+    return FORCE / AREA * (2.0 * LENGTH / YOUNG + 1.0 / stiffness)
+
+
+def test_two_bars_with_a_layer() -> None:
+    """Posterior mean 47.1444 and deviation 0.6412, which an integral over the prior gives as well."""
+    problem = bars(lf.LogNormal("k", 50.0, cov=0.3))
+    found = calibrate(problem, end(problem), DATA, NOISE, options=TIGHT)
+    assert isinstance(found, Posterior)
+    s = np.sqrt(np.log1p(0.3**2))
+    z = np.linspace(-6.0, 6.0, 200_001)
+    k = 50.0 * np.exp(s * z - 0.5 * s * s)
+    logs = stats.norm.logpdf(z) + sum(stats.norm.logpdf(y, moved(k), NOISE) for y in DATA)
+    density = np.exp(logs)
+    share = density / density.sum()
+    mean, deviation = float(share @ k), float(np.sqrt(share @ (k - share @ k) ** 2))
+    assert mean == pytest.approx(47.1444, abs=5e-5) and deviation == pytest.approx(0.6412, abs=5e-5)
+    assert found.mean("k").value == pytest.approx(mean, rel=5e-3)
+    assert found.mean("k").low <= mean <= found.mean("k").high
+    assert found.std("k") == pytest.approx(deviation, rel=5e-3 * mean / deviation * 0.5)
+    assert found.laplace["k"] == pytest.approx(deviation, rel=0.02)
+    assert found.evidence == pytest.approx(np.log(density.sum() * (z[1] - z[0])), abs=0.02)
+    assert found.quantile("k", 0.5) == pytest.approx(float(np.interp(0.5, np.cumsum(share), k)), rel=2e-3)
+    assert not found.unseen and "k = 47.1" in repr(found)
+
+
+def test_the_posterior_is_a_random_number_of_the_next_scene() -> None:
+    problem = bars(lf.LogNormal("k", 50.0, cov=0.3))
+    found = calibrate(problem, end(problem), DATA, NOISE, options=TIGHT)
+    assert isinstance(found, Posterior)
+    layer = found.random()["k"]
+    assert layer.mean == pytest.approx(found.mean("k").value) and layer.std == pytest.approx(found.std("k"))
+    again = bars(layer)
+    drawn = lf.monte_carlo(again, 400, seed=1, options=TIGHT, keep_states=True, progress=False)
+    values = drawn.quantity(end(again)).values
+    assert values.mean() == pytest.approx(float(found.weights @ moved(found.samples[:, 0])), rel=3e-3)
+    assert values.std() == pytest.approx(moved(47.1444 - 0.6412) - moved(47.1444), rel=0.15)
+
+
+def test_what_the_data_do_not_see_is_named() -> None:
+    """Of two layers side by side only the sum of the stiffnesses is measured."""
+    problem = bars(lf.LogNormal("a", 25.0, cov=0.3), more=lf.LogNormal("b", 25.0, cov=0.3))
+    found = calibrate(problem, end(problem), DATA, NOISE, options=TIGHT, samples=1024)
+    assert isinstance(found, Posterior)
+    (unseen,) = found.unseen
+    assert unseen.seen == pytest.approx(1.0) and set(unseen.weights) == {"a", "b"}
+    assert unseen.weights["a"] * unseen.weights["b"] < 0.0
+    assert found.correlation[0, 1] < -0.9
+    total = found.samples.sum(axis=1)
+    assert found.weights @ total == pytest.approx(47.2, rel=5e-3)
+    joined = found.random()
+    assert set(joined) == {"a", "b"}
+    fit = calibrate(problem, end(problem), DATA, NOISE, "least squares", options=TIGHT)
+    assert isinstance(fit, Fit) and len(fit.unseen) == 1 and np.isinf(list(fit.std.values())).all()
+
+
+def test_least_squares_without_a_prior() -> None:
+    """The stiffness at which the mean of the data is met, with the error that the noise leaves."""
+    problem = bars(50.0)
+    inputs = ["layer.normal"]
+    fit = calibrate(problem, end(problem), DATA, NOISE, "least squares", inputs=inputs, options=TIGHT)
+    assert isinstance(fit, Fit)
+    mean = float(np.mean(DATA))
+    stiffness = 1.0 / (mean * AREA / FORCE - 2.0 * LENGTH / YOUNG)
+    assert fit.values["layer.normal"] == pytest.approx(stiffness, rel=1e-6)
+    slope = FORCE / AREA / stiffness**2
+    assert fit.std["layer.normal"] == pytest.approx(NOISE / np.sqrt(3.0) / slope, rel=1e-5)
+    assert fit.predicted == pytest.approx([mean], rel=1e-6) and fit.misfit < 1e-5
+
+
+def test_several_quantities_with_gaps_in_the_data() -> None:
+    """Force and displacement; a row per measurement, NaN where nothing was measured."""
+    problem = bars(lf.LogNormal("k", 50.0, cov=0.3), lf.Normal("F", FORCE, cov=0.1))
+    quantities = {"end": end(problem), "force": "layer"}
+    data = [[0.2105, 1010.0], [0.2180, np.nan], [np.nan, 990.0]]
+    found = calibrate(problem, quantities, data, {"end": NOISE, "force": 20.0}, options=TIGHT, samples=1024)
+    assert isinstance(found, Posterior)
+    assert found.mean("F").value == pytest.approx(1000.0, rel=0.01)
+    assert found.std("F") < 20.0 and not found.unseen
+
+
+def test_bad_data() -> None:
+    problem = bars(lf.LogNormal("k", 50.0, cov=0.3))
+    where = end(problem)
+    for data, noise, words in (
+        (DATA, 0.0, "noise of .* = 0: give a standard deviation > 0"),
+        (DATA, -1.0, "noise of .* = -1"),
+        (DATA, {"displacement": 1.0}, "unknown quantity 'displacement'"),
+        ([[1.0, 2.0]], NOISE, r"data of shape \(1, 2\) for 1 quantities"),
+        ([], NOISE, "data of shape"),
+        ("a", NOISE, "data = 'a'; give numbers"),
+        ([np.nan], NOISE, "nothing was measured"),
+        ([np.inf], NOISE, "infinite"),
+        ([1000.0 * d for d in DATA], 1000.0 * NOISE, "excludes the data.*about 1000 times the prediction"),
+        ([d / 1000.0 for d in DATA], NOISE / 1000.0, "prior excludes the data.*1/1000 of the prediction"),
+        ([5.0], NOISE, "prior excludes the data"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            calibrate(problem, where, data, noise)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="is no random number: it has no prior"):
+        calibrate(problem, where, DATA, NOISE, inputs=["pull.x"])
+    with pytest.raises(SceneError, match="give a power of two"):
+        calibrate(problem, where, DATA, NOISE, samples=1000)
