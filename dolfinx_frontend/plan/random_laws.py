@@ -285,7 +285,7 @@ class RandomLaws:
         law = self.problem.interfaces[name].law
         names, _ = law.derived().get(parameter, ((), None))
         for given in names:
-            source = law.parameters().get(given)
+            source: Any = law.parameters().get(given)
             if is_random(source):
                 values = np.atleast_2d(self.space.values(source, points))
                 self._check_sampled(name, given, source, values, points)

@@ -145,10 +145,12 @@ Summary Run::run(bool traces_known) {
 
 void Run::begin(bool traces_known) {
   const bool from_zero = state_.data.isZero(0.0);
-  rounds_left_ =
-      accelerates() && options_.newton >= 1 && verifies() && Verification::coupled(stages_.laws())
-          ? most_rounds
-          : 0;
+  if (accelerates() && options_.newton >= 1 && verifies() &&
+      Verification::coupled(stages_.laws())) {
+    // steps of the check lead on where the bodies are those of its tangents
+    rounds_left_ = stages_.laws().scales_anywhere() ? most_rounds : 1;
+  }
+  first_round_ = rounds_left_ > 0;
   if (traces_known) {
     stages_.local(state_.data, state_.traces, residual_);
   } else {
@@ -170,7 +172,8 @@ bool Run::solve_coupled() {
   if (!verification_) {
     verification_.emplace(stages_, known_);
   }
-  const bool first = rounds_left_-- == most_rounds;
+  const bool first = std::exchange(first_round_, false);
+  --rounds_left_;
   Matrix step = residual_;
   solved_ = verification_->solve_coupled(state_, coupled_accuracy * options_.rtol, step);
   stages_.set_accuracy_of_fields(accuracy_of_fields());

@@ -14,7 +14,7 @@ using stochastic::ModeRows;
 
 /// What conjugate gradients leave of changes, which are repeated exactly at the end; as single precision leaves of them.
 constexpr double of_changes = 1e-6;
-/// Of what the last solution lacked: the next one starts from what is left here.
+/// Of what the last solution lacked: the next one of an iteration starts from what is left here.
 constexpr double of_lacking = 3e-3;
 constexpr int most_steps = 2000;
 
@@ -79,7 +79,7 @@ void FieldBody::add_change(const Matrix& unknowns, Matrix& forces) const {
 void FieldBody::iterate(Matrix& left, Work& work, double accuracy) const {
   const Index columns = left.cols();
   Matrix& found = work.unknowns;
-  double of_first = of_lacking * of_lacking;
+  double of_first = std::isinf(work.accuracy) ? 0.0 : of_lacking * of_lacking;
   if (found.rows() != body_->size() || found.cols() != columns) {
     if (std::isinf(accuracy)) {  // the means alone
       found = body_->factor_->solve(left);
@@ -172,12 +172,12 @@ void FieldBody::solve(ConstMatrixRef data, ConstMatrixRef amplitudes, double acc
   if (work_.accuracy <= accuracy && solved(data, amplitudes)) {
     return;
   }
-  work_.accuracy = std::numeric_limits<double>::infinity();
-  work_.data = data;
-  work_.amplitudes = amplitudes;
+  work_.data.resize(0, 0);  // nothing is solved if this fails
   work_.forces = forces_of(data, amplitudes);
   Matrix left = work_.forces;
   iterate(left, work_, accuracy);
+  work_.data = data;
+  work_.amplitudes = amplitudes;
   work_.accuracy = accuracy;
 }
 
@@ -252,6 +252,7 @@ Vector FieldBody::energies(ConstMatrixRef data, ConstMatrixRef amplitudes, doubl
 std::vector<Matrix> FieldBody::displacements(ConstMatrixRef data, ConstMatrixRef amplitudes) const {
   const std::scoped_lock lock(mutex_);
   if (std::isinf(work_.accuracy) || !solved(data, amplitudes)) {
+    work_.accuracy = std::numeric_limits<double>::infinity();  // it is no step of an iteration
     solve(data, amplitudes, exact);
   }
   std::vector<Matrix> fields;

@@ -86,6 +86,7 @@ class Run {
   Index newton_stages_ = 0;  ///< work of Newton's method, in global stages
   double callback_s_ = 0.0;
   bool interrupted_ = false;        ///< on this rank
+  bool first_round_ = false;        ///< whether the next one is the first of these:
   int rounds_left_ = 0;             ///< in which all columns may be solved for at once
   bool solved_ = false;             ///< for all columns at once: the next iterate is to be checked
   bool started_elsewhere_ = false;  ///< from states of other parameters
