@@ -43,7 +43,8 @@ _log = logging.getLogger(__name__)
 class Solver:
     """Factorised bodies and active interfaces of a plan.
 
-    Several threads may use one solver at once.
+    Several threads may use one solver at once. Bodies that the solver `before` has as well, but for their
+    interfaces, keep their factors.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class Solver:
         Seconds, numbers and unknowns of every body.
     """
 
-    def __init__(self, problem: Problem, plan: Plan) -> None:
+    def __init__(self, problem: Problem, plan: Plan, before: Solver | None = None) -> None:
         problem.check_alike(
             "factorise",
             laws=True,
@@ -76,7 +77,7 @@ class Solver:
         )
         self.problem = problem
         self.plan = plan
-        self._core, own, acting = bridge.build(problem, plan)
+        self._core, own, acting = bridge.build(problem, plan, None if before is None else before._core)
         self.acting = ReadOnlyDict(acting)
         every = [own] if problem.comm is None else exchanged(problem.comm, own)
         self.bodies = tuple(body for bodies in every for body in bodies)
