@@ -148,6 +148,7 @@ def solve_to_accuracy(
     options: Options | None = None,
     meshes: bool = True,
     known: ErrorShare | None = None,
+    first: ChaosResult | None = None,
 ) -> Result | SampleResult:
     """Solve until the error of a quantity is at most `accuracy`.
 
@@ -162,6 +163,8 @@ def solve_to_accuracy(
         algebraic and truncation error.
     known
         The error of the meshes, where it was measured before.
+    first
+        A chaos of order 1 of the problem, where there is one.
 
     Returns
     -------
@@ -181,7 +184,7 @@ def solve_to_accuracy(
     if random.every:
         if of_one is not None and active is None and of_one not in random.interfaces:
             active = [of_one]
-        first = solve_chaos(
+        first = first or solve_chaos(
             problem,
             Chaos(order=1, check_points=0),
             method,

@@ -20,6 +20,7 @@ from ufl.domain import extract_domains
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import is_real
+from dolfinx_frontend.common.compat import coordinate_map
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.geometry.finer import SIMPLICES, bisected, cell_sizes, halved, size_field
 from dolfinx_frontend.geometry.parts import Part
@@ -35,9 +36,12 @@ ORDER = 3.0
 """Power of the size that contributions are taken to fall with: less than smooth ones do, as those at corners and
 edges decide, and what must be small there must be very small."""
 
-GROWTH = 6.0
-"""Cells of a part grow by about this factor in one step at most: sizes are predicted from errors that are
-estimated, the worse the coarser the mesh."""
+GROWTH = {2: 5.0, 3: 4.0}
+"""Cells of a part grow by about this factor in one step at most, by dimension: sizes are predicted from errors that
+are estimated, the worse the coarser the mesh."""
+
+MANY = 0.06
+"""Share of the cells of a part of which it is said that they are many."""
 
 LEFT_ALONE = 0.5
 """Parts keep their meshes while together they contribute at most this share of what may be left."""
@@ -122,7 +126,7 @@ def finer(
         if ratio.min() > WORTH:
             continue
         try:
-            new, how = _finer_part(spec, ratio, name in at_edges)
+            new, how = _finer_part(spec, ratio, _spread(cells[name]) and name not in at_edges, name in at_edges)
         except SceneError as error:
             found.stuck[name] = str(error).splitlines()[0]
             continue
@@ -168,7 +172,7 @@ def _ratios(dim: int, cells: Mapping[str, Array], wanted: float) -> dict[str, Ar
     found = sizes(np.exp(low))
     for name, ratio in found.items():
         for _ in range(40):
-            if float(np.sum(ratio**-dim)) <= GROWTH * len(ratio):
+            if float(np.sum(ratio**-dim)) <= GROWTH[dim] * len(ratio):
                 break
             ratio = np.minimum(ratio * 1.05, LARGEST)
         found[name] = ratio
@@ -209,15 +213,26 @@ def _face_cells(problem: Problem, part: str, face: str) -> tuple[Ints, Array]:
     return cells, np.asarray(midpoints(each.mesh, d - 1, facets))[:, : each.mesh.geometry.dim]
 
 
-def _finer_part(spec: SubstructureSpec, ratio: Array, cut: bool) -> tuple[SubstructureSpec | None, str]:
+def _spread(contributions: Array) -> bool:
+    """Whether many cells make half of what all contribute: then a higher degree does more than smaller cells."""
+    ranked = np.cumsum(np.sort(contributions)[::-1])
+    half = int(np.searchsorted(ranked, 0.5 * ranked[-1])) + 1
+    return half > MANY * len(contributions)
+
+
+def _finer_part(
+    spec: SubstructureSpec, ratio: Array, raised: bool, cut: bool
+) -> tuple[SubstructureSpec | None, str]:
     """A part with a finer mesh or a higher degree, and how; None: it can have neither, and why.
 
-    `cut`: smaller cells are wanted and not a higher degree, which does nothing for the edge of a contact zone.
+    `raised`: a higher degree is better. `cut`: smaller cells are wanted and not a higher degree, which does nothing for the edge of a contact zone.
     """
     tied = _tied(spec)
     cell = spec.cell
     again = getattr(spec.part, "again", None)
-    alone = tied or (cell not in SIMPLICES and again is None and not cut)
+    # straight cells may be off a round face, which smaller ones tell
+    raised = raised and (again is None or int(coordinate_map(spec.part.mesh).degree) > 1)
+    alone = tied or raised or (cell not in SIMPLICES and again is None and not cut)
     if spec.degree == 1 or (alone and spec.degree < MOST_DEGREE):
         return replace(spec, degree=spec.degree + 1), f"degree {spec.degree + 1}"
     if tied:

@@ -39,6 +39,7 @@ from dolfinx_frontend.estimate.mesh_error import DiscretisationError, discretisa
 from dolfinx_frontend.geometry.finer import cell_sizes
 from dolfinx_frontend.plan.plan import Direction, Method, make_plan
 from dolfinx_frontend.plan.random_laws import RandomLaws
+from dolfinx_frontend.results.chaos import ChaosResult
 from dolfinx_frontend.results.errors import ErrorShare, MeshStep, Place, share_of
 from dolfinx_frontend.results.result import Result
 from dolfinx_frontend.results.resultant import Interest, Resultant, Wanted, interest
@@ -65,11 +66,14 @@ FALL = 0.1
 AIM = 0.6
 """What a step aims at, relative to what the meshes may leave: a step too little costs more than one too fine."""
 
-SLOWEST, FASTEST = 0.8, 0.2
+SLOWEST, FASTEST = 0.65, 0.2
 """Factors by which the error is taken to have fallen in one step, when its last change tells of what is left."""
 
 AT_EDGES = 0.6
 """The least of these where a contact zone has an edge, whose error falls with the size of the cells there."""
+
+SURE = 2.0
+"""Times the estimate without cancellation that one mesh alone must be better than asked."""
 
 FORGOTTEN = 0.4
 """Weight of a change by those that came after it."""
@@ -173,6 +177,7 @@ class _Meshes:
         self.notes: list[str] = []
         self.random = False
         self.before: Problem | None = None
+        self.chaos: ChaosResult | None = None
         self.norms: list[float] = []
         self.estimates: list[float] = []
         self.edges: dict[str, Array] = {}
@@ -186,7 +191,13 @@ class _Meshes:
             problem = self.result.problem
             if RandomLaws.of(problem).every:
                 found = solve_to_accuracy(
-                    problem, self.accuracy, self.quantity, method, known=self._of_random(), **settings
+                    problem,
+                    self.accuracy,
+                    self.quantity,
+                    method,
+                    known=self._of_random(),
+                    first=self.chaos if self.chaos is not None and self.chaos.problem is problem else None,
+                    **settings,
                 )
             else:
                 found = tight_enough(self.result, self.accuracy, self.quantity, known=self.share)
@@ -214,6 +225,10 @@ class _Meshes:
         for name, spec in self.scene.substructures.items():
             self.scene.substructures[name] = spec.made()
         problem = assemble(self.scene)
+        for name, joint in self.scene.interfaces.items():
+            if joint.space == "points" and len(joint.faces) == 2 and joint.law.rigid:
+                # which asks for meshes that match, and these may not any more
+                self.scene.interfaces[name] = replace(joint, space="auto")
         soft = _soft_springs(self.scene, problem)
         for name in soft:
             self.scene.interfaces[name] = replace(self.scene.interfaces[name], space="points")
@@ -234,9 +249,33 @@ class _Meshes:
             following = self._finer(problem)
             if following is None:
                 return
-            self.scene, changed = following
-            self.before = problem
-            problem = assembled_again(self.scene, problem)
+            scene, changed = following
+            together = self._assembled(scene, changed, problem)
+            if together is None:
+                return
+            self.before, (self.scene, problem) = problem, together
+
+    def _assembled(
+        self, scene: Scene, changed: Mapping[str, str], before: Problem
+    ) -> tuple[Scene, Problem] | None:
+        """The next meshes put together; None: they do not fit, and a note says why.
+
+        Two meshes of one round face cover each other but for what lies between their chords, which then stays free.
+        """
+        try:
+            return scene, assembled_again(scene, before)
+        except SceneError as error:
+            _log.info("the faces of the next meshes may overlap partly: %s", error)
+        for name, joint in scene.interfaces.items():
+            touched = any(face.substructure in changed for face in joint.faces)
+            if touched and len(joint.faces) == 2 and joint.remote is None:
+                space = "auto" if joint.space == "points" else joint.space
+                scene.interfaces[name] = replace(joint, space=space, overlap="partial")
+        try:
+            return scene, assembled_again(scene, before)
+        except SceneError as error:
+            self.notes.append(f"the next meshes do not fit together: {str(error).splitlines()[0]}")
+            return None
 
     def _solve(
         self, problem: Problem, changed: dict[str, str], method: Method, options: Options, **settings: Any
@@ -267,7 +306,7 @@ class _Meshes:
             said, how = seen, "the change from mesh to mesh"
         elif isfinite(seen) and seen > estimate:
             said, how = seen, "the change from mesh to mesh"
-        elif not self.steps and not sure <= self.target:
+        elif not self.steps and not SURE * sure <= self.target:
             how = "recovered stresses; no second mesh confirms it"
         absolute = None if value is None else said * abs(value)
         self.share = ErrorShare(found.energy if self.quantity is not None else said, absolute, None, how)
@@ -276,9 +315,10 @@ class _Meshes:
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
-        # nor is the shape of a part that its mesh has not, nor a deviation
+        # nor are the shape of a part that its mesh has not, what means over an interface leave out, a deviation
         shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
-        alone = sure <= self.target and not (self.edges or shapes or self.random)
+        means = any(i.space != "points" and len(i.sides) == 2 for i in problem.interfaces.values())
+        alone = SURE * sure <= self.target and not (self.edges or shapes or means or self.random)
         self.confirmed = len(self.steps) > 1 or alone
         self.cells = found.cells
         self.said = said
@@ -331,27 +371,13 @@ class _Meshes:
         assert self.result is not None and self.share is not None
         if not isinstance(self.quantity, Resultant) or self.before is None or not self.result.converged:
             return True
-        found = []
-        for problem in (self.before, self.result.problem):
-            of_one = self.quantity.interface
-            active = settings.get("active")
-            if active is None and of_one not in RandomLaws.of(problem).interfaces:
-                active = [of_one]
-            try:
-                chaos = solve_chaos(
-                    problem,
-                    Chaos(order=1, check_points=0),
-                    method,
-                    options=options,
-                    progress=self.shown,
-                    estimator=errors,
-                    **{**settings, "active": active},
-                )
-            except SceneError as error:
-                self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
-                return True
-            complete(chaos)
-            found.append(chaos.mean_std(self.quantity).std or 0.0)
+        try:
+            old = self.chaos or self._first_chaos(self.before, method, options, settings)
+            self.chaos = self._first_chaos(self.result.problem, method, options, settings)
+        except SceneError as error:
+            self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
+            return True
+        found = [each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos)]
         fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), FASTEST, SLOWEST))
         fall = max(fall, AT_EDGES) if self.edges else fall
         left = abs(found[1] - found[0]) * fall / (1.0 - fall)
@@ -361,6 +387,26 @@ class _Meshes:
         self.said = max(self.said, share_of(left, max(found[1], 1e-9 * abs(self.steps[-1].value or 0.0))))
         self.steps[-1] = self.steps[-1]._replace(error=self.said)
         return self.said <= self.target
+
+    def _first_chaos(
+        self, problem: Problem, method: Method, options: Options, settings: Mapping[str, Any]
+    ) -> ChaosResult:
+        """The chaos of order 1 on some meshes."""
+        assert isinstance(self.quantity, Resultant)
+        active = settings.get("active")
+        if active is None and self.quantity.interface not in RandomLaws.of(problem).interfaces:
+            active = [self.quantity.interface]
+        chaos = solve_chaos(
+            problem,
+            Chaos(order=1, check_points=0),
+            method,
+            options=options,
+            progress=self.shown,
+            estimator=errors,
+            **{**settings, "active": active},
+        )
+        complete(chaos)
+        return chaos
 
     def _finer(self, problem: Problem) -> tuple[Scene, dict[str, str]] | None:
         """The scene with its next meshes, and what was changed; None: that is the end, and a note says why."""

@@ -738,8 +738,12 @@ bool Body::take_over(const Body& before) {
     return false;
   }
   const Origin& old = *before.origin_;
+  constexpr double rounded = 1e-13;  // search directions are any numbers near E / L
   SparseRows change = origin_->robin - old.robin;
-  change.prune(0.0);
+  const double largest = old.robin.nonZeros() > 0 ? old.robin.coeffs().abs().maxCoeff() : 0.0;
+  change.prune([&](const Index&, const Index&, double value) {
+    return std::abs(value) > rounded * largest;
+  });
   factor_ = change.nonZeros() == 0 ? old.factor
                                    : std::make_shared<const algebra::ChangedTrailing>(
                                          old.factor, old.factor->trailing_factor(), change, name_);
