@@ -6,7 +6,7 @@ triangles and tetrahedra are cut, quadrilaterals and hexahedra raised in degree,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +39,9 @@ edges decide, and what must be small there must be very small."""
 GROWTH = {2: 5.0, 3: 4.0}
 """Cells of a part grow by about this factor in one step at most, by dimension: sizes are predicted from errors that
 are estimated, the worse the coarser the mesh."""
+
+SMALLER = 0.6
+"""Size of the cells of a part whose shape is in doubt, relative to those before."""
 
 MANY = 0.06
 """Share of the cells of a part of which it is said that they are many."""
@@ -84,6 +87,7 @@ def finer(
     cells: Mapping[str, Array],
     fall: float,
     edges: Mapping[str, Array],
+    unseen: Collection[str] = (),
 ) -> Finer:
     """Finer meshes of those parts that decide.
 
@@ -95,6 +99,8 @@ def finer(
         Factor by which their sum is to fall, < 1.
     edges
         Interface -> places (k, d) beside which cells are halved in any case: edges of contact zones.
+    unseen
+        Parts that get smaller cells everywhere in any case: what is wrong with their shape nothing tells.
     """
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
@@ -106,6 +112,8 @@ def finer(
         alone.append(name)
     touched = [name for name in cells if name not in alone]
     ratios = _ratios(problem.dim, {n: cells[n] for n in touched}, fall * total - left)
+    for name in unseen:
+        ratios[name] = np.minimum(ratios.get(name, np.ones(len(cells[name]))), SMALLER)
     least = min((float(each.min()) for each in ratios.values()), default=1.0)
     if least > WORTH:
         ratios = {name: each * (HALF / least) for name, each in ratios.items()}

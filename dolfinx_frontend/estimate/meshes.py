@@ -28,7 +28,7 @@ from dolfinx_frontend.assembly.assemble import assemble, assembled_again
 from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
-from dolfinx_frontend.common.compat import cell_nodes
+from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
 from dolfinx_frontend.common.describe import short, shown_error
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
@@ -70,7 +70,7 @@ SLOWEST, FASTEST = 0.65, 0.2
 """Factors by which the error is taken to have fallen in one step, when its last change tells of what is left."""
 
 AT_EDGES = 0.6
-"""The least of these where a contact zone has an edge, whose error falls with the size of the cells there."""
+"""The least of these where a contact zone has an edge, or straight cells round off a face: no estimate sees that."""
 
 SURE = 2.0
 """Times the estimate without cancellation that one mesh alone must be better than asked."""
@@ -351,13 +351,25 @@ class _Meshes:
             values = np.array([*(step.value for step in self.steps), value], dtype=np.float64)
             changes = np.array([share_of(each, value) for each in np.diff(values)])
         falls = np.divide(self.estimates[1:], np.maximum(self.estimates[:-1], 1e-300))
-        falls = np.clip(falls, AT_EDGES if self.edges else FASTEST, SLOWEST)
+        falls = np.clip(falls, self._fastest(), SLOWEST)
         left, since = 0.0, 1.0
         for change, fall in zip(changes[::-1], falls[::-1], strict=True):
             since *= fall if since == 1.0 else fall * FORGOTTEN
             of_one = since / np.sqrt(1.0 - fall**2) if value is None else since / (1.0 - fall)
             left = max(left, float(change * of_one))
         return left
+
+    def _fastest(self) -> float:
+        """The least factor by which an error is taken to fall: what no estimate sees need not fall as it does."""
+        return AT_EDGES if self.edges or self._of_chords() else FASTEST
+
+    def _of_chords(self) -> list[str]:
+        """Parts of straight cells that may have another shape."""
+        return [
+            name
+            for name, spec in self.scene.substructures.items()
+            if getattr(spec.part, "again", None) and coordinate_map(spec.part.mesh).degree == 1
+        ]
 
     def _fits(self) -> bool:
         assert self.result is not None
@@ -378,8 +390,7 @@ class _Meshes:
             self.notes.append(f"the deviation is not compared over meshes: {str(error).splitlines()[0]}")
             return True
         found = [each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos)]
-        fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), FASTEST, SLOWEST))
-        fall = max(fall, AT_EDGES) if self.edges else fall
+        fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), self._fastest(), SLOWEST))
         left = abs(found[1] - found[0]) * fall / (1.0 - fall)
         left = max(left, self.said * found[1])
         self.share = replace(self.share, std=left)
@@ -417,7 +428,8 @@ class _Meshes:
         fall = float(np.clip(AIM * self.target / said, FALL, 0.5))
         if self.quantity is None:
             fall *= fall  # squares of the energy norm
-        found = finer(self.scene, problem, self.cells, fall, self.edges)
+        unseen = self._of_chords() if len(self.steps) == 1 else []
+        found = finer(self.scene, problem, self.cells, fall, self.edges, unseen)
         for name, why in found.stuck.items():
             note = f"part {name!r} keeps its mesh: {why}"
             if note not in self.notes:
