@@ -162,8 +162,8 @@ def solve(
     Parameters
     ----------
     problem
-        From :func:`dolfinx_frontend.assemble`; or, with `accuracy`, a :class:`Scene`: then its meshes are a part
-        of the answer, and are made finer where they decide.
+        From :func:`dolfinx_frontend.assemble`; or, with `accuracy`, a :class:`Scene`: then its meshes are a
+        part of the answer, and are made finer where they decide.
     method, active, direction, options
         As :func:`dolfinx_frontend.make_plan` takes them; or
     chaos
@@ -195,8 +195,8 @@ def solve(
     meshes
         With `accuracy`: estimate the error of the meshes and compute nothing that it makes invisible.
     max_unknowns, max_seconds
-        Of a scene: the budget of its meshes, in unknowns of all parts (None: 400 000) and in seconds (None: no
-        limit). Where it ends, ``result.errors()`` says what is left.
+        Of a scene: the budget of its meshes, in unknowns of all parts (None: 400 000) and in seconds (None:
+        no limit). Where it ends, ``result.errors()`` says what is left.
 
     Returns
     -------
@@ -228,7 +228,9 @@ def solve(
         given_too = {"chaos": chaos, "plan": plan, "start": start, "callback": callback}
         for name, value in (given_too | {"meshes": None if meshes else meshes}).items():
             if value is not None:
-                raise SceneError(f"solve(scene, accuracy={short(accuracy)}) decides on the meshes: leave {name} out")
+                raise SceneError(
+                    f"solve(scene, accuracy={short(accuracy)}) decides on the meshes: leave {name} out"
+                )
         return solve_scene(
             problem,
             accuracy,
@@ -240,6 +242,7 @@ def solve(
             **settings,
         )
     check_problem("solve", problem, plan)
+    assert isinstance(problem, Problem)  # a scene was refused
     if max_unknowns is not None or max_seconds is not None:
         raise SceneError("max_unknowns and max_seconds are the budget of meshes: solve(scene, accuracy=...)")
     told = {"chaos": chaos, "indefinite": indefinite, "accuracy": accuracy, "quantity": quantity}

@@ -206,7 +206,7 @@ def tight_enough(
     meshes: bool = True,
     known: ErrorShare | None = None,
 ) -> Result:
-    """A deterministic run carried on until its algebraic error is small enough; see :func:`solve_to_accuracy`."""
+    """A deterministic run carried on until its error is small enough; see :func:`solve_to_accuracy`."""
     of_meshes = known
     notes: tuple[str, ...] = ()
     made = not_known(result, quantity)
@@ -231,7 +231,7 @@ def tight_enough(
 def _visible(
     accuracy: float, of_meshes: ErrorShare | None, quantity: Wanted | None, result: Result
 ) -> float:
-    """Target of the other errors: what the meshes leave of the accuracy, but a tenth of their error at least."""
+    """Target of the other errors: what the meshes leave of the accuracy; a tenth of their error at least."""
     if of_meshes is None:
         return accuracy
     relative = of_meshes.energy

@@ -33,12 +33,12 @@ __all__ = ["Finer", "finer"]
 MOST_DEGREE = 3
 
 ORDER = 3.0
-"""Power of the size that contributions are taken to fall with: less than smooth ones do, as those at corners and
-edges decide, and what must be small there must be very small."""
+"""Power of the size that contributions are taken to fall with: less than smooth ones do, as those at corners
+and edges decide."""
 
 GROWTH = {2: 5.0, 3: 4.0}
-"""Cells of a part grow by about this factor in one step at most, by dimension: sizes are predicted from errors that
-are estimated, the worse the coarser the mesh."""
+"""Cells of a part grow by about this factor in one step at most, by dimension: sizes follow from estimates,
+which are the worse the coarser the mesh is."""
 
 SMALLER = 0.6
 """Size of the cells of a part whose shape is in doubt, relative to those before."""
@@ -134,7 +134,8 @@ def finer(
         if ratio.min() > WORTH:
             continue
         try:
-            new, how = _finer_part(spec, ratio, _spread(cells[name]) and name not in at_edges, name in at_edges)
+            edge = name in at_edges
+            new, how = _finer_part(spec, ratio, not edge and _spread(cells[name]), edge)
         except SceneError as error:
             found.stuck[name] = str(error).splitlines()[0]
             continue
@@ -156,8 +157,8 @@ def _count(spec: SubstructureSpec) -> int:
 def _ratios(dim: int, cells: Mapping[str, Array], wanted: float) -> dict[str, Array]:
     """Part -> (cells,) sizes relative to those before that leave the sum `wanted` with the fewest cells.
 
-    With a contribution eta of a cell that falls like size^(q + d), eta r^q is left of it by r^-d cells: fewest with
-    r^(q + d) ~ 1 / eta.
+    With a contribution eta of a cell that falls like size^(q + d), eta r^q is left of it by r^-d cells:
+    fewest with r^(q + d) ~ 1 / eta.
     """
     floor = 1e-12 * max((float(each.max()) for each in cells.values()), default=0.0)
 
@@ -222,7 +223,7 @@ def _face_cells(problem: Problem, part: str, face: str) -> tuple[Ints, Array]:
 
 
 def _spread(contributions: Array) -> bool:
-    """Whether many cells make half of what all contribute: then a higher degree does more than smaller cells."""
+    """Whether many cells make half of what all contribute: then a higher degree does more."""
     ranked = np.cumsum(np.sort(contributions)[::-1])
     half = int(np.searchsorted(ranked, 0.5 * ranked[-1])) + 1
     return half > MANY * len(contributions)
@@ -233,7 +234,7 @@ def _finer_part(
 ) -> tuple[SubstructureSpec | None, str]:
     """A part with a finer mesh or a higher degree, and how; None: it can have neither, and why.
 
-    `raised`: a higher degree is better. `cut`: smaller cells are wanted and not a higher degree, which does nothing for the edge of a contact zone.
+    `raised`: a higher degree is better. `cut`: smaller cells are, as at the edge of a contact zone.
     """
     tied = _tied(spec)
     cell = spec.cell
@@ -284,7 +285,7 @@ def _tied(spec: SubstructureSpec) -> str:
             return ""
     domain = ufl.Mesh(element("Lagrange", spec.cell, 1, shape=(spec.dim,)))
     space = ufl.FunctionSpace(domain, element("Lagrange", spec.cell, spec.degree, shape=(spec.dim,)))
-    integrand = getattr(material, "bilinear", material)
+    integrand: Any = getattr(material, "bilinear", material)
     try:
         form = integrand(ufl.TrialFunction(space), ufl.TestFunction(space))
         domains = set(form.ufl_domains() if isinstance(form, ufl.Form) else extract_domains(form))

@@ -73,7 +73,7 @@ class DiscretisationError:
     seconds
         Wall time: ``recovery`` and ``dual`` (the solve for the quantity).
     cells
-        Part of this rank -> (cells,), what each of its cells contributes without its sign: the square roots of
+        Part of this rank -> (cells,), what each cell contributes without its sign: the square roots of
         a(e_u) a(e_z) by cell, of the energy a(e_u); their sums tell where meshes decide.
     norm
         sqrt(a(u_h)), the energy norm of the result.

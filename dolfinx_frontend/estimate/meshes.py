@@ -1,11 +1,11 @@
 """Meshes that follow the question: a scene solved to an accuracy, its meshes included.
 
-Solve, estimate where the error of the meshes is from (recovery, weighted with the dual solution of the quantity),
-give new meshes to the parts that decide, and go on: only these are assembled and factorised again. What is
-random is at its mean meanwhile; the last meshes then get what is left of the accuracy.
+Solve, estimate where the error of the meshes is from (recovery, weighted with the dual solution of the
+quantity), give new meshes to the parts that decide, and go on: only these are assembled and factorised again.
+What is random is at its mean meanwhile; the last meshes then get what is left of the accuracy.
 
-Two witnesses say how large the error of the meshes is: the estimate, and by how much the answer changed from mesh
-to mesh. The larger one is believed, and one mesh alone only if its estimate without cancellation does.
+Two witnesses say how large the error of the meshes is: the estimate, and by how much the answer changed from
+mesh to mesh. The larger one is believed, and one mesh alone only if its estimate without cancellation does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dolfinx_frontend.assembly.problem import Problem
 from dolfinx_frontend.common.arrays import Array, Ints
 from dolfinx_frontend.common.checks import check_optional_kind, checked_number, checked_whole, is_real
 from dolfinx_frontend.common.compat import cell_nodes, coordinate_map
-from dolfinx_frontend.common.describe import short, shown_error
+from dolfinx_frontend.common.describe import short
 from dolfinx_frontend.common.errors import SceneError
 from dolfinx_frontend.common.progress import progress as bars
 from dolfinx_frontend.estimate.adaptive import solve_to_accuracy, tight_enough
@@ -58,19 +58,19 @@ OF_MESHES, OF_MESHES_RANDOM = 0.8, 0.6
 """Shares of an accuracy that the meshes may use: of one answer, and of one with chaos or samples."""
 
 OF_ITERATION = 0.02
-"""Tolerance of the runs on the way, relative to the accuracy: changes from mesh to mesh must be those of meshes."""
+"""Tolerance of the runs on the way, relative to the accuracy: changes must be those of the meshes."""
 
 FALL = 0.1
 """Factor by which the error is to fall in one step at most."""
 
 AIM = 0.6
-"""What a step aims at, relative to what the meshes may leave: a step too little costs more than one too fine."""
+"""What a step aims at, relative to what the meshes may leave: one more step costs more than a finer one."""
 
 SLOWEST, FASTEST = 0.65, 0.2
-"""Factors by which the error is taken to have fallen in one step, when its last change tells of what is left."""
+"""Factors by which the error is taken to have fallen in one step, when its change tells what is left."""
 
 AT_EDGES = 0.6
-"""The least of these where a contact zone has an edge, or straight cells round off a face: no estimate sees that."""
+"""The least of these where a contact zone has an edge, or straight cells round off a face: unseen errors."""
 
 SURE = 2.0
 """Times the estimate without cancellation that one mesh alone must be better than asked."""
@@ -124,8 +124,8 @@ def solve_scene(
     Returns
     -------
     Result
-        On the last meshes, ``result.problem``. ``result.errors()`` has all errors, where those of the meshes are
-        from, and the meshes on the way; its notes say what could not be reached, and why.
+        On the last meshes, ``result.problem``. ``result.errors()`` has all errors, where those of the meshes
+        are from, and the meshes on the way; its notes say what could not be reached, and why.
     """
     if not is_real(accuracy) or not 1e-10 <= accuracy <= 0.5:
         raise SceneError(f"accuracy = {short(accuracy)}: it must lie in 1e-10..0.5")
@@ -136,7 +136,7 @@ def solve_scene(
         checked_number("solve", "max_seconds", max_seconds, above=0.0)
     if scene.axisymmetric:
         raise SceneError(
-            "solve(scene, accuracy=...): the error of the meshes is not estimated for axisymmetric scenes yet; "
+            "solve(scene, accuracy=...): the error of the meshes is not estimated for axisymmetric scenes; "
             "solve(assemble(scene), accuracy=..., meshes=False) reduces the other errors"
         )
     search = _Meshes(scene, accuracy, quantity, max_unknowns or MOST_UNKNOWNS, max_seconds, progress)
@@ -260,7 +260,7 @@ class _Meshes:
     ) -> tuple[Scene, Problem] | None:
         """The next meshes put together; None: they do not fit, and a note says why.
 
-        Two meshes of one round face cover each other but for what lies between their chords, which then stays free.
+        Two meshes of one round face cover each other but for what lies between their chords: that stays free.
         """
         try:
             return scene, assembled_again(scene, before)
@@ -298,7 +298,7 @@ class _Meshes:
         else:
             estimate = sure = found.energy if self.quantity is None else np.nan
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
-        # the edge of a contact zone is in no estimate: it takes a mesh that is finer there to see what it does
+        # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
         self.edges = _contact_edges(result)
         seen = self._change(value)
         said, how = estimate, "recovered stresses"
@@ -315,7 +315,7 @@ class _Meshes:
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
-        # nor are the shape of a part that its mesh has not, what means over an interface leave out, a deviation
+        # nor are the true shape of a part, what means over an interface leave out, a deviation
         shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
         means = any(i.space != "points" and len(i.sides) == 2 for i in problem.interfaces.values())
         alone = SURE * sure <= self.target and not (self.edges or shapes or means or self.random)
@@ -360,7 +360,7 @@ class _Meshes:
         return left
 
     def _fastest(self) -> float:
-        """The least factor by which an error is taken to fall: what no estimate sees need not fall as it does."""
+        """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
         return AT_EDGES if self.edges or self._of_chords() else FASTEST
 
     def _of_chords(self) -> list[str]:
@@ -420,7 +420,7 @@ class _Meshes:
         return chaos
 
     def _finer(self, problem: Problem) -> tuple[Scene, dict[str, str]] | None:
-        """The scene with its next meshes, and what was changed; None: that is the end, and a note says why."""
+        """The scene with its next meshes, and what was changed; None: it ends, and a note says why."""
         if len(self.steps) >= STEPS:
             self.notes.append(f"no answer fitted after {STEPS} meshes")
             return None
@@ -441,8 +441,8 @@ class _Meshes:
         size = int(sum(s.size * found.growth.get(name, 1.0) for name, s in parts.items()))
         if size > self.max_unknowns:
             self.notes.append(
-                f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about {size}; "
-                "give max_unknowns="
+                f"the budget of {self.max_unknowns} unknowns ends it: the next meshes would have about "
+                f"{size}; give max_unknowns="
             )
             return None
         if self.max_seconds is not None:
@@ -451,8 +451,8 @@ class _Meshes:
             wanted = spent + last * (size / problem.size) ** 1.5
             if wanted > self.max_seconds:
                 self.notes.append(
-                    f"the budget of {self.max_seconds:g} s ends it: {spent:.3g} s are spent, the next meshes would "
-                    f"make it about {wanted:.3g} s; give max_seconds="
+                    f"the budget of {self.max_seconds:g} s ends it: {spent:.3g} s are spent, the next meshes "
+                    f"would make it about {wanted:.3g} s; give max_seconds="
                 )
                 return None
         scene = copy(self.scene)
@@ -463,8 +463,8 @@ class _Meshes:
 def _soft_springs(scene: Scene, problem: Problem) -> list[str]:
     """Interfaces of springs that are softer than the cells beside them, whose space was left open.
 
-    At points these hold exactly, whatever the meshes; means about vertices leave out how jumps vary between them,
-    which no estimate sees. Stiff springs would lock at points.
+    At points these hold exactly, whatever the meshes; means about vertices leave out how jumps vary between
+    them, which no estimate sees. Stiff springs would lock at points.
     """
     found = []
     for name, spec in scene.interfaces.items():
@@ -495,8 +495,8 @@ def _chords(scene: Scene, problem: Problem) -> list[str]:
         and side.flatness > FLAT
     }
     return [
-        f"part {name!r}: its straight cells stay on the chords of a round face, which is in no error above; give a "
-        "part that can be meshed again (geometry.remeshable), or curved cells"
+        f"part {name!r}: its straight cells stay on the chords of a round face, which is in no error above; "
+        "give a part that can be meshed again (geometry.remeshable), or curved cells"
         for name in sorted(parts)
     ]
 
@@ -508,7 +508,7 @@ def _facets(problem: Problem, part: str, face: str) -> Ints:
 
 
 def _contact_edges(result: Result) -> dict[str, Array]:
-    """Active interface that may open -> its points (k, d) at which some of the points around are closed, some open."""
+    """Active interface that may open -> its points (k, d) with closed and open ones around."""
     out = {}
     for name in result.plan.active:
         interface = result.problem.interfaces[name]

@@ -250,7 +250,7 @@ class Recovery:
 
     @cached_property
     def _form(self) -> tuple[Any, tuple[Any, Any, Any, Any], Ints]:
-        """The material's form of the errors of two gradients, its coefficients, and the entry of each cell."""
+        """The material's form of the errors of two gradients, its coefficients, the entry of each cell."""
         part, mesh, d = self.part, self.part.part.mesh, self.dim
         if part.integrand is None:
             raise SceneError(

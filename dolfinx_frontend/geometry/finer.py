@@ -1,6 +1,6 @@
 """Finer meshes of parts: on their true geometry where they know how to be meshed, else cells cut in pieces.
 
-Cells that are cut keep the geometry that they have: straight ones on a round face stay on their chords, curved
+Cells that are cut keep the geometry that they have: straight ones on a round face stay on its chords, curved
 ones on the parabolas of the mesh that was given.
 """
 
@@ -45,7 +45,7 @@ def remeshable(make: Callable[[SizeField | None], Part]) -> Part:
 def cell_sizes(mesh: dmesh.Mesh) -> Array:
     """Mean length of the edges of every cell, (cells,)."""
     kind = basix.CellType[str(mesh.topology.cell_name())]
-    corners = np.asarray(mesh.geometry.x)[cell_nodes(mesh)[:, : len(basix.geometry(kind))]]
+    corners = np.asarray(mesh.geometry.x)[cell_nodes(mesh)[:, : len(np.asarray(basix.geometry(kind)))]]
     edges = np.asarray(basix.topology(kind)[1])
     lengths = np.linalg.norm(corners[:, edges[:, 0]] - corners[:, edges[:, 1]], axis=2)
     return np.asarray(lengths.mean(axis=1), dtype=np.float64)
@@ -54,7 +54,7 @@ def cell_sizes(mesh: dmesh.Mesh) -> Array:
 def size_field(mesh: dmesh.Mesh, wanted: Array) -> SizeField:
     """Sizes (cells,) of the cells of a mesh as a field: at its vertices the geometric means around."""
     kind = basix.CellType[str(mesh.topology.cell_name())]
-    nodes = np.asarray(cell_nodes(mesh))[:, : len(basix.geometry(kind))]
+    nodes = np.asarray(cell_nodes(mesh))[:, : len(np.asarray(basix.geometry(kind)))]
     kept, cells = np.unique(nodes, return_inverse=True)
     cells = cells.reshape(nodes.shape)
     each = np.repeat(np.log(wanted), nodes.shape[1])
@@ -96,7 +96,7 @@ def _cut(part: Any, marked: Flags) -> tuple[Part, Ints]:
     edges = dmesh.compute_incident_entities(
         topology, np.flatnonzero(marked).astype(np.int32), topology.dim, 1
     )
-    option = dmesh.RefinementOption.parent_cell_and_facet
+    option: Any = getattr(dmesh, "RefinementOption").parent_cell_and_facet  # noqa: B009
     fine, parent, facet = dmesh.refine(base, edges, partitioner=None, option=option)
     d = fine.topology.dim
     for one, other in ((d - 1, d), (d, d - 1), (d - 1, 0)):
@@ -135,10 +135,10 @@ def _straight(part: Any) -> tuple[dmesh.Mesh, Any]:
     return straight, tags
 
 
-def _moved_tags(mesh: dmesh.Mesh, names: Ints, tags: Any, other: dmesh.Mesh, of_other: Ints) -> Any:
+def _moved_tags(mesh: dmesh.Mesh, names: Any, tags: Any, other: dmesh.Mesh, of_other: Any) -> Any:
     """The tags of facets of a mesh on another one whose vertices have the same names."""
 
-    def keys(of: dmesh.Mesh, known: Ints) -> Ints:
+    def keys(of: dmesh.Mesh, known: Any) -> Any:
         d = of.topology.dim
         of.topology.create_entities(d - 1)
         of.topology.create_connectivity(d - 1, 0)
@@ -167,9 +167,9 @@ def _curved(part: Any, base: dmesh.Mesh, fine: Part, parent: Ints, order: int) -
     of_old = _original(base)[parent]  # cells of the curved mesh
     space = fem.functionspace(fine.mesh, ("Lagrange", order))
     lattice = np.asarray(space.element.basix_element.points)
-    straight = np.asarray(fine.mesh.geometry.x)[cell_nodes(fine.mesh)][:, :, :d]
+    straight: Array = np.asarray(fine.mesh.geometry.x, dtype=np.float64)[cell_nodes(fine.mesh)][:, :, :d]
     at = straight[:, :1] + np.einsum("qk,cki->cqi", lattice, straight[:, 1:] - straight[:, :1])
-    origin = np.asarray(base.geometry.x)[cell_nodes(base)][parent][:, :, :d]
+    origin: Array = np.asarray(base.geometry.x, dtype=np.float64)[cell_nodes(base)][parent][:, :, :d]
     jacobian = np.swapaxes(origin[:, 1:] - origin[:, :1], 1, 2)
     reference = np.einsum("cki,cqi->cqk", np.linalg.inv(jacobian), at - origin[:, :1])
     x = _mapped(part.mesh, of_old, reference)
@@ -195,7 +195,8 @@ def _mapped(mesh: dmesh.Mesh, cells: Ints, reference: Array) -> Array:
         basix.ElementFamily.P, kind, int(cmap.degree), basix.LagrangeVariant(int(cmap.variant))
     )
     d = mesh.geometry.dim
-    shapes = element.tabulate(0, reference.reshape(-1, d))[0, :, :, 0].reshape(*reference.shape[:2], -1)
+    values = np.asarray(element.tabulate(0, reference.reshape(-1, d)), dtype=np.float64)
+    shapes = values[0, :, :, 0].reshape(*reference.shape[:2], -1)
     x = np.asarray(mesh.geometry.x, dtype=np.float64)[np.asarray(cell_nodes(mesh))[cells]][:, :, :d]
     return np.asarray(np.einsum("cqk,cki->cqi", shapes, x))
 

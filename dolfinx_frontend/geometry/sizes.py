@@ -1,4 +1,4 @@
-"""Cell sizes that a mesh is to have, from place to place. Without dolfinx: also for the process that meshes."""
+"""Cell sizes that a mesh is to have. Without dolfinx: also for the process in which gmsh meshes."""
 
 from __future__ import annotations
 

@@ -506,7 +506,7 @@ class _MeshedAgain:
 
     def __call__(self, size: SizeField | None) -> Part:
         if size is None:
-            raise SceneError(f"part {self.part!r}: the mesh of a file is made by step.mesh(); give a SizeField")
+            raise SceneError(f"part {self.part!r}: step.mesh() makes its first mesh; give a SizeField")
         model = away(
             "mesh",
             self.path,

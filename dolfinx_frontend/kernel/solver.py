@@ -19,6 +19,7 @@ from latin_core import (
     Laws,
     Options,
     State,
+    Structure,
     Summary,
     SweepPoints,
     SweptParameter,
@@ -77,7 +78,9 @@ class Solver:
         )
         self.problem = problem
         self.plan = plan
-        self._core, own, acting = bridge.build(problem, plan, None if before is None else before._core)
+        known: Structure | None = None if before is None else before._core
+        self._core: Structure
+        self._core, own, acting = bridge.build(problem, plan, known)
         self.acting = ReadOnlyDict(acting)
         every = [own] if problem.comm is None else exchanged(problem.comm, own)
         self.bodies = tuple(body for bodies in every for body in bodies)

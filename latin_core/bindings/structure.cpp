@@ -219,8 +219,8 @@ std::shared_ptr<Structure> make_structure(py::handle bodies, py::handle interfac
 py::dict cost_of(const Body& body) {
   const BodyCost& cost = body.cost();
   return py::dict("body"_a = body.name(), "unknowns"_a = body.size(), "active"_a = body.active(),
-                  "rows"_a = body.rows(), "condensed"_a = body.condensed(),
-                  "kept"_a = body.kept(), "backend"_a = body.backend(), "assemble_s"_a = cost.assemble_s,
+                  "rows"_a = body.rows(), "condensed"_a = body.condensed(), "kept"_a = body.kept(),
+                  "backend"_a = body.backend(), "assemble_s"_a = cost.assemble_s,
                   "factorise_s"_a = cost.factorise_s, "condense_s"_a = cost.condense_s,
                   "factor_numbers"_a = cost.factor_numbers, "dense_numbers"_a = cost.dense_numbers);
 }

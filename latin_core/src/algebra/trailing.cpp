@@ -8,9 +8,8 @@
 
 namespace latin::algebra {
 
-ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first,
-                                 Matrix trailing, const SparseRows& change,
-                                 const std::string& name)
+ChangedTrailing::ChangedTrailing(std::shared_ptr<const Factor> first, Matrix trailing,
+                                 const SparseRows& change, const std::string& name)
     : first_(std::move(first)), trailing_(std::move(trailing)) {
   const Index size = trailing_.rows();
   Matrix sum = Matrix::Zero(size, size);

@@ -21,8 +21,8 @@ class ChangedTrailing final : public Factor {
   /// @param change   D, lower triangle
   /// @param name     named in error messages
   /// @throws NumericalError if the changed matrix is not positive definite
-  ChangedTrailing(std::shared_ptr<const Factor> first, Matrix trailing,
-                  const SparseRows& change, const std::string& name);
+  ChangedTrailing(std::shared_ptr<const Factor> first, Matrix trailing, const SparseRows& change,
+                  const std::string& name);
 
   [[nodiscard]] Index size() const override { return first_->size(); }
   [[nodiscard]] Matrix solve(ConstMatrixRef rhs) const override;

@@ -297,7 +297,7 @@ class Body {
   Matrix condensed_;  ///< L of the Schur complement, or empty
   /// What a body with other sides can take over: a factor that condenses, of the operator with `robin`.
   struct Origin {
-    Fingerprint of;  ///< members and springs, in the order of the unknowns
+    Fingerprint of;    ///< members and springs, in the order of the unknowns
     SparseRows robin;  ///< T^T W k T on the active unknowns
     std::shared_ptr<const algebra::Factor> factor;
   };
