@@ -81,6 +81,12 @@ FORGOTTEN = 0.4
 COARSER = 1.5
 """Facets of the side with the points, relative to those of the other side, at most."""
 
+RESOLVED = 6
+"""Closed points of a contact zone with an edge, in each direction, at least."""
+
+COVERED = 0.99
+"""Share of a face from which on all of it counts as covered."""
+
 FLAT = 1e-6
 """Difference of normals below which a face is plane."""
 
@@ -299,7 +305,7 @@ class _Meshes:
             estimate = sure = found.energy if self.quantity is None else np.nan
         self.estimates.append(estimate if isfinite(estimate) else found.energy**2)
         # the edge of a contact zone is in no estimate: a mesh that is finer there shows what it does
-        self.edges = _contact_edges(result)
+        self.edges, unresolved = _contact_edges(result)
         seen = self._change(value)
         said, how = estimate, "recovered stresses"
         if self.quantity is not None and not of_quantity:
@@ -319,7 +325,7 @@ class _Meshes:
         shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
         means = any(i.space != "points" and len(i.sides) == 2 for i in problem.interfaces.values())
         alone = SURE * sure <= self.target and not (self.edges or shapes or means or self.random)
-        self.confirmed = len(self.steps) > 1 or alone
+        self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
         self.cells = found.cells
         self.said = said
         line = f"mesh {len(self.steps)}: {step}, {seconds:.3g} s"
@@ -507,22 +513,29 @@ def _facets(problem: Problem, part: str, face: str) -> Ints:
     return np.asarray(each.facet_tags.find(each.names[face]), dtype=np.int64)
 
 
-def _contact_edges(result: Result) -> dict[str, Array]:
-    """Active interface that may open -> its points (k, d) with closed and open ones around."""
-    out = {}
+def _contact_edges(result: Result) -> tuple[dict[str, Array], bool]:
+    """Active interface that may open -> its points (k, d) with closed and open ones around; and whether a contact
+    zone has too few points for its shape to be seen."""
+    out, unresolved = {}, False
     for name in result.plan.active:
         interface = result.problem.interfaces[name]
-        if not interface.law.unilateral or interface.num_points < 3:
+        if not interface.law.unilateral:
             continue
         force = np.asarray(result.force(name))
         normal = force.reshape(-1, *force.shape[-2:])[-1][:, 0]
         closed = normal < -CLOSED * float(np.abs(normal).max(initial=0.0))
+        if not closed.any() or (closed.all() and interface.covered > COVERED):
+            continue
+        if np.count_nonzero(closed) < RESOLVED ** (interface.dim - 1):
+            unresolved = True
+            out[name] = interface.points[closed]
+            continue
         count = min(interface.num_points, 3 if interface.dim == 2 else 7)
         _, around = cKDTree(interface.points).query(interface.points, k=count)
         mixed = closed[around].any(axis=1) & ~closed[around].all(axis=1)
         if mixed.any():
             out[name] = interface.points[mixed]
-    return out
+    return out, unresolved
 
 
 def _places(problem: Problem, found: DiscretisationError) -> tuple[Place, ...]:

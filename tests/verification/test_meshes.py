@@ -275,3 +275,50 @@ def test_the_example_of_the_documentation(capsys: pytest.CaptureFixture[str]) ->
     for line in shown.splitlines():
         if line.startswith("  mesh") or line.startswith("errors"):
             assert line in printed, printed
+
+
+def test_the_peak_pressure_of_hertz_from_twenty_elements() -> None:
+    """A cylinder pressed on a block (plane strain), a = R / 20; the edge of the contact zone is found on the way."""
+    radius, half_width, modulus = 1.0, 0.05, 1000.0 / (1.0 - 0.09) / 2.0
+
+    def disc(sizes: SizeField | None) -> Part:
+        with gmsh_session() as gmsh:
+            g = gmsh.model.geo
+            angle = 0.5
+            ends = [(0, radius), (0, 0), (radius * np.sin(angle), radius * (1 - np.cos(angle))), (radius, radius)]
+            c, low, middle, right = (g.addPoint(x, y, 0) for x, y in ends)
+            arcs = [g.addCircleArc(low, c, middle), g.addCircleArc(middle, c, right)]
+            lines = [g.addLine(c, low), *arcs, g.addLine(right, c)]
+            face = g.addPlaneSurface([g.addCurveLoop(lines)])
+            g.synchronize()
+            gmsh.model.addPhysicalGroup(2, [face], name="disc")
+            for name, line in (("middle", 0), ("contact", 1), ("top", 3)):
+                gmsh.model.addPhysicalGroup(1, [lines[line]], name=f"disc:{name}")
+            if sizes is None:
+                gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+                gmsh.option.setNumber("Mesh.MeshSizeMin", 0.5)
+            else:
+                sizes.set(gmsh)
+            gmsh.model.mesh.generate(2)
+            return from_gmsh(gmsh.model, gdim=2, order=2).parts["disc"]
+
+    scene = Scene()
+    block = geometry.box((1.5, 1.5), (2, 2), (0.0, -1.5), "triangle")
+    upper = remeshable(disc)
+    assert upper.num_cells + block.num_cells == 20
+    scene.substructure("disc", upper, STEEL)
+    scene.substructure("block", block, STEEL)
+    scene.symmetry(["disc:middle", "block:x0"])
+    scene.fix("block:y0", components=1)
+    force = np.pi * half_width**2 * modulus / (4.0 * radius)
+    scene.traction("disc:top", (0.0, -0.5 * force / radius))
+    scene.interface("contact", "block:y1", "disc:contact", Contact(), overlap="partial", max_distance=100.0)
+
+    def peak(fields):
+        return -fields.force("contact")[..., 0].min(axis=1)
+
+    result = solve(scene, accuracy=3e-2, quantity=Measure(peak, "peak pressure"), progress=False)
+    made = result.errors()
+    assert made.reached and made.moments is not None
+    # half-space: the bodies are 20 a and more; the peak of means over a vertex is lower by their size squared
+    assert abs(made.moments.mean / (2.0 * force / (np.pi * half_width)) - 1.0) < 1e-2
