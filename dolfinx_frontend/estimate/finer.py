@@ -88,6 +88,7 @@ def finer(
     fall: float,
     edges: Mapping[str, Array],
     unseen: Collection[str] = (),
+    means: Collection[str] = (),
 ) -> Finer:
     """Finer meshes of those parts that decide.
 
@@ -101,6 +102,8 @@ def finer(
         Interface -> places (k, d) beside which cells are halved in any case: edges of contact zones.
     unseen
         Parts that get smaller cells everywhere in any case: what is wrong with their shape nothing tells.
+    means
+        Interfaces whose cells are halved if a part beside decides: what their means leave out nothing tells.
     """
     sums = {name: float(each.sum()) for name, each in cells.items()}
     total = sum(sums.values())
@@ -118,7 +121,12 @@ def finer(
     if least > WORTH:
         ratios = {name: each * (HALF / least) for name, each in ratios.items()}
     at_edges = set()
-    for name, places in edges.items():
+    beside_touched = {
+        name: problem.interfaces[name].points
+        for name in means
+        if any(side.substructure in touched for side in problem.interfaces[name].sides)
+    }
+    for name, places in (beside_touched | dict(edges)).items():
         for side in problem.interfaces[name].sides:
             at_edges.add(side.substructure)
             each = ratios.setdefault(side.substructure, np.ones(len(cells[side.substructure])))

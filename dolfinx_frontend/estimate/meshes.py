@@ -75,6 +75,9 @@ AT_EDGES = 0.6
 SURE = 2.0
 """Times the estimate without cancellation that one mesh alone must be better than asked."""
 
+MARGIN = 1.5
+"""What is believed, relative to the larger witness."""
+
 FORGOTTEN = 0.4
 """Weight of a change by those that came after it."""
 
@@ -187,6 +190,7 @@ class _Meshes:
         self.norms: list[float] = []
         self.estimates: list[float] = []
         self.edges: dict[str, Array] = {}
+        self.means: list[str] = []
         self.began = perf_counter()
 
     def answer(self, method: Method, **settings: Any) -> Result | SampleResult:
@@ -314,17 +318,23 @@ class _Meshes:
             said, how = seen, "the change from mesh to mesh"
         elif not self.steps and not SURE * sure <= self.target:
             how = "recovered stresses; no second mesh confirms it"
+        said *= MARGIN
         absolute = None if value is None else said * abs(value)
-        self.share = ErrorShare(found.energy if self.quantity is not None else said, absolute, None, how)
+        energy = said if self.quantity is None else MARGIN * found.energy
+        self.share = ErrorShare(energy, absolute, None, how)
         self.places = _places(result.problem, found)
         kept = (sum(bool(cost["kept"]) for cost in result.solver.costs), len(result.solver.costs))
         seconds = perf_counter() - self.began
         step = MeshStep(problem.size, value, said, seconds, dict(changed), kept)
         self.steps.append(step)
-        # nor are the true shape of a part, what means over an interface leave out, a deviation
+        # nor are what means over an interface leave out, the true shape of a part, a deviation
         shapes = any(getattr(spec.part, "again", None) for spec in self.scene.substructures.values())
-        means = any(i.space != "points" and len(i.sides) == 2 for i in problem.interfaces.values())
-        alone = SURE * sure <= self.target and not (self.edges or shapes or means or self.random)
+        self.means = [
+            name
+            for name, i in problem.interfaces.items()
+            if i.space != "points" and len(i.sides) == 2 and i.law.prescribes is None
+        ]
+        alone = SURE * sure <= self.target and not (self.edges or shapes or self.means or self.random)
         self.confirmed = (len(self.steps) > 1 or alone) and not unresolved
         self.cells = found.cells
         self.said = said
@@ -367,7 +377,7 @@ class _Meshes:
 
     def _fastest(self) -> float:
         """The least factor by which an error is taken to fall: what is unseen need not do as an estimate."""
-        return AT_EDGES if self.edges or self._of_chords() else FASTEST
+        return AT_EDGES if self.edges or self.means or self._of_chords() else FASTEST
 
     def _of_chords(self) -> list[str]:
         """Parts of straight cells that may have another shape."""
@@ -397,7 +407,7 @@ class _Meshes:
             return True
         found = [each.mean_std(self.quantity).std or 0.0 for each in (old, self.chaos)]
         fall = float(np.clip(self.estimates[-1] / max(self.estimates[-2], 1e-300), self._fastest(), SLOWEST))
-        left = abs(found[1] - found[0]) * fall / (1.0 - fall)
+        left = MARGIN * abs(found[1] - found[0]) * fall / (1.0 - fall)
         left = max(left, self.said * found[1])
         self.share = replace(self.share, std=left)
         # of a deviation that is nothing beside the mean: relative to that
@@ -435,7 +445,8 @@ class _Meshes:
         if self.quantity is None:
             fall *= fall  # squares of the energy norm
         unseen = self._of_chords() if len(self.steps) == 1 else []
-        found = finer(self.scene, problem, self.cells, fall, self.edges, unseen)
+        means = self.means if len(self.steps) == 1 else []
+        found = finer(self.scene, problem, self.cells, fall, self.edges, unseen, means)
         for name, why in found.stuck.items():
             note = f"part {name!r} keeps its mesh: {why}"
             if note not in self.notes:
